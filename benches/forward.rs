@@ -67,6 +67,21 @@ fn checked(bencher: Bencher<'_, '_>, name: &str) {
     });
 }
 
+/// Every pose from the one that belongs to the command before, several at a time.
+#[divan::bench(args = ["Nominal", "Full"])]
+fn each(bencher: Bencher<'_, '_>, name: &str) {
+    let (machine, start_m, start) = machine(name);
+    let path = path(&start_m);
+    let poses = machine.forward_sequence(&path, Some(start)).expect("poses");
+    let before = std::iter::once(start).chain(poses);
+    let starts: Vec<Sample<'_>> = (before.zip(&path))
+        .map(|(pose, commands)| Sample::new(pose, commands))
+        .collect();
+    bencher
+        .counter(ItemsCount::new(POSES))
+        .bench_local(|| machine.forward_each(&starts));
+}
+
 #[divan::bench(args = ["Nominal", "Full"])]
 fn unchecked(bencher: Bencher<'_, '_>, name: &str) {
     follow(bencher, name, |machine, sample| {

@@ -4,6 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use proptest::prelude::*;
 use tau::Robot;
+use tau::kinematics::zyz;
+use tau::robot::Plate;
 use tau::robot::{Input, Instance, Owner, ResidualKind, Variant};
 use tau_model_dsl::Model;
 
@@ -34,6 +36,8 @@ fn random_point(robot: &Robot, variant: &Variant, seed: u64) -> Point {
         .collect();
     inputs.extend((0..robot.commands).map(Input::Command));
     inputs.extend((0..3).flat_map(|i| [Input::Position(i), Input::Angle(i)]));
+    // The rotation follows from the angles.
+    inputs.retain(|input| !matches!(input, Input::Rotation(_)));
     let mut data: BTreeMap<Input, f64> = inputs
         .into_iter()
         .map(|input| {
@@ -49,6 +53,12 @@ fn random_point(robot: &Robot, variant: &Variant, seed: u64) -> Point {
             (input, value)
         })
         .collect();
+    let angles = [0, 1, 2].map(|k| data[&Input::Angle(k)]);
+    let rotation = zyz(match robot.plate {
+        Plate::BodyInPlane => [angles[0], 0.0, angles[2]],
+        _ => angles,
+    });
+    data.extend((0..9).map(|k| (Input::Rotation(k), rotation[(k / 3, k % 3)])));
     // Segments have a positive length.
     let starts: Vec<(usize, f64)> = data
         .iter()
@@ -86,31 +96,25 @@ fn random_point(robot: &Robot, variant: &Variant, seed: u64) -> Point {
 }
 
 /// Data and parameters as the family's slices want them.
-fn slices(robot: &Robot, instance: &Instance, point: &Point) -> (Vec<f64>, Vec<f64>) {
+fn slices(instance: &Instance, point: &Point) -> (Vec<f64>, Vec<f64>) {
     let data = instance
         .inputs
         .iter()
         .map(|input| point.data[input])
         .collect();
-    let mut parameters = Vec::new();
-    if instance.kind == ResidualKind::ClosureByPose {
-        parameters.extend((0..3).map(|i| point.data[&Input::Position(i)]));
-        parameters.extend((0..3).map(|i| point.data[&Input::Angle(i)]));
-        parameters.extend((0..robot.commands).map(|i| point.data[&Input::Command(i)]));
-    }
-    parameters.extend(
-        instance
-            .parameters
-            .iter()
-            .map(|&index| point.parameters[index]),
-    );
-    (data, parameters)
+    let parameters = instance.parameters.iter();
+    let parameters = parameters.map(|&index| point.parameters[index]);
+    (data, parameters.collect())
 }
 
-fn columns(robot: &Robot, instance: &Instance) -> Vec<By> {
+fn columns(instance: &Instance) -> Vec<By> {
     if instance.kind == ResidualKind::ClosureByPose {
         let pose = (0..3).map(By::Translation).chain((0..3).map(By::Rotation));
-        pose.chain((0..robot.commands).map(By::Command)).collect()
+        let commands = instance.inputs.iter().filter_map(|input| match input {
+            Input::Command(command) => Some(By::Command(*command)),
+            _ => None,
+        });
+        pose.chain(commands).collect()
     } else {
         instance
             .parameters
@@ -121,8 +125,8 @@ fn columns(robot: &Robot, instance: &Instance) -> Vec<By> {
 }
 
 /// Residuals, then the Jacobian's entries.
-fn evaluate(robot: &Robot, instance: &Instance, point: &Point) -> (Vec<f64>, Vec<f64>) {
-    let (data, parameters) = slices(robot, instance, point);
+fn evaluate(instance: &Instance, point: &Point) -> (Vec<f64>, Vec<f64>) {
+    let (data, parameters) = slices(instance, point);
     let family = &instance.family;
     let shape = family.shape();
     assert_eq!(
@@ -146,16 +150,10 @@ fn evaluate(robot: &Robot, instance: &Instance, point: &Point) -> (Vec<f64>, Vec
 }
 
 /// Compares one instance with the reference: values and every derivative, zeros included.
-fn check_instance(
-    robot: &Robot,
-    model: &Model,
-    variant: &Variant,
-    instance: &Instance,
-    point: &Point,
-) {
-    let (values, jacobian) = evaluate(robot, instance, point);
+fn check_instance(model: &Model, variant: &Variant, instance: &Instance, point: &Point) {
+    let (values, jacobian) = evaluate(instance, point);
     let pattern = instance.family.pattern();
-    let columns = columns(robot, instance);
+    let columns = columns(instance);
     let mut dense = vec![vec![0.0; columns.len()]; values.len()];
     for (row, dense) in dense.iter_mut().enumerate() {
         let entries = pattern.row_starts[row] as usize..pattern.row_starts[row + 1] as usize;
@@ -206,9 +204,9 @@ fn check_variant_in_blocks(robot: &Robot, variant: &Variant, seed: u64) {
     for instance in &variant.instances {
         let samples: Vec<Vec<f64>> = points
             .iter()
-            .map(|point| slices(robot, instance, point).0)
+            .map(|point| slices(instance, point).0)
             .collect();
-        let parameters = slices(robot, instance, &points[0]).1;
+        let parameters = slices(instance, &points[0]).1;
         check_blocks(&variant.name, instance, &samples, &parameters);
     }
 }
@@ -218,7 +216,7 @@ pub(crate) fn check_robot(robot: &Robot, model: &Model, seeds: std::ops::Range<u
         for seed in seeds.clone() {
             let point = random_point(robot, variant, seed);
             for instance in &variant.instances {
-                check_instance(robot, model, variant, instance, &point);
+                check_instance(model, variant, instance, &point);
             }
         }
         check_variant_in_blocks(robot, variant, seeds.start);
@@ -269,8 +267,8 @@ pub(crate) fn check_bit_for_bit(generated: &Robot, interpreted: &Robot) {
                         .collect()
                 };
                 assert_eq!(
-                    bits(evaluate(generated, x, &point)),
-                    bits(evaluate(interpreted, y, &point)),
+                    bits(evaluate(x, &point)),
+                    bits(evaluate(y, &point)),
                     "{} {:?} of {}",
                     a.name,
                     x.kind,
@@ -288,14 +286,14 @@ fn many_samples_equal_single_samples() {
     for instance in variant.instances_of(ResidualKind::CartPosition) {
         let shape = instance.family.shape();
         let samples = 37; // Two blocks and a rest.
-        let parameters = slices(&robot, instance, &random_point(&robot, variant, 0)).1;
+        let parameters = slices(instance, &random_point(&robot, variant, 0)).1;
         let mut data = Vec::new();
         let mut single = Vec::new();
         for seed in 0..samples {
             let mut point = random_point(&robot, variant, seed);
             point.parameters = random_point(&robot, variant, 0).parameters;
-            data.extend(slices(&robot, instance, &point).0);
-            single.push(evaluate(&robot, instance, &point));
+            data.extend(slices(instance, &point).0);
+            single.push(evaluate(instance, &point));
         }
         let mut prepared = vec![0.0; shape.prepared * samples as usize];
         instance.family.prepare_all(&data, &mut prepared);

@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{Matrix3, Rotation3, Vector3};
 use tau::Robot;
 use tau::calibration::machine_from_file;
 use tau::kinematics::{xyz, zyz};
@@ -16,10 +16,7 @@ use tau_runtime::{Pattern, Shape};
 struct Closure {
     arm: Arm,
     track: TrackShape,
-    /// Index of the command, and number of commands of the robot.
-    command: usize,
-    commands: usize,
-    /// True if pose and commands are parameters, with derivatives by them.
+    /// True if derivatives are those by pose and command.
     by_pose: bool,
     row_starts: [u32; 2],
     columns: Vec<u32>,
@@ -69,10 +66,11 @@ fn instance(robot: &Robot, variant: &Variant, of: usize, by_pose: bool) -> Insta
         parameters
             .extend((0..3).map(|component| variant.parameter(owner, quantity, Some(component))));
     }
-    let mut inputs = Vec::new();
-    if !by_pose {
-        inputs.push(Input::Command(track));
-        inputs.extend((0..3).map(Input::Position));
+    let mut inputs = vec![Input::Command(track)];
+    inputs.extend((0..3).map(Input::Position));
+    if by_pose {
+        inputs.extend((0..9).map(Input::Rotation));
+    } else {
         inputs.extend((0..3).map(Input::Angle));
     }
     if shape == TrackShape::Piecewise {
@@ -85,7 +83,7 @@ fn instance(robot: &Robot, variant: &Variant, of: usize, by_pose: bool) -> Insta
     }
     let columns: Vec<u32> = if by_pose {
         let pose = if variant.arm == Arm::Full { 0..6 } else { 0..3 };
-        pose.chain([6 + u32::try_from(track).unwrap()]).collect()
+        pose.chain([6]).collect()
     } else {
         (0..u32::try_from(parameters.len()).unwrap()).collect()
     };
@@ -99,8 +97,6 @@ fn instance(robot: &Robot, variant: &Variant, of: usize, by_pose: bool) -> Insta
         family: Arc::new(Closure {
             arm: variant.arm,
             track: shape,
-            command: track,
-            commands: robot.commands,
             by_pose,
             row_starts: [0, u32::try_from(columns.len()).unwrap()],
             columns,
@@ -120,19 +116,17 @@ fn vector(numbers: &[f64]) -> Vector3<f64> {
 impl Closure {
     /// Residual, then derivatives by the parameters, or by translation, rotation vector and command.
     fn compute(&self, data: &[f64], parameters: &[f64]) -> (f64, Vec<f64>) {
-        let (pose, q, segment, own) = if self.by_pose {
-            let (pose, rest) = parameters.split_at(6);
-            let (commands, own) = rest.split_at(self.commands);
-            (pose, commands[self.command], data, own)
+        let (q, position) = (data[0], vector(&data[1..]));
+        let (rotation, segment) = if self.by_pose {
+            let matrix = Matrix3::from_row_slice(&data[4..13]);
+            (Rotation3::from_matrix_unchecked(matrix), &data[13..])
         } else {
-            (&data[1..7], data[0], &data[7..], parameters)
+            (zyz([data[4], data[5], data[6]]), &data[7..])
         };
-        let position = vector(pose);
-        let rotation = zyz([pose[3], pose[4], pose[5]]);
-        let length = own[0];
+        let length = parameters[0];
         let (joint, own) = match self.arm {
-            Arm::Full => (vector(&own[1..]), &own[4..]),
-            Arm::Reduced => (Vector3::zeros(), &own[1..]),
+            Arm::Full => (vector(&parameters[1..]), &parameters[4..]),
+            Arm::Reduced => (Vector3::zeros(), &parameters[1..]),
         };
         let (offset, path) = (vector(own), [own[3], own[4], own[5]]);
         let (travel, slope, by_path) = match self.track {
@@ -186,12 +180,11 @@ impl ResidualFamily for Closure {
         } else {
             0
         };
-        let data = segment + if self.by_pose { 0 } else { 7 };
-        let pose = if self.by_pose { 6 + self.commands } else { 0 };
+        let data = segment + if self.by_pose { 13 } else { 7 };
         Shape {
             data,
             prepared: data,
-            parameters: pose + own,
+            parameters: own,
             residuals: 1,
         }
     }

@@ -11,7 +11,7 @@ use tau::robot_file::{LinkValues, Noise, RobotFile, Value};
 use crate::support::{Random, gantry_tau, paper_file, prototype};
 
 /// A machine with the values of its description.
-fn described(text: &str, variant: &str) -> Machine {
+pub(crate) fn described(text: &str, variant: &str) -> Machine {
     let robot = Robot::from_text(text).expect("a description without mistakes");
     let file = file_of(&robot);
     machine_from_file(&robot, robot.variant(variant).unwrap(), &file, None, &[]).unwrap()
@@ -29,7 +29,7 @@ fn file_of(robot: &Robot) -> RobotFile {
     }
 }
 
-fn nominal(variant: &str) -> Machine {
+pub(crate) fn nominal(variant: &str) -> Machine {
     let (folder, file) = prototype();
     let robot = gantry_tau();
     let poses: Vec<usize> = (0..folder.tcp_poses.len()).collect();
@@ -44,7 +44,7 @@ fn nominal(variant: &str) -> Machine {
 }
 
 /// Distance (m) or turn (rad, for small turns), whichever is larger.
-fn difference(a: &Pose, b: &Pose) -> f64 {
+pub(crate) fn difference(a: &Pose, b: &Pose) -> f64 {
     let turn = (a.rotation.matrix() - b.rotation.matrix()).norm() / std::f64::consts::SQRT_2;
     (a.position - b.position).norm().max(turn)
 }

@@ -104,11 +104,9 @@ impl Family {
                 .map(|&(_, symbol)| name(symbol))
                 .collect(),
             parameters: equations
-                .pose
+                .parameters
                 .iter()
-                .copied()
-                .chain(equations.parameters.iter().map(|&(_, symbol)| symbol))
-                .map(name)
+                .map(|&(_, symbol)| name(symbol))
                 .collect(),
             row_starts: equations.jacobian.row_starts.clone(),
             columns: equations.jacobian.columns.clone(),

@@ -151,10 +151,6 @@ impl Surroundings {
         sample: &Sample<'_>,
         data: &mut Vec<f64>,
     ) -> Result<(), Missing> {
-        // Closures by pose of most variants take nothing.
-        if inputs.is_empty() {
-            return Ok(());
-        }
         self.fill_all([inputs], sample, data)
     }
 
@@ -190,6 +186,7 @@ impl Surroundings {
                 Input::Command(k) => *sample.commands_m.get(k).ok_or(Missing::Command)?,
                 Input::Position(k) => sample.pose.position[k],
                 Input::Angle(k) => angles[k],
+                Input::Rotation(k) => sample.pose.rotation[(k / 3, k % 3)],
                 Input::TcpPosition(k) => sample.plate.map_or(0.0, |plate| plate.position[k]),
                 Input::Direction(k) => (sample.directions)
                     .and_then(|directions| directions.get(k).copied())

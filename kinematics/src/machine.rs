@@ -1,7 +1,7 @@
 //! A variant with numbers in place: what kinematics, evaluation and sensitivity work on.
 
 use nalgebra::{DMatrix, DVector};
-use tau_robot::robot::{Arm, Instance, ResidualKind, Robot, Variant};
+use tau_robot::robot::{Arm, Input, Instance, ResidualKind, Robot, Variant};
 
 use super::Error;
 use super::inputs::{Sample, Surroundings};
@@ -70,7 +70,6 @@ impl Closures {
             self.slopes = DVector::zeros(count);
             self.jacobian = DMatrix::zeros(count, POSE_COLUMNS + commands);
         }
-        scratch.place(sample);
         for (row, instance) in machine.closure_instances().enumerate() {
             let residual = scratch.linearize(machine, instance, sample)?;
             let pattern = instance.family.pattern();
@@ -83,7 +82,8 @@ impl Closures {
             self.slopes[row] = slope;
             // Other places stay zero: the pattern of a closure is always the same.
             for (&column, entry) in entries() {
-                self.jacobian[(row, column as usize)] = entry * scale;
+                let column = motion_column(instance, column as usize);
+                self.jacobian[(row, column)] = entry * scale;
             }
         }
         Ok(())
@@ -159,7 +159,6 @@ impl Machine {
     /// As [`Self::closure_by_pose`].
     pub fn gradients(&self, sample: &Sample<'_>) -> Result<Vec<[f64; POSE_COLUMNS]>, Error> {
         let mut scratch = Scratch::default();
-        scratch.place(sample);
         self.closure_instances()
             .map(|instance| {
                 scratch.linearize(self, instance, sample)?;
@@ -248,11 +247,10 @@ impl Machine {
         command: usize,
     ) -> Result<(f64, f64), Error> {
         let mut scratch = Scratch::default();
-        scratch.place(sample);
         let residual = scratch.linearize(self, instance, sample)?;
-        let columns = instance.family.pattern().columns;
         let wanted = POSE_COLUMNS + command;
-        let found = columns.iter().position(|&column| column as usize == wanted);
+        let mut columns = instance.family.pattern().columns.iter();
+        let found = columns.position(|&column| motion_column(instance, column as usize) == wanted);
         Ok((residual, found.map_or(0.0, |entry| scratch.jacobian[entry])))
     }
 
@@ -266,10 +264,21 @@ impl Machine {
         sample: &Sample<'_>,
     ) -> Result<(f64, [f64; POSE_COLUMNS]), Error> {
         let mut scratch = Scratch::default();
-        scratch.place(sample);
         let residual = scratch.linearize(self, instance, sample)?;
         Ok((residual, scratch.gradient(instance)))
     }
+}
+
+/// Column of [`Closures::jacobian`] of a column of a closure by pose: of commands, it has those that it reads.
+fn motion_column(instance: &Instance, column: usize) -> usize {
+    let Some(rank) = column.checked_sub(POSE_COLUMNS) else {
+        return column;
+    };
+    let mut commands = instance.inputs.iter().filter_map(|input| match input {
+        Input::Command(command) => Some(*command),
+        _ => None,
+    });
+    POSE_COLUMNS + commands.nth(rank).unwrap_or_default()
 }
 
 /// Buffers for calling families.
@@ -277,24 +286,11 @@ impl Machine {
 pub(crate) struct Scratch {
     data: Vec<f64>,
     prepared: Vec<f64>,
-    /// Pose and commands, which all closures share, then a closure's own parameters.
     parameters: Vec<f64>,
-    /// Number of those that closures share.
-    shared: usize,
     jacobian: Vec<f64>,
 }
 
 impl Scratch {
-    /// Begins with a sample.
-    fn place(&mut self, sample: &Sample<'_>) {
-        let pose = &sample.pose;
-        self.parameters.clear();
-        self.parameters.extend(pose.position_m());
-        self.parameters.extend(pose.angles_rad());
-        self.parameters.extend(sample.commands_m);
-        self.shared = self.parameters.len();
-    }
-
     /// Residual of a closure at the sample; its derivatives are left in the buffer.
     fn linearize(
         &mut self,
@@ -306,7 +302,7 @@ impl Scratch {
         let shape = family.shape();
         self.data.clear();
         machine.fill(instance, sample, &mut self.data)?;
-        self.parameters.truncate(self.shared);
+        self.parameters.clear();
         self.parameters.extend(
             instance
                 .parameters

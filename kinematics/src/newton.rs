@@ -9,11 +9,11 @@ use super::{Error, Pose};
 
 const MAX_ITERATIONS: usize = 60;
 /// A mismatch of link lengths (m) that is rounding.
-const ROUNDING_M: f64 = 1e-13;
+pub(crate) const ROUNDING_M: f64 = 1e-13;
 /// A step (m, rad) after which nothing moves any more.
-const SETTLED: f64 = 1e-11;
+pub(crate) const SETTLED: f64 = 1e-11;
 /// Longest step: the closures are quadratic, beyond this the tangent says nothing.
-const LONGEST_STEP: f64 = 0.5;
+pub(crate) const LONGEST_STEP: f64 = 0.5;
 
 /// A solution of the closures.
 #[derive(Debug, Clone)]

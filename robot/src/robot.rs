@@ -88,8 +88,7 @@ pub struct Instance {
     pub of: usize,
     /// The function.
     pub family: Arc<dyn ResidualFamily>,
-    /// For each parameter of the family, its index in [`Variant::parameters`] (see
-    /// [`ResidualKind::ClosureByPose`] for the exception).
+    /// For each parameter of the family, its index in [`Variant::parameters`].
     pub parameters: Vec<usize>,
     /// For each datum of the family, what to fill in.
     pub inputs: Vec<Input>,

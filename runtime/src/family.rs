@@ -112,6 +112,41 @@ pub trait ResidualFamily: Send + Sync {
             self.linearize(prepared, parameters, residuals, jacobian);
         }
     }
+
+    /// [`value`](Self::value) for many samples whose last parameters are each sample's own: `shared` are those that come
+    /// before them, `own` the others, one sample after the other.
+    fn value_each(&self, prepared: &[f64], shared: &[f64], own: &[f64], residuals: &mut [f64]) {
+        let shape = self.shape();
+        let mut parameters = shared.to_vec();
+        let own_each = shape.parameters - shared.len();
+        for (sample, residuals) in residuals.chunks_exact_mut(shape.residuals).enumerate() {
+            let prepared = &prepared[sample * shape.prepared..(sample + 1) * shape.prepared];
+            parameters.truncate(shared.len());
+            parameters.extend_from_slice(&own[sample * own_each..(sample + 1) * own_each]);
+            self.value(prepared, &parameters, residuals);
+        }
+    }
+
+    /// [`linearize`](Self::linearize) for such samples.
+    fn linearize_each(
+        &self,
+        prepared: &[f64],
+        shared: &[f64],
+        own: &[f64],
+        residuals: &mut [f64],
+        jacobian: &mut [f64],
+    ) {
+        let (shape, entries) = (self.shape(), self.pattern().len());
+        let mut parameters = shared.to_vec();
+        let own_each = shape.parameters - shared.len();
+        for (sample, residuals) in residuals.chunks_exact_mut(shape.residuals).enumerate() {
+            let prepared = &prepared[sample * shape.prepared..(sample + 1) * shape.prepared];
+            let jacobian = &mut jacobian[sample * entries..(sample + 1) * entries];
+            parameters.truncate(shared.len());
+            parameters.extend_from_slice(&own[sample * own_each..(sample + 1) * own_each]);
+            self.linearize(prepared, &parameters, residuals, jacobian);
+        }
+    }
 }
 
 /// A residual family that computes blocks of [`LANES`](crate::LANES) samples at once.

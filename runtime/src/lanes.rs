@@ -14,7 +14,7 @@ use core::ops::{Index, IndexMut};
 pub const LANES: usize = 8;
 
 /// One number of each sample of a block, side by side: a cache line.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[repr(C, align(64))]
 pub struct Lanes(pub [f64; LANES]);
 

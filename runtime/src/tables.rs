@@ -190,10 +190,9 @@ pub enum ResidualKind {
     Closure,
     /// The same as a function of the plate's pose and the commands, for kinematics.
     ///
-    /// The family's parameters are the pose `x, y, z, alpha, beta, gamma`, all commands of the robot
-    /// `q1, q2, …`, and then those listed in [`Instance::parameters`]. Its Jacobian has the columns
-    /// translation (x, y, z), rotation vector in the measurement frame (x, y, z; free of the Euler
-    /// angles' singularity), and the commands; none for the others.
+    /// The pose and the commands are data of the sample. The Jacobian has the columns translation (x, y, z), rotation
+    /// vector in the measurement frame (x, y, z; free of the Euler angles' singularity), and the commands among
+    /// [`Instance::inputs`], in their order; none for the parameters.
     ClosureByPose,
     /// Position (m) and rotation (rad) of a cart's target in set 2: six residuals.
     CartPose,
@@ -210,8 +209,7 @@ pub struct Instance {
     pub of: usize,
     /// The function; instances of the same form share it.
     pub family: &'static dyn ResidualFamily,
-    /// For each parameter of the family, its index in [`Variant::parameters`]; in
-    /// [`ResidualKind::ClosureByPose`] for those that follow the pose and the commands.
+    /// For each parameter of the family, its index in [`Variant::parameters`].
     pub parameters: &'static [u32],
     /// For each datum of the family, what to fill in.
     pub inputs: &'static [Input],
@@ -226,6 +224,8 @@ pub enum Input {
     Position(usize),
     /// Measured ZYZ Euler angle alpha, beta, gamma (rad); of a target, registered.
     Angle(usize),
+    /// Entry of the rotation matrix of the plate in the measurement frame, by rows.
+    Rotation(usize),
     /// Position x, y, z of the TCP (m), where an effect reads it in a residual of set 2 or 3.
     TcpPosition(usize),
     /// Side of approach, ±1, by index of the command.

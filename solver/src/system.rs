@@ -81,7 +81,9 @@ struct Batch<'a> {
 
 /// Room for what a family writes.
 struct Scratch {
-    parameters: Vec<f64>,
+    /// Parameters that samples share, and those of each sample of a batch.
+    shared: Vec<f64>,
+    own: Vec<f64>,
     residuals: Vec<f64>,
     derivatives: Vec<f64>,
     lanes: Vec<Lanes>,
@@ -363,7 +365,8 @@ impl Scratch {
     fn new(block: &Block) -> Self {
         let shape = block.family.shape();
         Self {
-            parameters: vec![0.0; shape.parameters],
+            shared: vec![0.0; block.parameters.len()],
+            own: Vec::new(),
             residuals: vec![0.0; BATCH * shape.residuals],
             derivatives: vec![0.0; BATCH * block.family.pattern().len()],
             lanes: Vec::new(),
@@ -374,32 +377,37 @@ impl Scratch {
     fn evaluate(&mut self, block: &Block, all: &[f64], batch: &Batch, derivatives: bool) {
         let shape = block.family.shape();
         let entries = block.family.pattern().len();
-        let (shared, own) = self.parameters.split_at_mut(block.parameters.len());
-        gather(all, &block.parameters, shared);
-        if own.is_empty() {
-            let residuals = &mut self.residuals[..batch.samples * shape.residuals];
-            let derivatives = derivatives.then(|| &mut self.derivatives[..batch.samples * entries]);
+        gather(all, &block.parameters, &mut self.shared);
+        let residuals = &mut self.residuals[..batch.samples * shape.residuals];
+        let derivatives = derivatives.then(|| &mut self.derivatives[..batch.samples * entries]);
+        if !block.has_sample_parameters() {
             let (first, lanes) = (batch.first, &mut self.lanes);
-            block.evaluate(first, batch.samples, shared, residuals, derivatives, lanes);
+            block.evaluate(
+                first,
+                batch.samples,
+                &self.shared,
+                residuals,
+                derivatives,
+                lanes,
+            );
             return;
         }
         let Prepared::Samples(prepared) = &block.prepared else {
             unreachable!("samples with parameters of their own are prepared one by one");
         };
+        self.own.clear();
         for k in 0..batch.samples {
-            let sample = batch.first + k;
-            let (_, own) = self.parameters.split_at_mut(block.parameters.len());
-            gather(all, block.sample_parameters(sample), own);
-            let prepared = &prepared[sample * shape.prepared..(sample + 1) * shape.prepared];
-            let residuals = &mut self.residuals[k * shape.residuals..(k + 1) * shape.residuals];
-            if derivatives {
-                let derivatives = &mut self.derivatives[k * entries..(k + 1) * entries];
-                block
-                    .family
-                    .linearize(prepared, &self.parameters, residuals, derivatives);
-            } else {
-                block.family.value(prepared, &self.parameters, residuals);
+            let own = block.sample_parameters(batch.first + k).iter();
+            self.own.extend(own.map(|&index| all[index]));
+        }
+        let end = (batch.first + batch.samples) * shape.prepared;
+        let prepared = &prepared[batch.first * shape.prepared..end];
+        let (family, shared, own) = (block.family, &self.shared, &self.own);
+        match derivatives {
+            Some(derivatives) => {
+                family.linearize_each(prepared, shared, own, residuals, derivatives);
             }
+            None => family.value_each(prepared, shared, own, residuals),
         }
     }
 }

@@ -178,6 +178,7 @@ fn input(input: Input) -> TokenStream {
         Input::Command(command) => simple("Command", command),
         Input::Position(component) => simple("Position", component),
         Input::Angle(component) => simple("Angle", component),
+        Input::Rotation(entry) => simple("Rotation", entry),
         Input::TcpPosition(component) => simple("TcpPosition", component),
         Input::Direction(command) => simple("Direction", command),
         Input::Time => quote!(Input::Time),

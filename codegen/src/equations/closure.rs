@@ -1,15 +1,14 @@
 //! The closure equation, by parameters and by pose.
 //!
 //! `closure_by_pose` is the same equation with other columns: the plate's translation, its rotation *vector* and the
-//! commands. ZYZ angles, which trackers report and which are the input, are singular at β = 0, where a Stewart
-//! platform stands at home; so the rotation is perturbed on the left and differentiated at zero.
+//! commands. ZYZ angles, which trackers report, are singular at β = 0, where a Stewart platform stands at home; so the
+//! rotation comes as a matrix, is perturbed on the left and differentiated at zero.
 
 use std::collections::BTreeMap;
 
 use tau_model_dsl::model::{Arm, Place, Plate, Target, Value};
 use tau_runtime::{Input, Owner, ResidualKind};
 
-use super::context::PoseSymbols;
 use super::formula::Scope;
 use super::{Context, Equations, SparseRows};
 use crate::differentiate::gradient;
@@ -22,13 +21,15 @@ const POINT_IN_PLANE: &str = "L² − ‖T − C(q)‖², T the point, z = 0";
 const IN_PLANE: &str = "L² − ‖T + R·P − C(q)‖², z = 0, R = Rz(alpha + gamma)";
 const REDUCED_IN_PLANE: &str = "L² − ‖T − C(q)‖², z = 0";
 const FULL: &str = "L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)";
+const IN_PLANE_BY_POSE: &str = "L² − ‖T + R·P − C(q)‖², z = 0, R a rotation about z";
+const FULL_BY_POSE: &str = "L² − ‖T + R·P − C(q)‖²";
 
 /// Closure of a link (full arm) or cluster (reduced arm), by its parameters.
 ///
 /// With `pose`, also by the TCP's position and Euler angles, as further columns in front.
 pub fn closure(mut context: Context<'_>, of: usize, pose: bool) -> Equations {
     let residual = residual(&mut context, of, None);
-    let equation = equation(&context);
+    let equation = equation(&context, false);
     let Context {
         mut g,
         parameters,
@@ -58,7 +59,6 @@ pub fn closure(mut context: Context<'_>, of: usize, pose: bool) -> Equations {
         of,
         jacobian: SparseRows::from_dense(&g, &[row]),
         data: data.into_iter().collect(),
-        pose: vec![],
         parameters: parameters.into_iter().collect(),
         residuals: vec![residual],
         equation,
@@ -72,39 +72,28 @@ pub fn closure(mut context: Context<'_>, of: usize, pose: bool) -> Equations {
 /// singularity whatever the Euler angles are.
 pub fn closure_by_pose(mut context: Context<'_>, of: usize) -> Equations {
     let g = &mut context.g;
-    let position = ["x", "y", "z"].map(|name| g.symbol(name, Stage::Parameter));
-    let angles = ["alpha", "beta", "gamma"].map(|name| g.symbol(name, Stage::Parameter));
-    let commands: Vec<Expr> = (1..=context.model.commands())
-        .map(|number| g.symbol(format!("q{number}"), Stage::Parameter))
-        .collect();
-    let shift = ["dx", "dy", "dz"].map(|name| g.symbol(name, Stage::Parameter));
-    let turn = ["rho_x", "rho_y", "rho_z"].map(|name| g.symbol(name, Stage::Parameter));
-    let moved = vector::add(g, position, shift);
-    context.pose = Some(PoseSymbols {
-        position: moved,
-        angles,
-        commands: commands.clone(),
-    });
+    let [shift, turn] = [["dx", "dy", "dz"], ["rho_x", "rho_y", "rho_z"]]
+        .map(|names| names.map(|name| g.symbol(name, Stage::Parameter)));
+    context.shift = Some(shift);
     let perturbed = residual(&mut context, of, Some(turn));
-    let equation = equation(&context);
+    let equation = equation(&context, true);
     let Context {
         mut g,
         parameters,
         data,
         ..
     } = context;
-    let columns: Vec<Symbol> = shift
-        .iter()
-        .chain(&turn)
-        .chain(&commands)
-        .map(|&variable| symbol(&g, variable))
-        .collect();
+    let motion = || shift.into_iter().chain(turn);
+    let commands = data.iter().filter_map(|(input, &symbol)| {
+        let is_command = matches!(input, Input::Command(_));
+        is_command.then_some(symbol)
+    });
+    let columns = motion().chain(commands);
+    let columns: Vec<Symbol> = columns.map(|variable| symbol(&g, variable)).collect();
     let row = gradient(&mut g, perturbed, &columns);
     let zero = g.constant(0.0);
-    let replacements: BTreeMap<Symbol, Expr> = shift
-        .iter()
-        .chain(&turn)
-        .map(|&variable| (symbol(&g, variable), zero))
+    let replacements: BTreeMap<Symbol, Expr> = motion()
+        .map(|variable| (symbol(&g, variable), zero))
         .collect();
     let roots: Vec<Expr> = std::iter::once(perturbed).chain(row).collect();
     let roots = g.substitute(&roots, &replacements);
@@ -113,7 +102,6 @@ pub fn closure_by_pose(mut context: Context<'_>, of: usize) -> Equations {
         of,
         jacobian: SparseRows::from_dense(&g, &[roots[1..].to_vec()]),
         data: data.into_iter().collect(),
-        pose: position.into_iter().chain(angles).chain(commands).collect(),
         parameters: parameters.into_iter().collect(),
         residuals: vec![roots[0]],
         equation,
@@ -122,8 +110,10 @@ pub fn closure_by_pose(mut context: Context<'_>, of: usize) -> Equations {
 }
 
 /// The closure in words.
-fn equation(context: &Context<'_>) -> &'static str {
+fn equation(context: &Context<'_>, by_pose: bool) -> &'static str {
     match (context.model.plate, context.variant.arm) {
+        (Plate::Body, Arm::Full) if by_pose => FULL_BY_POSE,
+        (Plate::BodyInPlane, Arm::Full) if by_pose => IN_PLANE_BY_POSE,
         (Plate::Point, _) => POINT,
         (Plate::PointInPlane, _) => POINT_IN_PLANE,
         (Plate::Body, Arm::Reduced) => REDUCED,
@@ -218,25 +208,20 @@ fn residual(context: &mut Context<'_>, of: usize, turn: Option<Vector>) -> Expr 
     }
     let mut plate_point = tcp;
     if let Some(joint) = joint {
-        let angles = context.vector_datum(Input::Angle);
-        let g = &mut context.g;
-        let rotation = if plate.is_in_plane() {
-            Rotation::about_z(g, angles)
-        } else {
-            Rotation::zyz(angles)
+        let arm = match turn {
+            Some(turn) => turned_by_matrix(context, joint, turn),
+            None => {
+                let angles = context.vector_datum(Input::Angle);
+                let g = &mut context.g;
+                let rotation = if plate.is_in_plane() {
+                    Rotation::about_z(g, angles)
+                } else {
+                    Rotation::zyz(angles)
+                };
+                rotation.apply(g, joint, "r")
+            }
         };
-        let mut arm = rotation.apply(g, joint, "r");
-        if let Some([x, y, z]) = turn {
-            let zero = g.constant(0.0);
-            let turn = if plate.is_in_plane() {
-                [zero, zero, z]
-            } else {
-                [x, y, z]
-            };
-            let swing = vector::cross(g, turn, arm);
-            arm = vector::add(g, arm, swing);
-        }
-        plate_point = vector::add(g, plate_point, arm);
+        plate_point = vector::add(&mut context.g, plate_point, arm);
     }
     let g = &mut context.g;
     let rod = vector::subtract(g, plate_point, base);
@@ -247,4 +232,27 @@ fn residual(context: &mut Context<'_>, of: usize, turn: Option<Vector>) -> Expr 
     let residual = g.subtract(square, distance);
     g.name(residual, "residual");
     residual
+}
+
+/// (I + [ρ]×)·R·v with the entries of R as data; in a plane, of a rotation about z.
+fn turned_by_matrix(context: &mut Context<'_>, vector: Vector, [x, y, z]: Vector) -> Vector {
+    let is_in_plane = context.model.plate.is_in_plane();
+    let mut entry = |row: usize, column: usize| {
+        if is_in_plane && (row == 2 || column == 2) {
+            context.g.constant(if row == column { 1.0 } else { 0.0 })
+        } else {
+            context.datum(Input::Rotation(3 * row + column))
+        }
+    };
+    let rows = [0, 1, 2].map(|row| [0, 1, 2].map(|column| entry(row, column)));
+    let g = &mut context.g;
+    let arm = rows.map(|row| vector::dot(g, row, vector));
+    let zero = g.constant(0.0);
+    let turn = if is_in_plane {
+        [zero, zero, z]
+    } else {
+        [x, y, z]
+    };
+    let swing = vector::cross(g, turn, arm);
+    vector::add(g, arm, swing)
 }

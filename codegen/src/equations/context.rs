@@ -19,14 +19,6 @@ pub enum Staging {
     Unstaged,
 }
 
-/// The pose of the plate and the commands as variables.
-#[derive(Debug, Clone)]
-pub(super) struct PoseSymbols {
-    pub(super) position: Vector,
-    pub(super) angles: Vector,
-    pub(super) commands: Vec<Expr>,
-}
-
 /// Workspace of equations: a graph and the symbols made so far.
 #[derive(Debug)]
 pub struct Context<'a> {
@@ -37,7 +29,8 @@ pub struct Context<'a> {
     pub(super) g: Graph,
     pub(super) parameters: BTreeMap<usize, Expr>,
     pub(super) data: BTreeMap<Input, Expr>,
-    pub(super) pose: Option<PoseSymbols>,
+    /// Translation that the plate is moved by from the pose among the data.
+    pub(super) shift: Option<Vector>,
     /// The link or cluster that the closure is of; its parameters need no qualification.
     pub(super) own: Option<Owner>,
     /// The track whose command is plain `q`.
@@ -60,7 +53,7 @@ impl<'a> Context<'a> {
             g: Graph::new(),
             parameters: BTreeMap::new(),
             data: BTreeMap::new(),
-            pose: None,
+            shift: None,
             own: None,
             own_command: None,
         }
@@ -158,15 +151,14 @@ impl<'a> Context<'a> {
 
     /// The symbol of a datum.
     pub(super) fn datum(&mut self, input: Input) -> Expr {
-        if let (Some(pose), Input::Command(index)) = (&self.pose, input) {
-            return pose.commands[index];
+        let symbol = self.datum_symbol(input);
+        match (self.shift, input) {
+            (Some(shift), Input::Position(component)) => self.g.add(symbol, shift[component]),
+            _ => symbol,
         }
-        if let (Some(pose), Input::Position(component)) = (&self.pose, input) {
-            return pose.position[component];
-        }
-        if let (Some(pose), Input::Angle(component)) = (&self.pose, input) {
-            return pose.angles[component];
-        }
+    }
+
+    fn datum_symbol(&mut self, input: Input) -> Expr {
         if let Some(&symbol) = self.data.get(&input) {
             return symbol;
         }
@@ -199,6 +191,7 @@ impl<'a> Context<'a> {
             Input::Direction(command) => qualified("direction", command),
             Input::Position(component) => axis(component).into(),
             Input::Angle(component) => ["alpha", "beta", "gamma"][component].into(),
+            Input::Rotation(entry) => format!("r_{}{}", axis(entry / 3), axis(entry % 3)),
             Input::TcpPosition(component) => format!("tcp_{}", axis(component)),
             Input::Time => "time".into(),
             Input::Temperature => "temperature".into(),

@@ -33,8 +33,6 @@ pub struct Equations {
     pub graph: Graph,
     /// Data symbols, and what to fill in.
     pub data: Vec<(Input, Expr)>,
-    /// Symbols of the pose and the commands, which precede the parameters (`closure_by_pose` only).
-    pub pose: Vec<Expr>,
     /// Parameter symbols, with their index in the variant's table.
     pub parameters: Vec<(usize, Expr)>,
     /// The residuals.
@@ -82,7 +80,7 @@ impl Equations {
         Shape {
             data: self.data.len(),
             prepared,
-            parameters: self.pose.len() + self.parameters.len(),
+            parameters: self.parameters.len(),
             residuals: self.residuals.len(),
         }
     }
@@ -95,7 +93,6 @@ impl Equations {
         }
         self.kind == other.kind
             && self.graph == other.graph
-            && self.pose == other.pose
             && symbols(&self.data).eq(symbols(&other.data))
             && symbols(&self.parameters).eq(symbols(&other.parameters))
             && self.residuals == other.residuals
@@ -107,8 +104,7 @@ impl Equations {
         let staged = |graph: &Graph, expr: Expr| graph.stage(expr) <= Stage::Data;
         let data: Vec<Expr> = self.data.iter().map(|&(_, symbol)| symbol).collect();
         // Data that are not staged are read like parameters, behind them.
-        let mut variables: Vec<Expr> = self.pose.clone();
-        variables.extend(self.parameters.iter().map(|&(_, symbol)| symbol));
+        let mut variables: Vec<Expr> = self.parameters.iter().map(|&(_, symbol)| symbol).collect();
         variables.extend(
             data.iter()
                 .copied()

@@ -105,7 +105,6 @@ fn finish(
         of,
         jacobian: SparseRows::from_dense(&g, &rows),
         data: data.into_iter().collect(),
-        pose: vec![],
         parameters: parameters.into_iter().collect(),
         residuals,
         equation,

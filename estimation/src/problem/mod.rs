@@ -348,7 +348,7 @@ impl Part {
             .instances_of(ResidualKind::Closure)
             .filter_map(|closure| Some((closure.clone(), by_pose(machine, closure)?.clone())))
             .collect();
-        let family = Arc::new(TruePose::new(&closures, machine.robot.commands));
+        let family = Arc::new(TruePose::new(&closures));
         let parameters = family.parameters().to_vec();
         let mut part = Self::of(
             "closures".to_owned(),

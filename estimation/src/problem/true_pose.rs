@@ -1,9 +1,12 @@
 //! The closures at a pose that is itself unknown.
 
+use std::cell::LazyCell;
+use std::ops::Range;
+
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use tau_kinematics::{Missing, Pose, Sample, Surroundings};
 use tau_robot::robot::{Input, Instance};
-use tau_runtime::{Pattern, ResidualFamily, Shape};
+use tau_runtime::{LANES, Lanes, Pattern, ResidualFamily, Shape};
 
 /// Unknowns of a pose: translation (m), then rotation vector (rad) in the measurement frame, that carry
 /// the measured pose into the true one.
@@ -28,7 +31,6 @@ pub(crate) struct TruePose {
     row_starts: Vec<u32>,
     columns: Vec<u32>,
     shape: Shape,
-    scratch: usize,
 }
 
 /// A closure with where its numbers come from and go to.
@@ -46,18 +48,14 @@ struct Part {
     data: Vec<usize>,
     /// For each parameter its place among the shared ones.
     parameters: Vec<usize>,
-    /// For families in which pose and commands come before the parameters: the commands' places among the data.
-    commands: Option<Vec<usize>>,
 }
 
 impl TruePose {
-    /// From the closures of a variant by parameters and by pose, in the same order, of a robot with so
-    /// many commands.
-    pub(crate) fn new(closures: &[(Instance, Instance)], commands: usize) -> Self {
+    /// From the closures of a variant by parameters and by pose, in the same order.
+    pub(crate) fn new(closures: &[(Instance, Instance)]) -> Self {
         let instances = || closures.iter().flat_map(|(one, other)| [one, other]);
         let mut inputs: Vec<Input> = instances()
             .flat_map(|instance| instance.inputs.iter().copied())
-            .chain((0..commands).map(Input::Command))
             .collect();
         inputs.sort_unstable();
         inputs.dedup();
@@ -68,13 +66,11 @@ impl TruePose {
         parameters.dedup();
         let width = parameters.len();
         let place = |input: &Input| inputs.binary_search(input).unwrap_or_default();
-        let part = |instance: &Instance, commands: Option<usize>| {
+        let part = |instance: &Instance| {
             let column = |index: &usize| parameters.binary_search(index).unwrap_or_default();
             Part {
                 data: instance.inputs.iter().map(place).collect(),
                 parameters: instance.parameters.iter().map(column).collect(),
-                commands: commands
-                    .map(|count| (0..count).map(|k| place(&Input::Command(k))).collect()),
                 instance: instance.clone(),
             }
         };
@@ -82,7 +78,7 @@ impl TruePose {
         let closures: Vec<Closure> = closures
             .iter()
             .map(|(by_parameters, by_pose)| {
-                let by_parameters = part(by_parameters, None);
+                let by_parameters = part(by_parameters);
                 let pattern = by_parameters.instance.family.pattern();
                 let column = |&entry: &u32| by_parameters.parameters[entry as usize];
                 let mut row: Vec<usize> = pattern.columns.iter().map(column).collect();
@@ -96,25 +92,11 @@ impl TruePose {
                 Closure {
                     slots,
                     by_parameters,
-                    by_pose: part(by_pose, Some(commands)),
+                    by_pose: part(by_pose),
                 }
             })
             .collect();
-        let most = |of: fn(&Shape) -> usize| {
-            let parts = closures.iter().flat_map(|c| [&c.by_parameters, &c.by_pose]);
-            parts
-                .map(|part| of(&part.instance.family.shape()))
-                .max()
-                .unwrap_or(0)
-        };
-        let entries = closures
-            .iter()
-            .flat_map(|c| [&c.by_parameters, &c.by_pose])
-            .map(|part| part.instance.family.pattern().len())
-            .max()
-            .unwrap_or(0);
         let data = inputs.len() + 3 + 9;
-        let of_family = most(|s| s.data) + most(|s| s.prepared) + most(|s| s.parameters);
         Self {
             shape: Shape {
                 data,
@@ -122,7 +104,6 @@ impl TruePose {
                 parameters: width + POSE_UNKNOWNS,
                 residuals: closures.len(),
             },
-            scratch: inputs.len() + of_family + entries,
             closures,
             inputs,
             parameters,
@@ -152,79 +133,159 @@ impl TruePose {
         Ok(())
     }
 
-    /// Calls `visit` with each closure's number, the true pose as position and Euler angles, the data that
-    /// hold it, and room for the data, prepared data, parameters and entries of a family.
-    fn at_true_pose(
-        &self,
-        prepared: &[f64],
-        unknowns: &[f64],
-        mut visit: impl FnMut(usize, &[f64; POSE_UNKNOWNS], &[f64], &mut [f64]),
-    ) {
-        let (inputs, measured) = prepared.split_at(self.inputs.len());
+    /// Pose that the unknowns move the measured one of a sample to.
+    fn true_pose(&self, prepared: &[f64], unknowns: &[f64]) -> Pose {
+        let measured = &prepared[self.inputs.len()..];
         let measured = Pose {
             position: Vector3::from_column_slice(&measured[..3]),
             rotation: Rotation3::from_matrix_unchecked(Matrix3::from_row_slice(&measured[3..])),
         };
-        let pose = measured.moved(
+        measured.moved(
             Vector3::from_column_slice(&unknowns[..3]),
             Vector3::from_column_slice(&unknowns[3..]),
-        );
-        let ([x, y, z], angles) = (pose.position_m(), pose.angles_rad());
-        let pose = [x, y, z, angles[0], angles[1], angles[2]];
-        let mut room = vec![0.0; self.scratch];
-        let (data, room) = room.split_at_mut(inputs.len());
-        data.copy_from_slice(inputs);
-        for (value, input) in data.iter_mut().zip(&self.inputs) {
-            match *input {
-                Input::Position(k) | Input::TcpPosition(k) => *value = pose[k],
-                Input::Angle(k) => *value = angles[k],
-                _ => {}
+        )
+    }
+
+    /// Writes what closures take of a sample, at its true pose.
+    fn at_true_pose(&self, prepared: &[f64], unknowns: &[f64], data: &mut [f64]) {
+        let pose = self.true_pose(prepared, unknowns);
+        let angles = LazyCell::new(|| pose.angles_rad());
+        for ((value, input), &prepared) in data.iter_mut().zip(&self.inputs).zip(prepared) {
+            *value = match *input {
+                Input::Position(k) | Input::TcpPosition(k) => pose.position[k],
+                Input::Angle(k) => angles[k],
+                Input::Rotation(k) => pose.rotation[(k / 3, k % 3)],
+                _ => prepared,
+            };
+        }
+    }
+
+    /// Puts derivatives of closure `k` into its row: by the parameters, and by the pose, turned by the left Jacobian of
+    /// the unknown rotation vector.
+    fn fill_row(
+        &self,
+        k: usize,
+        row: &mut [f64],
+        by_parameters: impl Fn(usize) -> f64,
+        by_pose: impl Fn(usize) -> f64,
+        turned: &Matrix3<f64>,
+    ) {
+        let closure = &self.closures[k];
+        row.fill(0.0);
+        for (entry, &slot) in closure.slots.iter().enumerate() {
+            row[slot] += by_parameters(entry);
+        }
+        let mut gradient = [0.0; POSE_UNKNOWNS];
+        let columns = closure.by_pose.instance.family.pattern().columns;
+        for (entry, &column) in columns.iter().enumerate() {
+            if let Some(place) = gradient.get_mut(column as usize) {
+                *place = by_pose(entry);
             }
         }
-        for closure in 0..self.closures.len() {
-            visit(closure, &pose, data, room);
+        let by_turn = turned.tr_mul(&Vector3::from_column_slice(&gradient[3..]));
+        gradient[3..].copy_from_slice(by_turn.as_slice());
+        let first = row.len() - POSE_UNKNOWNS;
+        row[first..].copy_from_slice(&gradient);
+    }
+
+    /// Range of a closure's entries among those of a sample.
+    fn row(&self, k: usize) -> Range<usize> {
+        self.row_starts[k] as usize..self.row_starts[k + 1] as usize
+    }
+
+    /// Calls `visit` with each block of samples: the first of them, their number, what closures take of each at its true
+    /// pose (lanes past the end repeat the last).
+    fn each_block(
+        &self,
+        prepared: &[f64],
+        own: &[f64],
+        mut visit: impl FnMut(usize, usize, &[f64]),
+    ) {
+        let width = self.inputs.len();
+        let samples = own.len() / POSE_UNKNOWNS;
+        let mut data = vec![0.0; LANES * width];
+        for first in (0..samples).step_by(LANES) {
+            let count = LANES.min(samples - first);
+            for (lane, data) in data.chunks_exact_mut(width.max(1)).enumerate() {
+                let sample = first + lane.min(count - 1);
+                let prepared = &prepared[sample * self.shape.prepared..][..self.shape.prepared];
+                let unknowns = &own[sample * POSE_UNKNOWNS..][..POSE_UNKNOWNS];
+                self.at_true_pose(prepared, unknowns, data);
+            }
+            visit(first, count, &data);
         }
     }
 }
 
+/// Room for a family on a block of samples.
+#[derive(Default)]
+struct Room {
+    data: Vec<f64>,
+    prepared: Vec<Lanes>,
+    parameters: Vec<f64>,
+    residual: [Lanes; 1],
+    entries: Vec<Lanes>,
+}
+
 impl Part {
-    /// Residual at given data; the entries are left in `room`, where the slice returned says.
-    fn evaluate<'r>(
-        &self,
-        pose: &[f64; POSE_UNKNOWNS],
-        data: &[f64],
-        shared: &[f64],
-        room: &'r mut [f64],
-        derivatives: bool,
-    ) -> (f64, &'r [f64]) {
+    /// Residual at given data; the entries are left in `entries`, which is empty where none are wanted.
+    fn evaluate(&self, data: &[f64], shared: &[f64], entries: &mut [f64]) -> f64 {
         let family = &self.instance.family;
-        let shape = family.shape();
-        let (own, room) = room.split_at_mut(shape.data);
-        let (prepared, room) = room.split_at_mut(shape.prepared);
-        let (parameters, room) = room.split_at_mut(shape.parameters);
-        for (own, &place) in own.iter_mut().zip(&self.data) {
-            *own = data[place];
-        }
-        family.prepare(own, prepared);
-        let mut first = 0;
-        if let Some(commands) = &self.commands {
-            first = POSE_UNKNOWNS + commands.len();
-            parameters[..POSE_UNKNOWNS].copy_from_slice(pose);
-            for (parameter, &place) in parameters[POSE_UNKNOWNS..].iter_mut().zip(commands) {
-                *parameter = data[place];
-            }
-        }
-        for (parameter, &place) in parameters[first..].iter_mut().zip(&self.parameters) {
-            *parameter = shared[place];
-        }
+        let own: Vec<f64> = self.data.iter().map(|&place| data[place]).collect();
+        let mut prepared = vec![0.0; family.shape().prepared];
+        family.prepare(&own, &mut prepared);
+        let parameters: Vec<f64> = self.parameters.iter().map(|&place| shared[place]).collect();
         let mut residual = [0.0];
-        if !derivatives {
-            family.value(prepared, parameters, &mut residual);
-            return (residual[0], &[]);
+        if entries.is_empty() {
+            family.value(&prepared, &parameters, &mut residual);
+        } else {
+            family.linearize(&prepared, &parameters, &mut residual, entries);
         }
-        let entries = &mut room[..family.pattern().len()];
-        family.linearize(prepared, parameters, &mut residual, entries);
-        (residual[0], entries)
+        residual[0]
+    }
+
+    /// The same on a block of samples, of each of which `data` holds `width` numbers.
+    fn evaluate_block(
+        &self,
+        (data, width): (&[f64], usize),
+        shared: &[f64],
+        derivatives: bool,
+        room: &mut Room,
+    ) {
+        let family = &self.instance.family;
+        let samples = data.chunks_exact(width.max(1));
+        let width = if derivatives {
+            family.pattern().len()
+        } else {
+            0
+        };
+        room.entries.resize(width, Lanes::ZERO);
+        let Some(blocks) = family.blocks() else {
+            let mut entries = vec![0.0; width];
+            for (lane, data) in samples.enumerate() {
+                room.residual[0][lane] = self.evaluate(data, shared, &mut entries);
+                for (lanes, entry) in room.entries.iter_mut().zip(&entries) {
+                    lanes[lane] = *entry;
+                }
+            }
+            return;
+        };
+        room.data.clear();
+        (room.data).extend(samples.flat_map(|data| self.data.iter().map(|&place| data[place])));
+        room.prepared.resize(family.shape().prepared, Lanes::ZERO);
+        blocks.prepare_blocks(&room.data, &mut room.prepared);
+        room.parameters.clear();
+        (room.parameters).extend(self.parameters.iter().map(|&place| shared[place]));
+        if derivatives {
+            blocks.linearize_blocks(
+                &room.prepared,
+                &room.parameters,
+                &mut room.residual,
+                &mut room.entries,
+            );
+        } else {
+            blocks.value_blocks(&room.prepared, &room.parameters, &mut room.residual);
+        }
     }
 }
 
@@ -246,10 +307,11 @@ impl ResidualFamily for TruePose {
 
     fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
         let (shared, unknowns) = parameters.split_at(self.parameters.len());
-        self.at_true_pose(prepared, unknowns, |k, pose, data, room| {
-            let part = &self.closures[k].by_parameters;
-            residuals[k] = part.evaluate(pose, data, shared, room, false).0;
-        });
+        let mut data = vec![0.0; self.inputs.len()];
+        self.at_true_pose(prepared, unknowns, &mut data);
+        for (closure, residual) in self.closures.iter().zip(residuals) {
+            *residual = closure.by_parameters.evaluate(&data, shared, &mut []);
+        }
     }
 
     fn linearize(
@@ -261,29 +323,72 @@ impl ResidualFamily for TruePose {
     ) {
         let (shared, unknowns) = parameters.split_at(self.parameters.len());
         let turned = left_jacobian(Vector3::from_column_slice(&unknowns[3..]));
-        jacobian.fill(0.0);
-        self.at_true_pose(prepared, unknowns, |k, pose, data, room| {
-            let closure = &self.closures[k];
-            let row = &mut jacobian[self.row_starts[k] as usize..self.row_starts[k + 1] as usize];
-            let (residual, entries) = closure
-                .by_parameters
-                .evaluate(pose, data, shared, room, true);
-            residuals[k] = residual;
-            for (&slot, entry) in closure.slots.iter().zip(entries) {
-                row[slot] += entry;
-            }
-            let (_, entries) = closure.by_pose.evaluate(pose, data, shared, room, true);
-            let mut gradient = [0.0; POSE_UNKNOWNS];
-            let columns = closure.by_pose.instance.family.pattern().columns;
-            for (&column, &entry) in columns.iter().zip(entries) {
-                if let Some(place) = gradient.get_mut(column as usize) {
-                    *place = entry;
+        let mut data = vec![0.0; self.inputs.len()];
+        self.at_true_pose(prepared, unknowns, &mut data);
+        for (k, closure) in self.closures.iter().enumerate() {
+            let entries = |part: &Part| vec![0.0; part.instance.family.pattern().len()];
+            let (one, other) = (&closure.by_parameters, &closure.by_pose);
+            let (mut by_parameters, mut by_pose) = (entries(one), entries(other));
+            residuals[k] = one.evaluate(&data, shared, &mut by_parameters);
+            other.evaluate(&data, shared, &mut by_pose);
+            let row = &mut jacobian[self.row(k)];
+            self.fill_row(
+                k,
+                row,
+                |entry| by_parameters[entry],
+                |entry| by_pose[entry],
+                &turned,
+            );
+        }
+    }
+
+    fn value_each(&self, prepared: &[f64], shared: &[f64], own: &[f64], residuals: &mut [f64]) {
+        let rows = self.closures.len();
+        let width = self.inputs.len();
+        let mut room = Room::default();
+        self.each_block(prepared, own, |first, count, data| {
+            for (k, closure) in self.closures.iter().enumerate() {
+                (closure.by_parameters).evaluate_block((data, width), shared, false, &mut room);
+                for lane in 0..count {
+                    residuals[(first + lane) * rows + k] = room.residual[0][lane];
                 }
             }
-            let by_turn = turned.tr_mul(&Vector3::from_column_slice(&gradient[3..]));
-            gradient[3..].copy_from_slice(by_turn.as_slice());
-            let first = row.len() - POSE_UNKNOWNS;
-            row[first..].copy_from_slice(&gradient);
+        });
+    }
+
+    fn linearize_each(
+        &self,
+        prepared: &[f64],
+        shared: &[f64],
+        own: &[f64],
+        residuals: &mut [f64],
+        jacobian: &mut [f64],
+    ) {
+        let (rows, total) = (self.closures.len(), self.columns.len());
+        let width = self.inputs.len();
+        let (mut by_parameters, mut by_pose) = (Room::default(), Room::default());
+        self.each_block(prepared, own, |first, count, data| {
+            let turned: [Matrix3<f64>; LANES] = std::array::from_fn(|lane| {
+                let sample = first + lane.min(count - 1);
+                let unknowns = &own[sample * POSE_UNKNOWNS..][..POSE_UNKNOWNS];
+                left_jacobian(Vector3::from_column_slice(&unknowns[3..]))
+            });
+            for (k, closure) in self.closures.iter().enumerate() {
+                let (one, other) = (&closure.by_parameters, &closure.by_pose);
+                one.evaluate_block((data, width), shared, true, &mut by_parameters);
+                other.evaluate_block((data, width), shared, true, &mut by_pose);
+                for (lane, turned) in turned[..count].iter().enumerate() {
+                    residuals[(first + lane) * rows + k] = by_parameters.residual[0][lane];
+                    let jacobian = &mut jacobian[(first + lane) * total..][..total];
+                    self.fill_row(
+                        k,
+                        &mut jacobian[self.row(k)],
+                        |entry| by_parameters.entries[entry][lane],
+                        |entry| by_pose.entries[entry][lane],
+                        turned,
+                    );
+                }
+            }
         });
     }
 }

@@ -2,11 +2,9 @@
 //
 // Operations once per sample / per residual / with the Jacobian:
 //   full::closure: 3 / 23 / 43
-//   full::closure_by_pose_lower_left: 0 / 26 / 37
-//   full::closure_by_pose_lower_right: 0 / 26 / 37
+//   full::closure_by_pose: 3 / 23 / 34
 //   basic::closure: 4 / 22 / 36
-//   basic::closure_by_pose_lower_left: 1 / 25 / 36
-//   basic::closure_by_pose_lower_right: 1 / 25 / 36
+//   basic::closure_by_pose: 4 / 22 / 33
 
 ///A five-bar linkage: two cranks in a plane whose links meet in one point.
 ///
@@ -259,16 +257,20 @@ pub mod full {
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 0,
-                family: &ClosureByPoseLowerLeft,
+                family: &ClosureByPose,
                 parameters: &[0, 2, 4, 6, 8],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(0), Input::Position(0), Input::Position(1), Input::Position(2),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 1,
-                family: &ClosureByPoseLowerRight,
+                family: &ClosureByPose,
                 parameters: &[1, 3, 5, 7, 9],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                ],
             },
         ],
     };
@@ -411,20 +413,20 @@ pub mod full {
     }
     /// `L² − ‖T − C(q)‖², T the point, z = 0`
     ///
-    /// Data: none.
+    /// Data: `q`, `x`, `y`, `z`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `length`, `own_x`, `own_y`, `upper`, `zero`.
+    /// Parameters: `length`, `own_x`, `own_y`, `upper`, `zero`.
     ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 26 operations (13 additions, 9 multiplications, 4 functions).
-    /// With the Jacobian: 37 operations (16 additions, 17 multiplications, 4 functions).
+    /// Once per sample: 3 operations (1 addition, 2 functions).
+    /// Residuals: 23 operations (12 additions, 9 multiplications, 2 functions).
+    /// With the Jacobian: 34 operations (15 additions, 17 multiplications, 2 functions).
     #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseLowerLeft;
-    impl Formulas for ClosureByPoseLowerLeft {
+    pub struct ClosureByPose;
+    impl Formulas for ClosureByPose {
         const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 13,
+            data: 4,
+            prepared: 5,
+            parameters: 5,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
@@ -432,129 +434,69 @@ pub mod full {
             columns: &[0, 1, 6],
         };
         #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
+            let &[q, x, y, _] = data else { panic!("`data` must hold 4 numbers") };
+            let (prepared_2, prepared_3) = math::sin_cos(q);
+            let prepared_4 = prepared_3 - 1.0;
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = prepared_2;
+            prepared[3][lane] = prepared_3;
+            prepared[4][lane] = prepared_4;
         }
         #[inline(always)]
         fn value<S: Samples>(
             lane: usize,
-            _prepared: &[S],
+            prepared: &[S],
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let &[x, y, _, _, _, _, q1, _, length, own_x, own_y, upper,
-                zero] = parameters else { panic!("`parameters` must hold 13 numbers") };
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let prepared_2 = prepared[2][lane];
+            let prepared_4 = prepared[4][lane];
+            let &[length, own_x, own_y, upper,
+                zero] = parameters else { panic!("`parameters` must hold 5 numbers") };
             let (sin_zero, cos_zero) = math::sin_cos(zero);
             let t3 = own_x + upper * cos_zero;
             let t6 = own_y + upper * sin_zero;
-            let (sin_q1, cos_q1) = math::sin_cos(q1);
-            let t9 = t3 - own_x;
-            let t10 = t6 - own_y;
-            let t11 = cos_q1 - 1.0;
-            let rod_x = sin_q1 * t10 + x - t3 - t9 * t11;
-            let rod_y = y - sin_q1 * t9 - t6 - t10 * t11;
+            let t7 = t3 - own_x;
+            let t8 = t6 - own_y;
+            let rod_x = prepared_2 * t8 + x - t3 - t7 * prepared_4;
+            let rod_y = y - prepared_2 * t7 - t6 - t8 * prepared_4;
             let residual = length * length - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
         fn linearize<S: Samples>(
             lane: usize,
-            _prepared: &[S],
+            prepared: &[S],
             parameters: &[f64],
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let &[x, y, _, _, _, _, q1, _, length, own_x, own_y, upper,
-                zero] = parameters else { panic!("`parameters` must hold 13 numbers") };
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let prepared_2 = prepared[2][lane];
+            let prepared_3 = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let &[length, own_x, own_y, upper,
+                zero] = parameters else { panic!("`parameters` must hold 5 numbers") };
             let (sin_zero, cos_zero) = math::sin_cos(zero);
             let t3 = own_x + upper * cos_zero;
             let t6 = own_y + upper * sin_zero;
-            let (sin_q1, cos_q1) = math::sin_cos(q1);
-            let t9 = own_x - t3;
-            let t10 = t6 - own_y;
-            let t11 = cos_q1 - 1.0;
-            let rod_x = sin_q1 * t10 + x - t3 + t9 * t11;
-            let rod_y = sin_q1 * t9 + y - t6 - t10 * t11;
+            let t7 = own_x - t3;
+            let t8 = t6 - own_y;
+            let rod_x = prepared_2 * t8 + x - t3 + t7 * prepared_4;
+            let rod_y = prepared_2 * t7 + y - t6 - t8 * prepared_4;
             let residual = length * length - rod_x * rod_x - rod_y * rod_y;
-            let t27 = -2.0 * rod_y;
-            let t28 = -2.0 * rod_x;
+            let t24 = -2.0 * rod_y;
+            let t25 = -2.0 * rod_x;
             residuals[0][lane] = residual;
-            jacobian[0][lane] = t28;
-            jacobian[1][lane] = t27;
-            jacobian[2][lane] = cos_q1 * (t9 * t27 + t10 * t28) - sin_q1 * (t9 * t28 - t10 * t27);
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point, z = 0`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `length`, `own_x`, `own_y`, `upper`, `zero`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 26 operations (13 additions, 9 multiplications, 4 functions).
-    /// With the Jacobian: 37 operations (16 additions, 17 multiplications, 4 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseLowerRight;
-    impl Formulas for ClosureByPoseLowerRight {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 13,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 3],
-            columns: &[0, 1, 7],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, _, _, _, _, _, q2, length, own_x, own_y, upper,
-                zero] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let (sin_zero, cos_zero) = math::sin_cos(zero);
-            let t3 = own_x + upper * cos_zero;
-            let t6 = own_y + upper * sin_zero;
-            let (sin_q2, cos_q2) = math::sin_cos(q2);
-            let t9 = t3 - own_x;
-            let t10 = t6 - own_y;
-            let t11 = cos_q2 - 1.0;
-            let rod_x = sin_q2 * t10 + x - t3 - t9 * t11;
-            let rod_y = y - sin_q2 * t9 - t6 - t10 * t11;
-            let residual = length * length - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, _, _, _, _, _, q2, length, own_x, own_y, upper,
-                zero] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let (sin_zero, cos_zero) = math::sin_cos(zero);
-            let t3 = own_x + upper * cos_zero;
-            let t6 = own_y + upper * sin_zero;
-            let (sin_q2, cos_q2) = math::sin_cos(q2);
-            let t9 = own_x - t3;
-            let t10 = t6 - own_y;
-            let t11 = cos_q2 - 1.0;
-            let rod_x = sin_q2 * t10 + x - t3 + t9 * t11;
-            let rod_y = sin_q2 * t9 + y - t6 - t10 * t11;
-            let residual = length * length - rod_x * rod_x - rod_y * rod_y;
-            let t27 = -2.0 * rod_y;
-            let t28 = -2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = t28;
-            jacobian[1][lane] = t27;
-            jacobian[2][lane] = cos_q2 * (t9 * t27 + t10 * t28) - sin_q2 * (t9 * t28 - t10 * t27);
+            jacobian[0][lane] = t25;
+            jacobian[1][lane] = t24;
+            jacobian[2][lane] = prepared_3 * (t7 * t24 + t8 * t25)
+                - prepared_2 * (t7 * t25 - t8 * t24);
         }
     }
 }
@@ -711,16 +653,22 @@ pub mod basic {
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 0,
-                family: &ClosureByPoseLowerLeft,
+                family: &ClosureByPose,
                 parameters: &[8],
-                inputs: &[Input::Held(0), Input::Held(2), Input::Held(4), Input::Held(6)],
+                inputs: &[
+                    Input::Command(0), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Held(0), Input::Held(2), Input::Held(4), Input::Held(6),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 1,
-                family: &ClosureByPoseLowerRight,
+                family: &ClosureByPose,
                 parameters: &[9],
-                inputs: &[Input::Held(1), Input::Held(3), Input::Held(5), Input::Held(7)],
+                inputs: &[
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Held(1), Input::Held(3), Input::Held(5), Input::Held(7),
+                ],
             },
         ],
     };
@@ -869,20 +817,20 @@ pub mod basic {
     }
     /// `L² − ‖T − C(q)‖², T the point, z = 0`
     ///
-    /// Data: `length`, `own_x`, `own_y`, `upper`.
+    /// Data: `q`, `x`, `y`, `z`, `length`, `own_x`, `own_y`, `upper`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `zero`.
+    /// Parameters: `zero`.
     ///
-    /// Once per sample: 1 operations (1 multiplication).
-    /// Residuals: 25 operations (13 additions, 8 multiplications, 4 functions).
-    /// With the Jacobian: 36 operations (16 additions, 16 multiplications, 4 functions).
+    /// Once per sample: 4 operations (1 addition, 1 multiplication, 2 functions).
+    /// Residuals: 22 operations (12 additions, 8 multiplications, 2 functions).
+    /// With the Jacobian: 33 operations (15 additions, 16 multiplications, 2 functions).
     #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseLowerLeft;
-    impl Formulas for ClosureByPoseLowerLeft {
+    pub struct ClosureByPose;
+    impl Formulas for ClosureByPose {
         const SHAPE: Shape = Shape {
-            data: 4,
-            prepared: 4,
-            parameters: 9,
+            data: 8,
+            prepared: 9,
+            parameters: 1,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
@@ -891,12 +839,20 @@ pub mod basic {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[length, own_x, own_y, upper] = data else { panic!("`data` must hold 4 numbers") };
-            let prepared_3 = length * length;
-            prepared[0][lane] = own_x;
-            prepared[1][lane] = upper;
-            prepared[2][lane] = own_y;
-            prepared[3][lane] = prepared_3;
+            let &[q, x, y, _, length, own_x, own_y,
+                upper] = data else { panic!("`data` must hold 8 numbers") };
+            let (prepared_5, prepared_6) = math::sin_cos(q);
+            let prepared_7 = prepared_6 - 1.0;
+            let prepared_8 = length * length;
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = own_x;
+            prepared[3][lane] = upper;
+            prepared[4][lane] = own_y;
+            prepared[5][lane] = prepared_5;
+            prepared[6][lane] = prepared_6;
+            prepared[7][lane] = prepared_7;
+            prepared[8][lane] = prepared_8;
         }
         #[inline(always)]
         fn value<S: Samples>(
@@ -905,22 +861,23 @@ pub mod basic {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let own_x = prepared[0][lane];
-            let upper = prepared[1][lane];
-            let own_y = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let &[x, y, _, _, _, _, q1, _,
-                zero] = parameters else { panic!("`parameters` must hold 9 numbers") };
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let own_x = prepared[2][lane];
+            let upper = prepared[3][lane];
+            let own_y = prepared[4][lane];
+            let prepared_5 = prepared[5][lane];
+            let prepared_7 = prepared[7][lane];
+            let prepared_8 = prepared[8][lane];
+            let &[zero] = parameters else { panic!("`parameters` must hold 1 numbers") };
             let (sin_zero, cos_zero) = math::sin_cos(zero);
             let t3 = own_x + upper * cos_zero;
             let t6 = own_y + upper * sin_zero;
-            let (sin_q1, cos_q1) = math::sin_cos(q1);
-            let t9 = t3 - own_x;
-            let t10 = t6 - own_y;
-            let t11 = cos_q1 - 1.0;
-            let rod_x = sin_q1 * t10 + x - t3 - t9 * t11;
-            let rod_y = y - sin_q1 * t9 - t6 - t10 * t11;
-            let residual = prepared_3 - rod_x * rod_x - rod_y * rod_y;
+            let t7 = t3 - own_x;
+            let t8 = t6 - own_y;
+            let rod_x = prepared_5 * t8 + x - t3 - t7 * prepared_7;
+            let rod_y = y - prepared_5 * t7 - t6 - t8 * prepared_7;
+            let residual = prepared_8 - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -931,116 +888,31 @@ pub mod basic {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let own_x = prepared[0][lane];
-            let upper = prepared[1][lane];
-            let own_y = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let &[x, y, _, _, _, _, q1, _,
-                zero] = parameters else { panic!("`parameters` must hold 9 numbers") };
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let own_x = prepared[2][lane];
+            let upper = prepared[3][lane];
+            let own_y = prepared[4][lane];
+            let prepared_5 = prepared[5][lane];
+            let prepared_6 = prepared[6][lane];
+            let prepared_7 = prepared[7][lane];
+            let prepared_8 = prepared[8][lane];
+            let &[zero] = parameters else { panic!("`parameters` must hold 1 numbers") };
             let (sin_zero, cos_zero) = math::sin_cos(zero);
             let t3 = own_x + upper * cos_zero;
             let t6 = own_y + upper * sin_zero;
-            let (sin_q1, cos_q1) = math::sin_cos(q1);
-            let t9 = own_x - t3;
-            let t10 = t6 - own_y;
-            let t11 = cos_q1 - 1.0;
-            let rod_x = sin_q1 * t10 + x - t3 + t9 * t11;
-            let rod_y = sin_q1 * t9 + y - t6 - t10 * t11;
-            let residual = prepared_3 - rod_x * rod_x - rod_y * rod_y;
-            let t26 = -2.0 * rod_y;
-            let t27 = -2.0 * rod_x;
+            let t7 = own_x - t3;
+            let t8 = t6 - own_y;
+            let rod_x = prepared_5 * t8 + x - t3 + t7 * prepared_7;
+            let rod_y = prepared_5 * t7 + y - t6 - t8 * prepared_7;
+            let residual = prepared_8 - rod_x * rod_x - rod_y * rod_y;
+            let t23 = -2.0 * rod_y;
+            let t24 = -2.0 * rod_x;
             residuals[0][lane] = residual;
-            jacobian[0][lane] = t27;
-            jacobian[1][lane] = t26;
-            jacobian[2][lane] = cos_q1 * (t9 * t26 + t10 * t27) - sin_q1 * (t9 * t27 - t10 * t26);
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point, z = 0`
-    ///
-    /// Data: `length`, `own_x`, `own_y`, `upper`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `zero`.
-    ///
-    /// Once per sample: 1 operations (1 multiplication).
-    /// Residuals: 25 operations (13 additions, 8 multiplications, 4 functions).
-    /// With the Jacobian: 36 operations (16 additions, 16 multiplications, 4 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseLowerRight;
-    impl Formulas for ClosureByPoseLowerRight {
-        const SHAPE: Shape = Shape {
-            data: 4,
-            prepared: 4,
-            parameters: 9,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 3],
-            columns: &[0, 1, 7],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[length, own_x, own_y, upper] = data else { panic!("`data` must hold 4 numbers") };
-            let prepared_3 = length * length;
-            prepared[0][lane] = own_x;
-            prepared[1][lane] = upper;
-            prepared[2][lane] = own_y;
-            prepared[3][lane] = prepared_3;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let own_x = prepared[0][lane];
-            let upper = prepared[1][lane];
-            let own_y = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let &[x, y, _, _, _, _, _, q2,
-                zero] = parameters else { panic!("`parameters` must hold 9 numbers") };
-            let (sin_zero, cos_zero) = math::sin_cos(zero);
-            let t3 = own_x + upper * cos_zero;
-            let t6 = own_y + upper * sin_zero;
-            let (sin_q2, cos_q2) = math::sin_cos(q2);
-            let t9 = t3 - own_x;
-            let t10 = t6 - own_y;
-            let t11 = cos_q2 - 1.0;
-            let rod_x = sin_q2 * t10 + x - t3 - t9 * t11;
-            let rod_y = y - sin_q2 * t9 - t6 - t10 * t11;
-            let residual = prepared_3 - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let own_x = prepared[0][lane];
-            let upper = prepared[1][lane];
-            let own_y = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let &[x, y, _, _, _, _, _, q2,
-                zero] = parameters else { panic!("`parameters` must hold 9 numbers") };
-            let (sin_zero, cos_zero) = math::sin_cos(zero);
-            let t3 = own_x + upper * cos_zero;
-            let t6 = own_y + upper * sin_zero;
-            let (sin_q2, cos_q2) = math::sin_cos(q2);
-            let t9 = own_x - t3;
-            let t10 = t6 - own_y;
-            let t11 = cos_q2 - 1.0;
-            let rod_x = sin_q2 * t10 + x - t3 + t9 * t11;
-            let rod_y = sin_q2 * t9 + y - t6 - t10 * t11;
-            let residual = prepared_3 - rod_x * rod_x - rod_y * rod_y;
-            let t26 = -2.0 * rod_y;
-            let t27 = -2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = t27;
-            jacobian[1][lane] = t26;
-            jacobian[2][lane] = cos_q2 * (t9 * t26 + t10 * t27) - sin_q2 * (t9 * t27 - t10 * t26);
+            jacobian[0][lane] = t24;
+            jacobian[1][lane] = t23;
+            jacobian[2][lane] = prepared_6 * (t7 * t23 + t8 * t24)
+                - prepared_5 * (t7 * t24 - t8 * t23);
         }
     }
 }

@@ -2,20 +2,11 @@
 //
 // Operations once per sample / per residual / with the Jacobian:
 //   scaled::closure: 0 / 15 / 25
-//   scaled::closure_by_pose_top_left: 0 / 15 / 23
-//   scaled::closure_by_pose_top_right: 0 / 15 / 23
-//   scaled::closure_by_pose_bottom_left: 0 / 15 / 23
-//   scaled::closure_by_pose_bottom_right: 0 / 15 / 23
+//   scaled::closure_by_pose: 0 / 15 / 23
 //   full::closure: 2 / 13 / 22
-//   full::closure_by_pose_top_left: 2 / 14 / 21
-//   full::closure_by_pose_top_right: 2 / 14 / 21
-//   full::closure_by_pose_bottom_left: 2 / 14 / 21
-//   full::closure_by_pose_bottom_right: 2 / 14 / 21
+//   full::closure_by_pose: 3 / 13 / 20
 //   anchors::closure: 3 / 12 / 19
-//   anchors::closure_by_pose_top_left: 3 / 13 / 20
-//   anchors::closure_by_pose_top_right: 3 / 13 / 20
-//   anchors::closure_by_pose_bottom_left: 3 / 13 / 20
-//   anchors::closure_by_pose_bottom_right: 3 / 13 / 20
+//   anchors::closure_by_pose: 4 / 12 / 19
 
 ///A router that hangs from four belts before a sheet: a point in a plane, held by more drives than it has freedoms.
 ///
@@ -302,30 +293,38 @@ pub mod scaled {
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 0,
-                family: &ClosureByPoseTopLeft,
+                family: &ClosureByPose,
                 parameters: &[0, 1, 8, 9, 10, 11],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(0), Input::Position(0), Input::Position(1), Input::Position(2),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 1,
-                family: &ClosureByPoseTopRight,
+                family: &ClosureByPose,
                 parameters: &[2, 3, 8, 9, 10, 11],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 2,
-                family: &ClosureByPoseBottomLeft,
+                family: &ClosureByPose,
                 parameters: &[4, 5, 8, 9, 10, 11],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 3,
-                family: &ClosureByPoseBottomRight,
+                family: &ClosureByPose,
                 parameters: &[6, 7, 8, 9, 10, 11],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(3), Input::Position(0), Input::Position(1), Input::Position(2),
+                ],
             },
         ],
     };
@@ -460,20 +459,20 @@ pub mod scaled {
     }
     /// `L² − ‖T − C(q)‖², T the point, z = 0`
     ///
-    /// Data: none.
+    /// Data: `q`, `x`, `y`, `z`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `own_x`, `own_y`, `arm`, `height`, `zero`, `scale`.
+    /// Parameters: `own_x`, `own_y`, `arm`, `height`, `zero`, `scale`.
     ///
     /// Once per sample: 0 operations.
     /// Residuals: 15 operations (8 additions, 6 multiplications, 1 function).
     /// With the Jacobian: 23 operations (8 additions, 13 multiplications, 1 division, 1 function).
     #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseTopLeft;
-    impl Formulas for ClosureByPoseTopLeft {
+    pub struct ClosureByPose;
+    impl Formulas for ClosureByPose {
         const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 16,
+            data: 4,
+            prepared: 3,
+            parameters: 6,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
@@ -481,18 +480,25 @@ pub mod scaled {
             columns: &[0, 1, 6],
         };
         #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
+            let &[q, x, y, _] = data else { panic!("`data` must hold 4 numbers") };
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = q;
         }
         #[inline(always)]
         fn value<S: Samples>(
             lane: usize,
-            _prepared: &[S],
+            prepared: &[S],
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let &[x, y, _, _, _, _, q1, _, _, _, own_x, own_y, arm, height, zero,
-                scale] = parameters else { panic!("`parameters` must hold 16 numbers") };
-            let t3 = zero + q1 * (1.0 + scale);
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let q = prepared[2][lane];
+            let &[own_x, own_y, arm, height, zero,
+                scale] = parameters else { panic!("`parameters` must hold 6 numbers") };
+            let t3 = zero + (1.0 + scale) * q;
             let t8 = arm + math::sqrt(t3 * t3 - height * height);
             let rod_x = x - own_x;
             let rod_y = y - own_y;
@@ -502,207 +508,18 @@ pub mod scaled {
         #[inline(always)]
         fn linearize<S: Samples>(
             lane: usize,
-            _prepared: &[S],
+            prepared: &[S],
             parameters: &[f64],
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let &[x, y, _, _, _, _, q1, _, _, _, own_x, own_y, arm, height, zero,
-                scale] = parameters else { panic!("`parameters` must hold 16 numbers") };
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let q = prepared[2][lane];
+            let &[own_x, own_y, arm, height, zero,
+                scale] = parameters else { panic!("`parameters` must hold 6 numbers") };
             let t1 = 1.0 + scale;
-            let t3 = zero + q1 * t1;
-            let t7 = math::sqrt(t3 * t3 - height * height);
-            let t8 = arm + t7;
-            let rod_x = x - own_x;
-            let rod_y = y - own_y;
-            let residual = t8 * t8 - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -2.0 * rod_x;
-            jacobian[1][lane] = -2.0 * rod_y;
-            jacobian[2][lane] = t8 * 2.0 / (t7 * 2.0) * (t3 * (t1 * 2.0));
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point, z = 0`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `own_x`, `own_y`, `arm`, `height`, `zero`, `scale`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 15 operations (8 additions, 6 multiplications, 1 function).
-    /// With the Jacobian: 23 operations (8 additions, 13 multiplications, 1 division, 1 function).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseTopRight;
-    impl Formulas for ClosureByPoseTopRight {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 16,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 3],
-            columns: &[0, 1, 7],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, _, _, _, _, _, q2, _, _, own_x, own_y, arm, height, zero,
-                scale] = parameters else { panic!("`parameters` must hold 16 numbers") };
-            let t3 = zero + q2 * (1.0 + scale);
-            let t8 = arm + math::sqrt(t3 * t3 - height * height);
-            let rod_x = x - own_x;
-            let rod_y = y - own_y;
-            let residual = t8 * t8 - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, _, _, _, _, _, q2, _, _, own_x, own_y, arm, height, zero,
-                scale] = parameters else { panic!("`parameters` must hold 16 numbers") };
-            let t1 = 1.0 + scale;
-            let t3 = zero + q2 * t1;
-            let t7 = math::sqrt(t3 * t3 - height * height);
-            let t8 = arm + t7;
-            let rod_x = x - own_x;
-            let rod_y = y - own_y;
-            let residual = t8 * t8 - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -2.0 * rod_x;
-            jacobian[1][lane] = -2.0 * rod_y;
-            jacobian[2][lane] = t8 * 2.0 / (t7 * 2.0) * (t3 * (t1 * 2.0));
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point, z = 0`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `own_x`, `own_y`, `arm`, `height`, `zero`, `scale`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 15 operations (8 additions, 6 multiplications, 1 function).
-    /// With the Jacobian: 23 operations (8 additions, 13 multiplications, 1 division, 1 function).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseBottomLeft;
-    impl Formulas for ClosureByPoseBottomLeft {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 16,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 3],
-            columns: &[0, 1, 8],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, _, _, _, _, _, _, q3, _, own_x, own_y, arm, height, zero,
-                scale] = parameters else { panic!("`parameters` must hold 16 numbers") };
-            let t3 = zero + q3 * (1.0 + scale);
-            let t8 = arm + math::sqrt(t3 * t3 - height * height);
-            let rod_x = x - own_x;
-            let rod_y = y - own_y;
-            let residual = t8 * t8 - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, _, _, _, _, _, _, q3, _, own_x, own_y, arm, height, zero,
-                scale] = parameters else { panic!("`parameters` must hold 16 numbers") };
-            let t1 = 1.0 + scale;
-            let t3 = zero + q3 * t1;
-            let t7 = math::sqrt(t3 * t3 - height * height);
-            let t8 = arm + t7;
-            let rod_x = x - own_x;
-            let rod_y = y - own_y;
-            let residual = t8 * t8 - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -2.0 * rod_x;
-            jacobian[1][lane] = -2.0 * rod_y;
-            jacobian[2][lane] = t8 * 2.0 / (t7 * 2.0) * (t3 * (t1 * 2.0));
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point, z = 0`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `own_x`, `own_y`, `arm`, `height`, `zero`, `scale`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 15 operations (8 additions, 6 multiplications, 1 function).
-    /// With the Jacobian: 23 operations (8 additions, 13 multiplications, 1 division, 1 function).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseBottomRight;
-    impl Formulas for ClosureByPoseBottomRight {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 16,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 3],
-            columns: &[0, 1, 9],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, _, _, _, _, _, _, _, q4, own_x, own_y, arm, height, zero,
-                scale] = parameters else { panic!("`parameters` must hold 16 numbers") };
-            let t3 = zero + q4 * (1.0 + scale);
-            let t8 = arm + math::sqrt(t3 * t3 - height * height);
-            let rod_x = x - own_x;
-            let rod_y = y - own_y;
-            let residual = t8 * t8 - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, _, _, _, _, _, _, _, q4, own_x, own_y, arm, height, zero,
-                scale] = parameters else { panic!("`parameters` must hold 16 numbers") };
-            let t1 = 1.0 + scale;
-            let t3 = zero + q4 * t1;
+            let t3 = zero + t1 * q;
             let t7 = math::sqrt(t3 * t3 - height * height);
             let t8 = arm + t7;
             let rod_x = x - own_x;
@@ -883,30 +700,42 @@ pub mod full {
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 0,
-                family: &ClosureByPoseTopLeft,
+                family: &ClosureByPose,
                 parameters: &[0, 1, 8, 9, 10],
-                inputs: &[Input::Held(11)],
+                inputs: &[
+                    Input::Command(0), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Held(11),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 1,
-                family: &ClosureByPoseTopRight,
+                family: &ClosureByPose,
                 parameters: &[2, 3, 8, 9, 10],
-                inputs: &[Input::Held(11)],
+                inputs: &[
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Held(11),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 2,
-                family: &ClosureByPoseBottomLeft,
+                family: &ClosureByPose,
                 parameters: &[4, 5, 8, 9, 10],
-                inputs: &[Input::Held(11)],
+                inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Held(11),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 3,
-                family: &ClosureByPoseBottomRight,
+                family: &ClosureByPose,
                 parameters: &[6, 7, 8, 9, 10],
-                inputs: &[Input::Held(11)],
+                inputs: &[
+                    Input::Command(3), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Held(11),
+                ],
             },
         ],
     };
@@ -1040,20 +869,20 @@ pub mod full {
     }
     /// `L² − ‖T − C(q)‖², T the point, z = 0`
     ///
-    /// Data: `scale`.
+    /// Data: `q`, `x`, `y`, `z`, `scale`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `own_x`, `own_y`, `arm`, `height`, `zero`.
+    /// Parameters: `own_x`, `own_y`, `arm`, `height`, `zero`.
     ///
-    /// Once per sample: 2 operations (1 addition, 1 multiplication).
-    /// Residuals: 14 operations (7 additions, 6 multiplications, 1 function).
-    /// With the Jacobian: 21 operations (7 additions, 12 multiplications, 1 division, 1 function).
+    /// Once per sample: 3 operations (1 addition, 2 multiplications).
+    /// Residuals: 13 operations (7 additions, 5 multiplications, 1 function).
+    /// With the Jacobian: 20 operations (7 additions, 11 multiplications, 1 division, 1 function).
     #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseTopLeft;
-    impl Formulas for ClosureByPoseTopLeft {
+    pub struct ClosureByPose;
+    impl Formulas for ClosureByPose {
         const SHAPE: Shape = Shape {
-            data: 1,
-            prepared: 2,
-            parameters: 15,
+            data: 5,
+            prepared: 4,
+            parameters: 5,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
@@ -1062,11 +891,14 @@ pub mod full {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[scale] = data else { panic!("`data` must hold 1 numbers") };
-            let prepared_0 = 1.0 + scale;
-            let prepared_1 = prepared_0 * 2.0;
-            prepared[0][lane] = prepared_0;
-            prepared[1][lane] = prepared_1;
+            let &[q, x, y, _, scale] = data else { panic!("`data` must hold 5 numbers") };
+            let t1 = 1.0 + scale;
+            let prepared_2 = t1 * q;
+            let prepared_3 = t1 * 2.0;
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = prepared_2;
+            prepared[3][lane] = prepared_3;
         }
         #[inline(always)]
         fn value<S: Samples>(
@@ -1075,14 +907,16 @@ pub mod full {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let prepared_0 = prepared[0][lane];
-            let &[x, y, _, _, _, _, q1, _, _, _, own_x, own_y, arm, height,
-                zero] = parameters else { panic!("`parameters` must hold 15 numbers") };
-            let t2 = zero + q1 * prepared_0;
-            let t7 = arm + math::sqrt(t2 * t2 - height * height);
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let prepared_2 = prepared[2][lane];
+            let &[own_x, own_y, arm, height,
+                zero] = parameters else { panic!("`parameters` must hold 5 numbers") };
+            let t1 = zero + prepared_2;
+            let t6 = arm + math::sqrt(t1 * t1 - height * height);
             let rod_x = x - own_x;
             let rod_y = y - own_y;
-            let residual = t7 * t7 - rod_x * rod_x - rod_y * rod_y;
+            let residual = t6 * t6 - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -1093,233 +927,22 @@ pub mod full {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let prepared_0 = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let &[x, y, _, _, _, _, q1, _, _, _, own_x, own_y, arm, height,
-                zero] = parameters else { panic!("`parameters` must hold 15 numbers") };
-            let t2 = zero + q1 * prepared_0;
-            let t6 = math::sqrt(t2 * t2 - height * height);
-            let t7 = arm + t6;
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let prepared_2 = prepared[2][lane];
+            let prepared_3 = prepared[3][lane];
+            let &[own_x, own_y, arm, height,
+                zero] = parameters else { panic!("`parameters` must hold 5 numbers") };
+            let t1 = zero + prepared_2;
+            let t5 = math::sqrt(t1 * t1 - height * height);
+            let t6 = arm + t5;
             let rod_x = x - own_x;
             let rod_y = y - own_y;
-            let residual = t7 * t7 - rod_x * rod_x - rod_y * rod_y;
+            let residual = t6 * t6 - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
             jacobian[0][lane] = -2.0 * rod_x;
             jacobian[1][lane] = -2.0 * rod_y;
-            jacobian[2][lane] = t7 * 2.0 / (t6 * 2.0) * (t2 * prepared_1);
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point, z = 0`
-    ///
-    /// Data: `scale`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `own_x`, `own_y`, `arm`, `height`, `zero`.
-    ///
-    /// Once per sample: 2 operations (1 addition, 1 multiplication).
-    /// Residuals: 14 operations (7 additions, 6 multiplications, 1 function).
-    /// With the Jacobian: 21 operations (7 additions, 12 multiplications, 1 division, 1 function).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseTopRight;
-    impl Formulas for ClosureByPoseTopRight {
-        const SHAPE: Shape = Shape {
-            data: 1,
-            prepared: 2,
-            parameters: 15,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 3],
-            columns: &[0, 1, 7],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[scale] = data else { panic!("`data` must hold 1 numbers") };
-            let prepared_0 = 1.0 + scale;
-            let prepared_1 = prepared_0 * 2.0;
-            prepared[0][lane] = prepared_0;
-            prepared[1][lane] = prepared_1;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let prepared_0 = prepared[0][lane];
-            let &[x, y, _, _, _, _, _, q2, _, _, own_x, own_y, arm, height,
-                zero] = parameters else { panic!("`parameters` must hold 15 numbers") };
-            let t2 = zero + q2 * prepared_0;
-            let t7 = arm + math::sqrt(t2 * t2 - height * height);
-            let rod_x = x - own_x;
-            let rod_y = y - own_y;
-            let residual = t7 * t7 - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let prepared_0 = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let &[x, y, _, _, _, _, _, q2, _, _, own_x, own_y, arm, height,
-                zero] = parameters else { panic!("`parameters` must hold 15 numbers") };
-            let t2 = zero + q2 * prepared_0;
-            let t6 = math::sqrt(t2 * t2 - height * height);
-            let t7 = arm + t6;
-            let rod_x = x - own_x;
-            let rod_y = y - own_y;
-            let residual = t7 * t7 - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -2.0 * rod_x;
-            jacobian[1][lane] = -2.0 * rod_y;
-            jacobian[2][lane] = t7 * 2.0 / (t6 * 2.0) * (t2 * prepared_1);
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point, z = 0`
-    ///
-    /// Data: `scale`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `own_x`, `own_y`, `arm`, `height`, `zero`.
-    ///
-    /// Once per sample: 2 operations (1 addition, 1 multiplication).
-    /// Residuals: 14 operations (7 additions, 6 multiplications, 1 function).
-    /// With the Jacobian: 21 operations (7 additions, 12 multiplications, 1 division, 1 function).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseBottomLeft;
-    impl Formulas for ClosureByPoseBottomLeft {
-        const SHAPE: Shape = Shape {
-            data: 1,
-            prepared: 2,
-            parameters: 15,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 3],
-            columns: &[0, 1, 8],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[scale] = data else { panic!("`data` must hold 1 numbers") };
-            let prepared_0 = 1.0 + scale;
-            let prepared_1 = prepared_0 * 2.0;
-            prepared[0][lane] = prepared_0;
-            prepared[1][lane] = prepared_1;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let prepared_0 = prepared[0][lane];
-            let &[x, y, _, _, _, _, _, _, q3, _, own_x, own_y, arm, height,
-                zero] = parameters else { panic!("`parameters` must hold 15 numbers") };
-            let t2 = zero + q3 * prepared_0;
-            let t7 = arm + math::sqrt(t2 * t2 - height * height);
-            let rod_x = x - own_x;
-            let rod_y = y - own_y;
-            let residual = t7 * t7 - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let prepared_0 = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let &[x, y, _, _, _, _, _, _, q3, _, own_x, own_y, arm, height,
-                zero] = parameters else { panic!("`parameters` must hold 15 numbers") };
-            let t2 = zero + q3 * prepared_0;
-            let t6 = math::sqrt(t2 * t2 - height * height);
-            let t7 = arm + t6;
-            let rod_x = x - own_x;
-            let rod_y = y - own_y;
-            let residual = t7 * t7 - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -2.0 * rod_x;
-            jacobian[1][lane] = -2.0 * rod_y;
-            jacobian[2][lane] = t7 * 2.0 / (t6 * 2.0) * (t2 * prepared_1);
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point, z = 0`
-    ///
-    /// Data: `scale`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `own_x`, `own_y`, `arm`, `height`, `zero`.
-    ///
-    /// Once per sample: 2 operations (1 addition, 1 multiplication).
-    /// Residuals: 14 operations (7 additions, 6 multiplications, 1 function).
-    /// With the Jacobian: 21 operations (7 additions, 12 multiplications, 1 division, 1 function).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseBottomRight;
-    impl Formulas for ClosureByPoseBottomRight {
-        const SHAPE: Shape = Shape {
-            data: 1,
-            prepared: 2,
-            parameters: 15,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 3],
-            columns: &[0, 1, 9],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[scale] = data else { panic!("`data` must hold 1 numbers") };
-            let prepared_0 = 1.0 + scale;
-            let prepared_1 = prepared_0 * 2.0;
-            prepared[0][lane] = prepared_0;
-            prepared[1][lane] = prepared_1;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let prepared_0 = prepared[0][lane];
-            let &[x, y, _, _, _, _, _, _, _, q4, own_x, own_y, arm, height,
-                zero] = parameters else { panic!("`parameters` must hold 15 numbers") };
-            let t2 = zero + q4 * prepared_0;
-            let t7 = arm + math::sqrt(t2 * t2 - height * height);
-            let rod_x = x - own_x;
-            let rod_y = y - own_y;
-            let residual = t7 * t7 - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let prepared_0 = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let &[x, y, _, _, _, _, _, _, _, q4, own_x, own_y, arm, height,
-                zero] = parameters else { panic!("`parameters` must hold 15 numbers") };
-            let t2 = zero + q4 * prepared_0;
-            let t6 = math::sqrt(t2 * t2 - height * height);
-            let t7 = arm + t6;
-            let rod_x = x - own_x;
-            let rod_y = y - own_y;
-            let residual = t7 * t7 - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -2.0 * rod_x;
-            jacobian[1][lane] = -2.0 * rod_y;
-            jacobian[2][lane] = t7 * 2.0 / (t6 * 2.0) * (t2 * prepared_1);
+            jacobian[2][lane] = t6 * 2.0 / (t5 * 2.0) * (t1 * prepared_3);
         }
     }
 }
@@ -1491,30 +1114,42 @@ pub mod anchors {
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 0,
-                family: &ClosureByPoseTopLeft,
+                family: &ClosureByPose,
                 parameters: &[0, 1, 10],
-                inputs: &[Input::Held(8), Input::Held(9), Input::Held(11)],
+                inputs: &[
+                    Input::Command(0), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Held(8), Input::Held(9), Input::Held(11),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 1,
-                family: &ClosureByPoseTopRight,
+                family: &ClosureByPose,
                 parameters: &[2, 3, 10],
-                inputs: &[Input::Held(8), Input::Held(9), Input::Held(11)],
+                inputs: &[
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Held(8), Input::Held(9), Input::Held(11),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 2,
-                family: &ClosureByPoseBottomLeft,
+                family: &ClosureByPose,
                 parameters: &[4, 5, 10],
-                inputs: &[Input::Held(8), Input::Held(9), Input::Held(11)],
+                inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Held(8), Input::Held(9), Input::Held(11),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 3,
-                family: &ClosureByPoseBottomRight,
+                family: &ClosureByPose,
                 parameters: &[6, 7, 10],
-                inputs: &[Input::Held(8), Input::Held(9), Input::Held(11)],
+                inputs: &[
+                    Input::Command(3), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Held(8), Input::Held(9), Input::Held(11),
+                ],
             },
         ],
     };
@@ -1652,20 +1287,20 @@ pub mod anchors {
     }
     /// `L² − ‖T − C(q)‖², T the point, z = 0`
     ///
-    /// Data: `arm`, `height`, `scale`.
+    /// Data: `q`, `x`, `y`, `z`, `arm`, `height`, `scale`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `own_x`, `own_y`, `zero`.
+    /// Parameters: `own_x`, `own_y`, `zero`.
     ///
-    /// Once per sample: 3 operations (1 addition, 2 multiplications).
-    /// Residuals: 13 operations (7 additions, 5 multiplications, 1 function).
-    /// With the Jacobian: 20 operations (7 additions, 11 multiplications, 1 division, 1 function).
+    /// Once per sample: 4 operations (1 addition, 3 multiplications).
+    /// Residuals: 12 operations (7 additions, 4 multiplications, 1 function).
+    /// With the Jacobian: 19 operations (7 additions, 10 multiplications, 1 division, 1 function).
     #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseTopLeft;
-    impl Formulas for ClosureByPoseTopLeft {
+    pub struct ClosureByPose;
+    impl Formulas for ClosureByPose {
         const SHAPE: Shape = Shape {
-            data: 3,
-            prepared: 4,
-            parameters: 13,
+            data: 7,
+            prepared: 6,
+            parameters: 3,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
@@ -1674,14 +1309,18 @@ pub mod anchors {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[arm, height, scale] = data else { panic!("`data` must hold 3 numbers") };
-            let prepared_1 = 1.0 + scale;
-            let prepared_2 = height * height;
-            let prepared_3 = prepared_1 * 2.0;
-            prepared[0][lane] = arm;
-            prepared[1][lane] = prepared_1;
-            prepared[2][lane] = prepared_2;
+            let &[q, x, y, _, arm, height,
+                scale] = data else { panic!("`data` must hold 7 numbers") };
+            let t1 = 1.0 + scale;
+            let prepared_3 = t1 * q;
+            let prepared_4 = height * height;
+            let prepared_5 = t1 * 2.0;
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = arm;
             prepared[3][lane] = prepared_3;
+            prepared[4][lane] = prepared_4;
+            prepared[5][lane] = prepared_5;
         }
         #[inline(always)]
         fn value<S: Samples>(
@@ -1690,16 +1329,18 @@ pub mod anchors {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let arm = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let prepared_2 = prepared[2][lane];
-            let &[x, y, _, _, _, _, q1, _, _, _, own_x, own_y,
-                zero] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t2 = zero + q1 * prepared_1;
-            let t6 = arm + math::sqrt(t2 * t2 - prepared_2);
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let arm = prepared[2][lane];
+            let prepared_3 = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let &[own_x, own_y,
+                zero] = parameters else { panic!("`parameters` must hold 3 numbers") };
+            let t1 = zero + prepared_3;
+            let t5 = arm + math::sqrt(t1 * t1 - prepared_4);
             let rod_x = x - own_x;
             let rod_y = y - own_y;
-            let residual = t6 * t6 - rod_x * rod_x - rod_y * rod_y;
+            let residual = t5 * t5 - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -1710,256 +1351,24 @@ pub mod anchors {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let arm = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let prepared_2 = prepared[2][lane];
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let arm = prepared[2][lane];
             let prepared_3 = prepared[3][lane];
-            let &[x, y, _, _, _, _, q1, _, _, _, own_x, own_y,
-                zero] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t2 = zero + q1 * prepared_1;
-            let t5 = math::sqrt(t2 * t2 - prepared_2);
-            let t6 = arm + t5;
+            let prepared_4 = prepared[4][lane];
+            let prepared_5 = prepared[5][lane];
+            let &[own_x, own_y,
+                zero] = parameters else { panic!("`parameters` must hold 3 numbers") };
+            let t1 = zero + prepared_3;
+            let t4 = math::sqrt(t1 * t1 - prepared_4);
+            let t5 = arm + t4;
             let rod_x = x - own_x;
             let rod_y = y - own_y;
-            let residual = t6 * t6 - rod_x * rod_x - rod_y * rod_y;
+            let residual = t5 * t5 - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
             jacobian[0][lane] = -2.0 * rod_x;
             jacobian[1][lane] = -2.0 * rod_y;
-            jacobian[2][lane] = t6 * 2.0 / (t5 * 2.0) * (t2 * prepared_3);
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point, z = 0`
-    ///
-    /// Data: `arm`, `height`, `scale`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `own_x`, `own_y`, `zero`.
-    ///
-    /// Once per sample: 3 operations (1 addition, 2 multiplications).
-    /// Residuals: 13 operations (7 additions, 5 multiplications, 1 function).
-    /// With the Jacobian: 20 operations (7 additions, 11 multiplications, 1 division, 1 function).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseTopRight;
-    impl Formulas for ClosureByPoseTopRight {
-        const SHAPE: Shape = Shape {
-            data: 3,
-            prepared: 4,
-            parameters: 13,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 3],
-            columns: &[0, 1, 7],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[arm, height, scale] = data else { panic!("`data` must hold 3 numbers") };
-            let prepared_1 = 1.0 + scale;
-            let prepared_2 = height * height;
-            let prepared_3 = prepared_1 * 2.0;
-            prepared[0][lane] = arm;
-            prepared[1][lane] = prepared_1;
-            prepared[2][lane] = prepared_2;
-            prepared[3][lane] = prepared_3;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let arm = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let prepared_2 = prepared[2][lane];
-            let &[x, y, _, _, _, _, _, q2, _, _, own_x, own_y,
-                zero] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t2 = zero + q2 * prepared_1;
-            let t6 = arm + math::sqrt(t2 * t2 - prepared_2);
-            let rod_x = x - own_x;
-            let rod_y = y - own_y;
-            let residual = t6 * t6 - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let arm = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let prepared_2 = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let &[x, y, _, _, _, _, _, q2, _, _, own_x, own_y,
-                zero] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t2 = zero + q2 * prepared_1;
-            let t5 = math::sqrt(t2 * t2 - prepared_2);
-            let t6 = arm + t5;
-            let rod_x = x - own_x;
-            let rod_y = y - own_y;
-            let residual = t6 * t6 - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -2.0 * rod_x;
-            jacobian[1][lane] = -2.0 * rod_y;
-            jacobian[2][lane] = t6 * 2.0 / (t5 * 2.0) * (t2 * prepared_3);
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point, z = 0`
-    ///
-    /// Data: `arm`, `height`, `scale`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `own_x`, `own_y`, `zero`.
-    ///
-    /// Once per sample: 3 operations (1 addition, 2 multiplications).
-    /// Residuals: 13 operations (7 additions, 5 multiplications, 1 function).
-    /// With the Jacobian: 20 operations (7 additions, 11 multiplications, 1 division, 1 function).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseBottomLeft;
-    impl Formulas for ClosureByPoseBottomLeft {
-        const SHAPE: Shape = Shape {
-            data: 3,
-            prepared: 4,
-            parameters: 13,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 3],
-            columns: &[0, 1, 8],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[arm, height, scale] = data else { panic!("`data` must hold 3 numbers") };
-            let prepared_1 = 1.0 + scale;
-            let prepared_2 = height * height;
-            let prepared_3 = prepared_1 * 2.0;
-            prepared[0][lane] = arm;
-            prepared[1][lane] = prepared_1;
-            prepared[2][lane] = prepared_2;
-            prepared[3][lane] = prepared_3;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let arm = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let prepared_2 = prepared[2][lane];
-            let &[x, y, _, _, _, _, _, _, q3, _, own_x, own_y,
-                zero] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t2 = zero + q3 * prepared_1;
-            let t6 = arm + math::sqrt(t2 * t2 - prepared_2);
-            let rod_x = x - own_x;
-            let rod_y = y - own_y;
-            let residual = t6 * t6 - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let arm = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let prepared_2 = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let &[x, y, _, _, _, _, _, _, q3, _, own_x, own_y,
-                zero] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t2 = zero + q3 * prepared_1;
-            let t5 = math::sqrt(t2 * t2 - prepared_2);
-            let t6 = arm + t5;
-            let rod_x = x - own_x;
-            let rod_y = y - own_y;
-            let residual = t6 * t6 - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -2.0 * rod_x;
-            jacobian[1][lane] = -2.0 * rod_y;
-            jacobian[2][lane] = t6 * 2.0 / (t5 * 2.0) * (t2 * prepared_3);
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point, z = 0`
-    ///
-    /// Data: `arm`, `height`, `scale`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `own_x`, `own_y`, `zero`.
-    ///
-    /// Once per sample: 3 operations (1 addition, 2 multiplications).
-    /// Residuals: 13 operations (7 additions, 5 multiplications, 1 function).
-    /// With the Jacobian: 20 operations (7 additions, 11 multiplications, 1 division, 1 function).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseBottomRight;
-    impl Formulas for ClosureByPoseBottomRight {
-        const SHAPE: Shape = Shape {
-            data: 3,
-            prepared: 4,
-            parameters: 13,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 3],
-            columns: &[0, 1, 9],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[arm, height, scale] = data else { panic!("`data` must hold 3 numbers") };
-            let prepared_1 = 1.0 + scale;
-            let prepared_2 = height * height;
-            let prepared_3 = prepared_1 * 2.0;
-            prepared[0][lane] = arm;
-            prepared[1][lane] = prepared_1;
-            prepared[2][lane] = prepared_2;
-            prepared[3][lane] = prepared_3;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let arm = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let prepared_2 = prepared[2][lane];
-            let &[x, y, _, _, _, _, _, _, _, q4, own_x, own_y,
-                zero] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t2 = zero + q4 * prepared_1;
-            let t6 = arm + math::sqrt(t2 * t2 - prepared_2);
-            let rod_x = x - own_x;
-            let rod_y = y - own_y;
-            let residual = t6 * t6 - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let arm = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let prepared_2 = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let &[x, y, _, _, _, _, _, _, _, q4, own_x, own_y,
-                zero] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t2 = zero + q4 * prepared_1;
-            let t5 = math::sqrt(t2 * t2 - prepared_2);
-            let t6 = arm + t5;
-            let rod_x = x - own_x;
-            let rod_y = y - own_y;
-            let residual = t6 * t6 - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -2.0 * rod_x;
-            jacobian[1][lane] = -2.0 * rod_y;
-            jacobian[2][lane] = t6 * 2.0 / (t5 * 2.0) * (t2 * prepared_3);
+            jacobian[2][lane] = t5 * 2.0 / (t4 * 2.0) * (t1 * prepared_5);
         }
     }
 }

@@ -3,22 +3,16 @@
 // Operations once per sample / per residual / with the Jacobian:
 //   full::closure_a: 3 / 22 / 41
 //   full::closure_d: 3 / 22 / 41
-//   full::closure_by_pose_a: 0 / 24 / 36
-//   full::closure_by_pose_b: 0 / 24 / 36
-//   full::closure_by_pose_c: 0 / 24 / 36
-//   full::closure_by_pose_d: 0 / 24 / 36
+//   full::closure_by_pose_a: 3 / 22 / 33
+//   full::closure_by_pose_d: 3 / 22 / 33
 //   radii::closure_a: 4 / 20 / 37
 //   radii::closure_d: 4 / 20 / 37
-//   radii::closure_by_pose_a: 1 / 24 / 35
-//   radii::closure_by_pose_b: 1 / 24 / 35
-//   radii::closure_by_pose_c: 1 / 24 / 35
-//   radii::closure_by_pose_d: 1 / 24 / 35
+//   radii::closure_by_pose_a: 6 / 20 / 30
+//   radii::closure_by_pose_d: 6 / 20 / 30
 //   anchors::closure_a: 7 / 17 / 32
 //   anchors::closure_d: 7 / 17 / 32
-//   anchors::closure_by_pose_a: 1 / 24 / 35
-//   anchors::closure_by_pose_b: 1 / 24 / 35
-//   anchors::closure_by_pose_c: 1 / 24 / 35
-//   anchors::closure_by_pose_d: 1 / 24 / 35
+//   anchors::closure_by_pose_a: 9 / 17 / 27
+//   anchors::closure_by_pose_d: 9 / 17 / 27
 
 ///A printer that hangs from four lines wound on drums: a point in space, held by one drive more than it has freedoms.
 ///
@@ -376,28 +370,36 @@ pub mod full {
                 of: 0,
                 family: &ClosureByPoseA,
                 parameters: &[0, 1, 2, 12, 16],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(0), Input::Position(0), Input::Position(1), Input::Position(2),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 1,
-                family: &ClosureByPoseB,
+                family: &ClosureByPoseA,
                 parameters: &[3, 4, 5, 13, 16],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 2,
-                family: &ClosureByPoseC,
+                family: &ClosureByPoseA,
                 parameters: &[6, 7, 8, 14, 16],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 3,
                 family: &ClosureByPoseD,
                 parameters: &[9, 10, 11, 15, 16],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(3), Input::Position(0), Input::Position(1), Input::Position(2),
+                ],
             },
         ],
     };
@@ -649,20 +651,20 @@ pub mod full {
     }
     /// `L² − ‖T − C(q)‖², T the point`
     ///
-    /// Data: none.
+    /// Data: `q`, `x`, `y`, `z`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius`, `build_up`.
+    /// Parameters: `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius`, `build_up`.
     ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 24 operations (10 additions, 10 multiplications, 3 divisions, 1 function).
-    /// With the Jacobian: 36 operations (11 additions, 18 multiplications, 6 divisions, 1 function).
+    /// Once per sample: 3 operations (2 multiplications, 1 division).
+    /// Residuals: 22 operations (10 additions, 9 multiplications, 2 divisions, 1 function).
+    /// With the Jacobian: 33 operations (11 additions, 16 multiplications, 5 divisions, 1 function).
     #[derive(Debug, Clone, Copy)]
     pub struct ClosureByPoseA;
     impl Formulas for ClosureByPoseA {
         const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 15,
+            data: 4,
+            prepared: 6,
+            parameters: 5,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
@@ -670,272 +672,164 @@ pub mod full {
             columns: &[0, 1, 2, 6],
         };
         #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
+            let &[q, x, y, z] = data else { panic!("`data` must hold 4 numbers") };
+            let t1 = q / 12.75;
+            let prepared_4 = t1 * t1;
+            let prepared_5 = 2.0 * t1;
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = z;
+            prepared[3][lane] = q;
+            prepared[4][lane] = prepared_4;
+            prepared[5][lane] = prepared_5;
         }
         #[inline(always)]
         fn value<S: Samples>(
             lane: usize,
-            _prepared: &[S],
+            prepared: &[S],
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let &[x, y, z, _, _, _, q1, _, _, _, track_offset_x, track_offset_y, track_offset_z,
-                radius, build_up] = parameters else { panic!("`parameters` must hold 15 numbers") };
-            let t9 = q1 / 12.75;
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let &[track_offset_x, track_offset_y, track_offset_z, radius,
+                build_up] = parameters else { panic!("`parameters` must hold 5 numbers") };
+            let t12 =
+                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
+                + track_offset_z * track_offset_z) + radius * q / 25.5
+                - build_up * prepared_4 / 8.0;
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
             let rod_z = z - track_offset_z;
-            let t20 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q1 * radius / 25.5
-                - t9 * (build_up * t9) / 8.0;
-            let residual = t20 * t20 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
+            let residual = t12 * t12 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
         fn linearize<S: Samples>(
             lane: usize,
-            _prepared: &[S],
+            prepared: &[S],
             parameters: &[f64],
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let &[x, y, z, _, _, _, q1, _, _, _, track_offset_x, track_offset_y, track_offset_z,
-                radius, build_up] = parameters else { panic!("`parameters` must hold 15 numbers") };
-            let t9 = q1 / 12.75;
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let prepared_5 = prepared[5][lane];
+            let &[track_offset_x, track_offset_y, track_offset_z, radius,
+                build_up] = parameters else { panic!("`parameters` must hold 5 numbers") };
+            let t12 =
+                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
+                + track_offset_z * track_offset_z) + radius * q / 25.5
+                - build_up * prepared_4 / 8.0;
+            let t14 = 2.0 * t12;
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
             let rod_z = z - track_offset_z;
-            let t23 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q1 * radius / 25.5
-                - t9 * (build_up * t9) / 8.0;
-            let t25 = 2.0 * t23;
-            let residual = t23 * t23 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
+            let residual = t12 * t12 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
             jacobian[0][lane] = -2.0 * rod_x;
             jacobian[1][lane] = -2.0 * rod_y;
             jacobian[2][lane] = -2.0 * rod_z;
-            jacobian[3][lane] = radius * (t25 / 25.5) - t25 / 8.0 * (build_up * (2.0 * t9)) / 12.75;
+            jacobian[3][lane] = radius * (t14 / 25.5) - t14 / 8.0 * (build_up * prepared_5) / 12.75;
         }
     }
     /// `L² − ‖T − C(q)‖², T the point`
     ///
-    /// Data: none.
+    /// Data: `q`, `x`, `y`, `z`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius`, `build_up`.
+    /// Parameters: `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius_d`, `build_up`.
     ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 24 operations (10 additions, 10 multiplications, 3 divisions, 1 function).
-    /// With the Jacobian: 36 operations (11 additions, 18 multiplications, 6 divisions, 1 function).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseB;
-    impl Formulas for ClosureByPoseB {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 15,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 4],
-            columns: &[0, 1, 2, 7],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, z, _, _, _, _, q2, _, _, track_offset_x, track_offset_y, track_offset_z,
-                radius, build_up] = parameters else { panic!("`parameters` must hold 15 numbers") };
-            let t9 = q2 / 12.75;
-            let rod_x = x - track_offset_x;
-            let rod_y = y - track_offset_y;
-            let rod_z = z - track_offset_z;
-            let t20 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q2 * radius / 25.5
-                - t9 * (build_up * t9) / 8.0;
-            let residual = t20 * t20 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, z, _, _, _, _, q2, _, _, track_offset_x, track_offset_y, track_offset_z,
-                radius, build_up] = parameters else { panic!("`parameters` must hold 15 numbers") };
-            let t9 = q2 / 12.75;
-            let rod_x = x - track_offset_x;
-            let rod_y = y - track_offset_y;
-            let rod_z = z - track_offset_z;
-            let t23 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q2 * radius / 25.5
-                - t9 * (build_up * t9) / 8.0;
-            let t25 = 2.0 * t23;
-            let residual = t23 * t23 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -2.0 * rod_x;
-            jacobian[1][lane] = -2.0 * rod_y;
-            jacobian[2][lane] = -2.0 * rod_z;
-            jacobian[3][lane] = radius * (t25 / 25.5) - t25 / 8.0 * (build_up * (2.0 * t9)) / 12.75;
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius`, `build_up`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 24 operations (10 additions, 10 multiplications, 3 divisions, 1 function).
-    /// With the Jacobian: 36 operations (11 additions, 18 multiplications, 6 divisions, 1 function).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseC;
-    impl Formulas for ClosureByPoseC {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 15,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 4],
-            columns: &[0, 1, 2, 8],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, z, _, _, _, _, _, q3, _, track_offset_x, track_offset_y, track_offset_z,
-                radius, build_up] = parameters else { panic!("`parameters` must hold 15 numbers") };
-            let t9 = q3 / 12.75;
-            let rod_x = x - track_offset_x;
-            let rod_y = y - track_offset_y;
-            let rod_z = z - track_offset_z;
-            let t20 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q3 * radius / 25.5
-                - t9 * (build_up * t9) / 8.0;
-            let residual = t20 * t20 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, z, _, _, _, _, _, q3, _, track_offset_x, track_offset_y, track_offset_z,
-                radius, build_up] = parameters else { panic!("`parameters` must hold 15 numbers") };
-            let t9 = q3 / 12.75;
-            let rod_x = x - track_offset_x;
-            let rod_y = y - track_offset_y;
-            let rod_z = z - track_offset_z;
-            let t23 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q3 * radius / 25.5
-                - t9 * (build_up * t9) / 8.0;
-            let t25 = 2.0 * t23;
-            let residual = t23 * t23 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -2.0 * rod_x;
-            jacobian[1][lane] = -2.0 * rod_y;
-            jacobian[2][lane] = -2.0 * rod_z;
-            jacobian[3][lane] = radius * (t25 / 25.5) - t25 / 8.0 * (build_up * (2.0 * t9)) / 12.75;
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius_d`, `build_up`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 24 operations (10 additions, 10 multiplications, 3 divisions, 1 function).
-    /// With the Jacobian: 36 operations (11 additions, 18 multiplications, 6 divisions, 1 function).
+    /// Once per sample: 3 operations (2 multiplications, 1 division).
+    /// Residuals: 22 operations (10 additions, 9 multiplications, 2 divisions, 1 function).
+    /// With the Jacobian: 33 operations (11 additions, 16 multiplications, 5 divisions, 1 function).
     #[derive(Debug, Clone, Copy)]
     pub struct ClosureByPoseD;
     impl Formulas for ClosureByPoseD {
         const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 15,
+            data: 4,
+            prepared: 6,
+            parameters: 5,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
             row_starts: &[0, 4],
-            columns: &[0, 1, 2, 9],
+            columns: &[0, 1, 2, 6],
         };
         #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
+            let &[q, x, y, z] = data else { panic!("`data` must hold 4 numbers") };
+            let t1 = q / 12.75;
+            let prepared_4 = t1 * t1;
+            let prepared_5 = t1 * 2.0;
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = z;
+            prepared[3][lane] = q;
+            prepared[4][lane] = prepared_4;
+            prepared[5][lane] = prepared_5;
         }
         #[inline(always)]
         fn value<S: Samples>(
             lane: usize,
-            _prepared: &[S],
+            prepared: &[S],
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let &[x, y, z, _, _, _, _, _, _, q4, track_offset_x, track_offset_y, track_offset_z,
-                radius_d,
-                build_up] = parameters else { panic!("`parameters` must hold 15 numbers") };
-            let t9 = q4 / 12.75;
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let &[track_offset_x, track_offset_y, track_offset_z, radius_d,
+                build_up] = parameters else { panic!("`parameters` must hold 5 numbers") };
+            let t12 =
+                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
+                + track_offset_z * track_offset_z) + radius_d * q / 51.0
+                - build_up * prepared_4 / 16.0;
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
             let rod_z = z - track_offset_z;
-            let t20 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q4 * radius_d / 51.0
-                - t9 * (build_up * t9) / 16.0;
-            let residual = t20 * t20 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
+            let residual = t12 * t12 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
         fn linearize<S: Samples>(
             lane: usize,
-            _prepared: &[S],
+            prepared: &[S],
             parameters: &[f64],
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let &[x, y, z, _, _, _, _, _, _, q4, track_offset_x, track_offset_y, track_offset_z,
-                radius_d,
-                build_up] = parameters else { panic!("`parameters` must hold 15 numbers") };
-            let t9 = q4 / 12.75;
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let prepared_5 = prepared[5][lane];
+            let &[track_offset_x, track_offset_y, track_offset_z, radius_d,
+                build_up] = parameters else { panic!("`parameters` must hold 5 numbers") };
+            let t12 =
+                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
+                + track_offset_z * track_offset_z) + radius_d * q / 51.0
+                - build_up * prepared_4 / 16.0;
+            let t14 = t12 * 2.0;
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
             let rod_z = z - track_offset_z;
-            let t23 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q4 * radius_d / 51.0
-                - t9 * (build_up * t9) / 16.0;
-            let t25 = 2.0 * t23;
-            let residual = t23 * t23 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
+            let residual = t12 * t12 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
             jacobian[0][lane] = -2.0 * rod_x;
             jacobian[1][lane] = -2.0 * rod_y;
             jacobian[2][lane] = -2.0 * rod_z;
-            jacobian[3][lane] = radius_d * (t25 / 51.0)
-                - t25 / 16.0 * (build_up * (t9 * 2.0)) / 12.75;
+            jacobian[3][lane] = radius_d * (t14 / 51.0)
+                - t14 / 16.0 * (build_up * prepared_5) / 12.75;
         }
     }
 }
@@ -1191,28 +1085,40 @@ pub mod radii {
                 of: 0,
                 family: &ClosureByPoseA,
                 parameters: &[0, 1, 2, 12],
-                inputs: &[Input::Held(16)],
+                inputs: &[
+                    Input::Command(0), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Held(16),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 1,
-                family: &ClosureByPoseB,
+                family: &ClosureByPoseA,
                 parameters: &[3, 4, 5, 13],
-                inputs: &[Input::Held(16)],
+                inputs: &[
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Held(16),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 2,
-                family: &ClosureByPoseC,
+                family: &ClosureByPoseA,
                 parameters: &[6, 7, 8, 14],
-                inputs: &[Input::Held(16)],
+                inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Held(16),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 3,
                 family: &ClosureByPoseD,
                 parameters: &[9, 10, 11, 15],
-                inputs: &[Input::Held(16)],
+                inputs: &[
+                    Input::Command(3), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Held(16),
+                ],
             },
         ],
     };
@@ -1460,20 +1366,20 @@ pub mod radii {
     }
     /// `L² − ‖T − C(q)‖², T the point`
     ///
-    /// Data: `build_up`.
+    /// Data: `q`, `x`, `y`, `z`, `build_up`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius`.
+    /// Parameters: `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius`.
     ///
-    /// Once per sample: 1 operations (1 multiplication).
-    /// Residuals: 24 operations (10 additions, 10 multiplications, 3 divisions, 1 function).
-    /// With the Jacobian: 35 operations (11 additions, 17 multiplications, 6 divisions, 1 function).
+    /// Once per sample: 6 operations (4 multiplications, 2 divisions).
+    /// Residuals: 20 operations (10 additions, 8 multiplications, 1 division, 1 function).
+    /// With the Jacobian: 30 operations (11 additions, 14 multiplications, 4 divisions, 1 function).
     #[derive(Debug, Clone, Copy)]
     pub struct ClosureByPoseA;
     impl Formulas for ClosureByPoseA {
         const SHAPE: Shape = Shape {
-            data: 1,
-            prepared: 2,
-            parameters: 14,
+            data: 5,
+            prepared: 6,
+            parameters: 4,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
@@ -1482,10 +1388,16 @@ pub mod radii {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[build_up] = data else { panic!("`data` must hold 1 numbers") };
-            let prepared_1 = 2.0 * build_up;
-            prepared[0][lane] = build_up;
-            prepared[1][lane] = prepared_1;
+            let &[q, x, y, z, build_up] = data else { panic!("`data` must hold 5 numbers") };
+            let t1 = q / 12.75;
+            let prepared_4 = build_up * (t1 * t1) / 8.0;
+            let prepared_5 = build_up * (2.0 * t1);
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = z;
+            prepared[3][lane] = q;
+            prepared[4][lane] = prepared_4;
+            prepared[5][lane] = prepared_5;
         }
         #[inline(always)]
         fn value<S: Samples>(
@@ -1494,18 +1406,20 @@ pub mod radii {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let build_up = prepared[0][lane];
-            let &[x, y, z, _, _, _, q1, _, _, _, track_offset_x, track_offset_y, track_offset_z,
-                radius] = parameters else { panic!("`parameters` must hold 14 numbers") };
-            let t9 = q1 / 12.75;
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let &[track_offset_x, track_offset_y, track_offset_z,
+                radius] = parameters else { panic!("`parameters` must hold 4 numbers") };
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
             let rod_z = z - track_offset_z;
-            let t20 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q1 * radius / 25.5
-                - t9 * (build_up * t9) / 8.0;
-            let residual = t20 * t20 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
+            let t16 = radius * q / 25.5
+                + math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
+                + track_offset_z * track_offset_z) - prepared_4;
+            let residual = t16 * t16 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -1516,213 +1430,63 @@ pub mod radii {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let build_up = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let &[x, y, z, _, _, _, q1, _, _, _, track_offset_x, track_offset_y, track_offset_z,
-                radius] = parameters else { panic!("`parameters` must hold 14 numbers") };
-            let t9 = q1 / 12.75;
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let prepared_5 = prepared[5][lane];
+            let &[track_offset_x, track_offset_y, track_offset_z,
+                radius] = parameters else { panic!("`parameters` must hold 4 numbers") };
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
             let rod_z = z - track_offset_z;
-            let t23 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q1 * radius / 25.5
-                - t9 * (build_up * t9) / 8.0;
-            let t25 = 2.0 * t23;
-            let residual = t23 * t23 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
+            let t19 = radius * q / 25.5
+                + math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
+                + track_offset_z * track_offset_z) - prepared_4;
+            let t21 = 2.0 * t19;
+            let residual = t19 * t19 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
             jacobian[0][lane] = -2.0 * rod_x;
             jacobian[1][lane] = -2.0 * rod_y;
             jacobian[2][lane] = -2.0 * rod_z;
-            jacobian[3][lane] = radius * (t25 / 25.5) - t25 / 8.0 * (t9 * prepared_1) / 12.75;
+            jacobian[3][lane] = radius * (t21 / 25.5) - t21 / 8.0 * prepared_5 / 12.75;
         }
     }
     /// `L² − ‖T − C(q)‖², T the point`
     ///
-    /// Data: `build_up`.
+    /// Data: `q`, `x`, `y`, `z`, `build_up`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius`.
+    /// Parameters: `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius_d`.
     ///
-    /// Once per sample: 1 operations (1 multiplication).
-    /// Residuals: 24 operations (10 additions, 10 multiplications, 3 divisions, 1 function).
-    /// With the Jacobian: 35 operations (11 additions, 17 multiplications, 6 divisions, 1 function).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseB;
-    impl Formulas for ClosureByPoseB {
-        const SHAPE: Shape = Shape {
-            data: 1,
-            prepared: 2,
-            parameters: 14,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 4],
-            columns: &[0, 1, 2, 7],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[build_up] = data else { panic!("`data` must hold 1 numbers") };
-            let prepared_1 = 2.0 * build_up;
-            prepared[0][lane] = build_up;
-            prepared[1][lane] = prepared_1;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let build_up = prepared[0][lane];
-            let &[x, y, z, _, _, _, _, q2, _, _, track_offset_x, track_offset_y, track_offset_z,
-                radius] = parameters else { panic!("`parameters` must hold 14 numbers") };
-            let t9 = q2 / 12.75;
-            let rod_x = x - track_offset_x;
-            let rod_y = y - track_offset_y;
-            let rod_z = z - track_offset_z;
-            let t20 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q2 * radius / 25.5
-                - t9 * (build_up * t9) / 8.0;
-            let residual = t20 * t20 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let build_up = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let &[x, y, z, _, _, _, _, q2, _, _, track_offset_x, track_offset_y, track_offset_z,
-                radius] = parameters else { panic!("`parameters` must hold 14 numbers") };
-            let t9 = q2 / 12.75;
-            let rod_x = x - track_offset_x;
-            let rod_y = y - track_offset_y;
-            let rod_z = z - track_offset_z;
-            let t23 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q2 * radius / 25.5
-                - t9 * (build_up * t9) / 8.0;
-            let t25 = 2.0 * t23;
-            let residual = t23 * t23 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -2.0 * rod_x;
-            jacobian[1][lane] = -2.0 * rod_y;
-            jacobian[2][lane] = -2.0 * rod_z;
-            jacobian[3][lane] = radius * (t25 / 25.5) - t25 / 8.0 * (t9 * prepared_1) / 12.75;
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point`
-    ///
-    /// Data: `build_up`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius`.
-    ///
-    /// Once per sample: 1 operations (1 multiplication).
-    /// Residuals: 24 operations (10 additions, 10 multiplications, 3 divisions, 1 function).
-    /// With the Jacobian: 35 operations (11 additions, 17 multiplications, 6 divisions, 1 function).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseC;
-    impl Formulas for ClosureByPoseC {
-        const SHAPE: Shape = Shape {
-            data: 1,
-            prepared: 2,
-            parameters: 14,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 4],
-            columns: &[0, 1, 2, 8],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[build_up] = data else { panic!("`data` must hold 1 numbers") };
-            let prepared_1 = 2.0 * build_up;
-            prepared[0][lane] = build_up;
-            prepared[1][lane] = prepared_1;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let build_up = prepared[0][lane];
-            let &[x, y, z, _, _, _, _, _, q3, _, track_offset_x, track_offset_y, track_offset_z,
-                radius] = parameters else { panic!("`parameters` must hold 14 numbers") };
-            let t9 = q3 / 12.75;
-            let rod_x = x - track_offset_x;
-            let rod_y = y - track_offset_y;
-            let rod_z = z - track_offset_z;
-            let t20 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q3 * radius / 25.5
-                - t9 * (build_up * t9) / 8.0;
-            let residual = t20 * t20 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let build_up = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let &[x, y, z, _, _, _, _, _, q3, _, track_offset_x, track_offset_y, track_offset_z,
-                radius] = parameters else { panic!("`parameters` must hold 14 numbers") };
-            let t9 = q3 / 12.75;
-            let rod_x = x - track_offset_x;
-            let rod_y = y - track_offset_y;
-            let rod_z = z - track_offset_z;
-            let t23 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q3 * radius / 25.5
-                - t9 * (build_up * t9) / 8.0;
-            let t25 = 2.0 * t23;
-            let residual = t23 * t23 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -2.0 * rod_x;
-            jacobian[1][lane] = -2.0 * rod_y;
-            jacobian[2][lane] = -2.0 * rod_z;
-            jacobian[3][lane] = radius * (t25 / 25.5) - t25 / 8.0 * (t9 * prepared_1) / 12.75;
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point`
-    ///
-    /// Data: `build_up`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `radius_d`.
-    ///
-    /// Once per sample: 1 operations (1 multiplication).
-    /// Residuals: 24 operations (10 additions, 10 multiplications, 3 divisions, 1 function).
-    /// With the Jacobian: 35 operations (11 additions, 17 multiplications, 6 divisions, 1 function).
+    /// Once per sample: 6 operations (4 multiplications, 2 divisions).
+    /// Residuals: 20 operations (10 additions, 8 multiplications, 1 division, 1 function).
+    /// With the Jacobian: 30 operations (11 additions, 14 multiplications, 4 divisions, 1 function).
     #[derive(Debug, Clone, Copy)]
     pub struct ClosureByPoseD;
     impl Formulas for ClosureByPoseD {
         const SHAPE: Shape = Shape {
-            data: 1,
-            prepared: 2,
-            parameters: 14,
+            data: 5,
+            prepared: 6,
+            parameters: 4,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
             row_starts: &[0, 4],
-            columns: &[0, 1, 2, 9],
+            columns: &[0, 1, 2, 6],
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[build_up] = data else { panic!("`data` must hold 1 numbers") };
-            let prepared_1 = build_up * 2.0;
-            prepared[0][lane] = build_up;
-            prepared[1][lane] = prepared_1;
+            let &[q, x, y, z, build_up] = data else { panic!("`data` must hold 5 numbers") };
+            let t1 = q / 12.75;
+            let prepared_4 = build_up * (t1 * t1) / 16.0;
+            let prepared_5 = build_up * (t1 * 2.0);
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = z;
+            prepared[3][lane] = q;
+            prepared[4][lane] = prepared_4;
+            prepared[5][lane] = prepared_5;
         }
         #[inline(always)]
         fn value<S: Samples>(
@@ -1731,18 +1495,20 @@ pub mod radii {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let build_up = prepared[0][lane];
-            let &[x, y, z, _, _, _, _, _, _, q4, track_offset_x, track_offset_y, track_offset_z,
-                radius_d] = parameters else { panic!("`parameters` must hold 14 numbers") };
-            let t9 = q4 / 12.75;
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let &[track_offset_x, track_offset_y, track_offset_z,
+                radius_d] = parameters else { panic!("`parameters` must hold 4 numbers") };
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
             let rod_z = z - track_offset_z;
-            let t20 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q4 * radius_d / 51.0
-                - t9 * (build_up * t9) / 16.0;
-            let residual = t20 * t20 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
+            let t16 = radius_d * q / 51.0
+                + math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
+                + track_offset_z * track_offset_z) - prepared_4;
+            let residual = t16 * t16 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -1753,25 +1519,27 @@ pub mod radii {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let build_up = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let &[x, y, z, _, _, _, _, _, _, q4, track_offset_x, track_offset_y, track_offset_z,
-                radius_d] = parameters else { panic!("`parameters` must hold 14 numbers") };
-            let t9 = q4 / 12.75;
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let prepared_5 = prepared[5][lane];
+            let &[track_offset_x, track_offset_y, track_offset_z,
+                radius_d] = parameters else { panic!("`parameters` must hold 4 numbers") };
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
             let rod_z = z - track_offset_z;
-            let t23 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q4 * radius_d / 51.0
-                - t9 * (build_up * t9) / 16.0;
-            let t25 = 2.0 * t23;
-            let residual = t23 * t23 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
+            let t19 = radius_d * q / 51.0
+                + math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
+                + track_offset_z * track_offset_z) - prepared_4;
+            let t21 = 2.0 * t19;
+            let residual = t19 * t19 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
             jacobian[0][lane] = -2.0 * rod_x;
             jacobian[1][lane] = -2.0 * rod_y;
             jacobian[2][lane] = -2.0 * rod_z;
-            jacobian[3][lane] = radius_d * (t25 / 51.0) - t25 / 16.0 * (t9 * prepared_1) / 12.75;
+            jacobian[3][lane] = radius_d * (t21 / 51.0) - t21 / 16.0 * prepared_5 / 12.75;
         }
     }
 }
@@ -2027,28 +1795,40 @@ pub mod anchors {
                 of: 0,
                 family: &ClosureByPoseA,
                 parameters: &[0, 1, 2],
-                inputs: &[Input::Held(12), Input::Held(16)],
+                inputs: &[
+                    Input::Command(0), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Held(12), Input::Held(16),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 1,
-                family: &ClosureByPoseB,
+                family: &ClosureByPoseA,
                 parameters: &[3, 4, 5],
-                inputs: &[Input::Held(13), Input::Held(16)],
+                inputs: &[
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Held(13), Input::Held(16),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 2,
-                family: &ClosureByPoseC,
+                family: &ClosureByPoseA,
                 parameters: &[6, 7, 8],
-                inputs: &[Input::Held(14), Input::Held(16)],
+                inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Held(14), Input::Held(16),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 3,
                 family: &ClosureByPoseD,
                 parameters: &[9, 10, 11],
-                inputs: &[Input::Held(15), Input::Held(16)],
+                inputs: &[
+                    Input::Command(3), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Held(15), Input::Held(16),
+                ],
             },
         ],
     };
@@ -2288,20 +2068,20 @@ pub mod anchors {
     }
     /// `L² − ‖T − C(q)‖², T the point`
     ///
-    /// Data: `radius`, `build_up`.
+    /// Data: `q`, `x`, `y`, `z`, `radius`, `build_up`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
+    /// Parameters: `track_offset_x`, `track_offset_y`, `track_offset_z`.
     ///
-    /// Once per sample: 1 operations (1 multiplication).
-    /// Residuals: 24 operations (10 additions, 10 multiplications, 3 divisions, 1 function).
-    /// With the Jacobian: 35 operations (11 additions, 17 multiplications, 6 divisions, 1 function).
+    /// Once per sample: 9 operations (1 addition, 5 multiplications, 3 divisions).
+    /// Residuals: 17 operations (9 additions, 7 multiplications, 1 function).
+    /// With the Jacobian: 27 operations (10 additions, 13 multiplications, 3 divisions, 1 function).
     #[derive(Debug, Clone, Copy)]
     pub struct ClosureByPoseA;
     impl Formulas for ClosureByPoseA {
         const SHAPE: Shape = Shape {
-            data: 2,
-            prepared: 3,
-            parameters: 13,
+            data: 6,
+            prepared: 6,
+            parameters: 3,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
@@ -2310,11 +2090,17 @@ pub mod anchors {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[radius, build_up] = data else { panic!("`data` must hold 2 numbers") };
-            let prepared_2 = 2.0 * build_up;
-            prepared[0][lane] = radius;
-            prepared[1][lane] = build_up;
-            prepared[2][lane] = prepared_2;
+            let &[q, x, y, z, radius,
+                build_up] = data else { panic!("`data` must hold 6 numbers") };
+            let t3 = q / 12.75;
+            let prepared_4 = radius * q / 25.5 - build_up * (t3 * t3) / 8.0;
+            let prepared_5 = build_up * (2.0 * t3);
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = z;
+            prepared[3][lane] = radius;
+            prepared[4][lane] = prepared_4;
+            prepared[5][lane] = prepared_5;
         }
         #[inline(always)]
         fn value<S: Samples>(
@@ -2323,19 +2109,19 @@ pub mod anchors {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let radius = prepared[0][lane];
-            let build_up = prepared[1][lane];
-            let &[x, y, z, _, _, _, q1, _, _, _, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t9 = q1 / 12.75;
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let prepared_4 = prepared[4][lane];
+            let &[track_offset_x, track_offset_y,
+                track_offset_z] = parameters else { panic!("`parameters` must hold 3 numbers") };
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
             let rod_z = z - track_offset_z;
-            let t20 =
+            let t13 =
                 math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q1 * radius / 25.5
-                - t9 * (build_up * t9) / 8.0;
-            let residual = t20 * t20 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
+                + track_offset_z * track_offset_z) + prepared_4;
+            let residual = t13 * t13 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -2346,221 +2132,64 @@ pub mod anchors {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let radius = prepared[0][lane];
-            let build_up = prepared[1][lane];
-            let prepared_2 = prepared[2][lane];
-            let &[x, y, z, _, _, _, q1, _, _, _, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t9 = q1 / 12.75;
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let radius = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let prepared_5 = prepared[5][lane];
+            let &[track_offset_x, track_offset_y,
+                track_offset_z] = parameters else { panic!("`parameters` must hold 3 numbers") };
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
             let rod_z = z - track_offset_z;
-            let t23 =
+            let t16 =
                 math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q1 * radius / 25.5
-                - t9 * (build_up * t9) / 8.0;
-            let t25 = 2.0 * t23;
-            let residual = t23 * t23 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
+                + track_offset_z * track_offset_z) + prepared_4;
+            let t18 = 2.0 * t16;
+            let residual = t16 * t16 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
             jacobian[0][lane] = -2.0 * rod_x;
             jacobian[1][lane] = -2.0 * rod_y;
             jacobian[2][lane] = -2.0 * rod_z;
-            jacobian[3][lane] = radius * (t25 / 25.5) - t25 / 8.0 * (t9 * prepared_2) / 12.75;
+            jacobian[3][lane] = radius * (t18 / 25.5) - t18 / 8.0 * prepared_5 / 12.75;
         }
     }
     /// `L² − ‖T − C(q)‖², T the point`
     ///
-    /// Data: `radius`, `build_up`.
+    /// Data: `q`, `x`, `y`, `z`, `radius_d`, `build_up`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
+    /// Parameters: `track_offset_x`, `track_offset_y`, `track_offset_z`.
     ///
-    /// Once per sample: 1 operations (1 multiplication).
-    /// Residuals: 24 operations (10 additions, 10 multiplications, 3 divisions, 1 function).
-    /// With the Jacobian: 35 operations (11 additions, 17 multiplications, 6 divisions, 1 function).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseB;
-    impl Formulas for ClosureByPoseB {
-        const SHAPE: Shape = Shape {
-            data: 2,
-            prepared: 3,
-            parameters: 13,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 4],
-            columns: &[0, 1, 2, 7],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[radius, build_up] = data else { panic!("`data` must hold 2 numbers") };
-            let prepared_2 = 2.0 * build_up;
-            prepared[0][lane] = radius;
-            prepared[1][lane] = build_up;
-            prepared[2][lane] = prepared_2;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let radius = prepared[0][lane];
-            let build_up = prepared[1][lane];
-            let &[x, y, z, _, _, _, _, q2, _, _, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t9 = q2 / 12.75;
-            let rod_x = x - track_offset_x;
-            let rod_y = y - track_offset_y;
-            let rod_z = z - track_offset_z;
-            let t20 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q2 * radius / 25.5
-                - t9 * (build_up * t9) / 8.0;
-            let residual = t20 * t20 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let radius = prepared[0][lane];
-            let build_up = prepared[1][lane];
-            let prepared_2 = prepared[2][lane];
-            let &[x, y, z, _, _, _, _, q2, _, _, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t9 = q2 / 12.75;
-            let rod_x = x - track_offset_x;
-            let rod_y = y - track_offset_y;
-            let rod_z = z - track_offset_z;
-            let t23 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q2 * radius / 25.5
-                - t9 * (build_up * t9) / 8.0;
-            let t25 = 2.0 * t23;
-            let residual = t23 * t23 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -2.0 * rod_x;
-            jacobian[1][lane] = -2.0 * rod_y;
-            jacobian[2][lane] = -2.0 * rod_z;
-            jacobian[3][lane] = radius * (t25 / 25.5) - t25 / 8.0 * (t9 * prepared_2) / 12.75;
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point`
-    ///
-    /// Data: `radius`, `build_up`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
-    ///
-    /// Once per sample: 1 operations (1 multiplication).
-    /// Residuals: 24 operations (10 additions, 10 multiplications, 3 divisions, 1 function).
-    /// With the Jacobian: 35 operations (11 additions, 17 multiplications, 6 divisions, 1 function).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseC;
-    impl Formulas for ClosureByPoseC {
-        const SHAPE: Shape = Shape {
-            data: 2,
-            prepared: 3,
-            parameters: 13,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 4],
-            columns: &[0, 1, 2, 8],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[radius, build_up] = data else { panic!("`data` must hold 2 numbers") };
-            let prepared_2 = 2.0 * build_up;
-            prepared[0][lane] = radius;
-            prepared[1][lane] = build_up;
-            prepared[2][lane] = prepared_2;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let radius = prepared[0][lane];
-            let build_up = prepared[1][lane];
-            let &[x, y, z, _, _, _, _, _, q3, _, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t9 = q3 / 12.75;
-            let rod_x = x - track_offset_x;
-            let rod_y = y - track_offset_y;
-            let rod_z = z - track_offset_z;
-            let t20 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q3 * radius / 25.5
-                - t9 * (build_up * t9) / 8.0;
-            let residual = t20 * t20 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let radius = prepared[0][lane];
-            let build_up = prepared[1][lane];
-            let prepared_2 = prepared[2][lane];
-            let &[x, y, z, _, _, _, _, _, q3, _, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t9 = q3 / 12.75;
-            let rod_x = x - track_offset_x;
-            let rod_y = y - track_offset_y;
-            let rod_z = z - track_offset_z;
-            let t23 =
-                math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q3 * radius / 25.5
-                - t9 * (build_up * t9) / 8.0;
-            let t25 = 2.0 * t23;
-            let residual = t23 * t23 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -2.0 * rod_x;
-            jacobian[1][lane] = -2.0 * rod_y;
-            jacobian[2][lane] = -2.0 * rod_z;
-            jacobian[3][lane] = radius * (t25 / 25.5) - t25 / 8.0 * (t9 * prepared_2) / 12.75;
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point`
-    ///
-    /// Data: `radius_d`, `build_up`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
-    ///
-    /// Once per sample: 1 operations (1 multiplication).
-    /// Residuals: 24 operations (10 additions, 10 multiplications, 3 divisions, 1 function).
-    /// With the Jacobian: 35 operations (11 additions, 17 multiplications, 6 divisions, 1 function).
+    /// Once per sample: 9 operations (1 addition, 5 multiplications, 3 divisions).
+    /// Residuals: 17 operations (9 additions, 7 multiplications, 1 function).
+    /// With the Jacobian: 27 operations (10 additions, 13 multiplications, 3 divisions, 1 function).
     #[derive(Debug, Clone, Copy)]
     pub struct ClosureByPoseD;
     impl Formulas for ClosureByPoseD {
         const SHAPE: Shape = Shape {
-            data: 2,
-            prepared: 3,
-            parameters: 13,
+            data: 6,
+            prepared: 6,
+            parameters: 3,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
             row_starts: &[0, 4],
-            columns: &[0, 1, 2, 9],
+            columns: &[0, 1, 2, 6],
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[radius_d, build_up] = data else { panic!("`data` must hold 2 numbers") };
-            let prepared_2 = build_up * 2.0;
-            prepared[0][lane] = radius_d;
-            prepared[1][lane] = build_up;
-            prepared[2][lane] = prepared_2;
+            let &[q, x, y, z, radius_d,
+                build_up] = data else { panic!("`data` must hold 6 numbers") };
+            let t3 = q / 12.75;
+            let prepared_4 = radius_d * q / 51.0 - build_up * (t3 * t3) / 16.0;
+            let prepared_5 = build_up * (t3 * 2.0);
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = z;
+            prepared[3][lane] = radius_d;
+            prepared[4][lane] = prepared_4;
+            prepared[5][lane] = prepared_5;
         }
         #[inline(always)]
         fn value<S: Samples>(
@@ -2569,19 +2198,19 @@ pub mod anchors {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let radius_d = prepared[0][lane];
-            let build_up = prepared[1][lane];
-            let &[x, y, z, _, _, _, _, _, _, q4, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t9 = q4 / 12.75;
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let prepared_4 = prepared[4][lane];
+            let &[track_offset_x, track_offset_y,
+                track_offset_z] = parameters else { panic!("`parameters` must hold 3 numbers") };
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
             let rod_z = z - track_offset_z;
-            let t20 =
+            let t13 =
                 math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q4 * radius_d / 51.0
-                - t9 * (build_up * t9) / 16.0;
-            let residual = t20 * t20 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
+                + track_offset_z * track_offset_z) + prepared_4;
+            let residual = t13 * t13 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -2592,26 +2221,27 @@ pub mod anchors {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let radius_d = prepared[0][lane];
-            let build_up = prepared[1][lane];
-            let prepared_2 = prepared[2][lane];
-            let &[x, y, z, _, _, _, _, _, _, q4, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t9 = q4 / 12.75;
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let radius_d = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let prepared_5 = prepared[5][lane];
+            let &[track_offset_x, track_offset_y,
+                track_offset_z] = parameters else { panic!("`parameters` must hold 3 numbers") };
             let rod_x = x - track_offset_x;
             let rod_y = y - track_offset_y;
             let rod_z = z - track_offset_z;
-            let t23 =
+            let t16 =
                 math::sqrt(track_offset_x * track_offset_x + track_offset_y * track_offset_y
-                + track_offset_z * track_offset_z) + q4 * radius_d / 51.0
-                - t9 * (build_up * t9) / 16.0;
-            let t25 = 2.0 * t23;
-            let residual = t23 * t23 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
+                + track_offset_z * track_offset_z) + prepared_4;
+            let t18 = 2.0 * t16;
+            let residual = t16 * t16 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
             jacobian[0][lane] = -2.0 * rod_x;
             jacobian[1][lane] = -2.0 * rod_y;
             jacobian[2][lane] = -2.0 * rod_z;
-            jacobian[3][lane] = radius_d * (t25 / 51.0) - t25 / 16.0 * (t9 * prepared_2) / 12.75;
+            jacobian[3][lane] = radius_d * (t18 / 51.0) - t18 / 16.0 * prepared_5 / 12.75;
         }
     }
 }

@@ -2,21 +2,15 @@
 //
 // Operations once per sample / per residual / with the Jacobian:
 //   nominal::closure: 0 / 16 / 23
-//   nominal::closure_by_pose_arm1: 0 / 16 / 25
-//   nominal::closure_by_pose_arm2: 0 / 16 / 25
-//   nominal::closure_by_pose_arm3: 0 / 16 / 25
+//   nominal::closure_by_pose: 0 / 16 / 25
 //   nominal::cart_pose: 33 / 153 / 541
 //   nominal::cart_position: 0 / 39 / 79
 //   piecewise::closure: 14 / 37 / 59
-//   piecewise::closure_by_pose_arm1: 7 / 44 / 71
-//   piecewise::closure_by_pose_arm2: 7 / 44 / 71
-//   piecewise::closure_by_pose_arm3: 7 / 44 / 71
+//   piecewise::closure_by_pose: 14 / 37 / 64
 //   piecewise::cart_pose: 47 / 174 / 606
 //   piecewise::cart_position: 14 / 60 / 144
 //   full::closure: 25 / 34 / 56
-//   full::closure_by_pose_l1: 0 / 43 / 61
-//   full::closure_by_pose_l2a: 0 / 43 / 61
-//   full::closure_by_pose_l3a: 0 / 43 / 61
+//   full::closure_by_pose: 0 / 34 / 52
 //   full::cart_pose_one: 33 / 153 / 541
 //   full::cart_pose_two: 33 / 313 / 1809
 //   full::cart_pose_three: 33 / 454 / 3246
@@ -24,9 +18,7 @@
 //   full::cart_position_two: 0 / 118 / 555
 //   full::cart_position_three: 0 / 259 / 1356
 //   full_piecewise::closure: 39 / 55 / 92
-//   full_piecewise::closure_by_pose_l1: 7 / 71 / 107
-//   full_piecewise::closure_by_pose_l2a: 7 / 71 / 107
-//   full_piecewise::closure_by_pose_l3a: 7 / 71 / 107
+//   full_piecewise::closure_by_pose: 14 / 55 / 90
 //   full_piecewise::cart_pose_one: 47 / 174 / 606
 //   full_piecewise::cart_pose_two: 47 / 355 / 2031
 //   full_piecewise::cart_pose_three: 47 / 517 / 3547
@@ -35,9 +27,8 @@
 //   full_piecewise::cart_position_three: 14 / 322 / 1522
 //   best_per_link::closure_l1: 25 / 34 / 56
 //   best_per_link::closure_l2a: 39 / 55 / 92
-//   best_per_link::closure_by_pose_l1: 0 / 43 / 61
-//   best_per_link::closure_by_pose_l2a: 7 / 71 / 107
-//   best_per_link::closure_by_pose_l3a: 0 / 43 / 61
+//   best_per_link::closure_by_pose_l1: 0 / 34 / 52
+//   best_per_link::closure_by_pose_l2a: 14 / 55 / 90
 //   best_per_link::cart_pose_one: 33 / 153 / 541
 //   best_per_link::cart_pose_two: 47 / 355 / 2031
 //   best_per_link::cart_pose_three: 33 / 454 / 3246
@@ -46,9 +37,8 @@
 //   best_per_link::cart_position_three: 0 / 259 / 1356
 //   full_rack::closure_l1: 25 / 34 / 56
 //   full_rack::closure_l2a: 26 / 56 / 118
-//   full_rack::closure_by_pose_l1: 0 / 43 / 61
-//   full_rack::closure_by_pose_l2a: 0 / 66 / 96
-//   full_rack::closure_by_pose_l3a: 0 / 43 / 61
+//   full_rack::closure_by_pose_l1: 0 / 34 / 52
+//   full_rack::closure_by_pose_l2a: 1 / 56 / 85
 //   full_rack::cart_pose_one: 33 / 153 / 541
 //   full_rack::cart_pose_two: 34 / 342 / 1966
 //   full_rack::cart_pose_three: 33 / 454 / 3246
@@ -642,23 +632,29 @@ pub mod nominal {
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 0,
-                family: &ClosureByPoseArm1,
+                family: &ClosureByPose,
                 parameters: &[0, 1, 2, 3, 4, 5, 6],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(0), Input::Position(0), Input::Position(1), Input::Position(2),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 1,
-                family: &ClosureByPoseArm2,
+                family: &ClosureByPose,
                 parameters: &[7, 8, 9, 10, 11, 12, 13],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 2,
-                family: &ClosureByPoseArm3,
+                family: &ClosureByPose,
                 parameters: &[14, 15, 16, 17, 18, 19, 20],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                ],
             },
             Instance {
                 kind: ResidualKind::CartPose,
@@ -934,20 +930,20 @@ pub mod nominal {
     }
     /// `L² − ‖T − C(q)‖²`
     ///
-    /// Data: none.
+    /// Data: `q`, `x`, `y`, `z`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `length`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `track_direction_x`, `track_direction_y`, `track_direction_z`.
+    /// Parameters: `length`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `track_direction_x`, `track_direction_y`, `track_direction_z`.
     ///
     /// Once per sample: 0 operations.
     /// Residuals: 16 operations (9 additions, 7 multiplications).
     /// With the Jacobian: 25 operations (11 additions, 13 multiplications, 1 negation).
     #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseArm1;
-    impl Formulas for ClosureByPoseArm1 {
+    pub struct ClosureByPose;
+    impl Formulas for ClosureByPose {
         const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 16,
+            data: 4,
+            prepared: 4,
+            parameters: 7,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
@@ -955,178 +951,51 @@ pub mod nominal {
             columns: &[0, 1, 2, 6],
         };
         #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
+            let &[q, x, y, z] = data else { panic!("`data` must hold 4 numbers") };
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = z;
+            prepared[3][lane] = q;
         }
         #[inline(always)]
         fn value<S: Samples>(
             lane: usize,
-            _prepared: &[S],
+            prepared: &[S],
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let &[x, y, z, _, _, _, q1, _, _, length, track_offset_x, track_offset_y,
-                track_offset_z, track_direction_x, track_direction_y,
-                track_direction_z] =
-                parameters else { panic!("`parameters` must hold 16 numbers") };
-            let rod_x = x - track_offset_x - q1 * track_direction_x;
-            let rod_y = y - track_offset_y - q1 * track_direction_y;
-            let rod_z = z - track_offset_z - q1 * track_direction_z;
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let &[length, track_offset_x, track_offset_y, track_offset_z, track_direction_x,
+                track_direction_y,
+                track_direction_z] = parameters else { panic!("`parameters` must hold 7 numbers") };
+            let rod_x = x - track_offset_x - q * track_direction_x;
+            let rod_y = y - track_offset_y - q * track_direction_y;
+            let rod_z = z - track_offset_z - q * track_direction_z;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
         fn linearize<S: Samples>(
             lane: usize,
-            _prepared: &[S],
+            prepared: &[S],
             parameters: &[f64],
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let &[x, y, z, _, _, _, q1, _, _, length, track_offset_x, track_offset_y,
-                track_offset_z, track_direction_x, track_direction_y,
-                track_direction_z] =
-                parameters else { panic!("`parameters` must hold 16 numbers") };
-            let rod_x = x - track_offset_x - q1 * track_direction_x;
-            let rod_y = y - track_offset_y - q1 * track_direction_y;
-            let rod_z = z - track_offset_z - q1 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t17 = -2.0 * rod_z;
-            let t18 = -2.0 * rod_y;
-            let t19 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t19;
-            jacobian[1][lane] = t18;
-            jacobian[2][lane] = t17;
-            jacobian[3][lane] = track_direction_x * t19 - track_direction_z * t17
-                - track_direction_y * t18;
-        }
-    }
-    /// `L² − ‖T − C(q)‖²`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `length`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `track_direction_x`, `track_direction_y`, `track_direction_z`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 16 operations (9 additions, 7 multiplications).
-    /// With the Jacobian: 25 operations (11 additions, 13 multiplications, 1 negation).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseArm2;
-    impl Formulas for ClosureByPoseArm2 {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 16,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 4],
-            columns: &[0, 1, 2, 7],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, z, _, _, _, _, q2, _, length, track_offset_x, track_offset_y,
-                track_offset_z, track_direction_x, track_direction_y,
-                track_direction_z] =
-                parameters else { panic!("`parameters` must hold 16 numbers") };
-            let rod_x = x - track_offset_x - q2 * track_direction_x;
-            let rod_y = y - track_offset_y - q2 * track_direction_y;
-            let rod_z = z - track_offset_z - q2 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, z, _, _, _, _, q2, _, length, track_offset_x, track_offset_y,
-                track_offset_z, track_direction_x, track_direction_y,
-                track_direction_z] =
-                parameters else { panic!("`parameters` must hold 16 numbers") };
-            let rod_x = x - track_offset_x - q2 * track_direction_x;
-            let rod_y = y - track_offset_y - q2 * track_direction_y;
-            let rod_z = z - track_offset_z - q2 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t17 = -2.0 * rod_z;
-            let t18 = -2.0 * rod_y;
-            let t19 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t19;
-            jacobian[1][lane] = t18;
-            jacobian[2][lane] = t17;
-            jacobian[3][lane] = track_direction_x * t19 - track_direction_z * t17
-                - track_direction_y * t18;
-        }
-    }
-    /// `L² − ‖T − C(q)‖²`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `length`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `track_direction_x`, `track_direction_y`, `track_direction_z`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 16 operations (9 additions, 7 multiplications).
-    /// With the Jacobian: 25 operations (11 additions, 13 multiplications, 1 negation).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseArm3;
-    impl Formulas for ClosureByPoseArm3 {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 16,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 4],
-            columns: &[0, 1, 2, 8],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, z, _, _, _, _, _, q3, length, track_offset_x, track_offset_y,
-                track_offset_z, track_direction_x, track_direction_y,
-                track_direction_z] =
-                parameters else { panic!("`parameters` must hold 16 numbers") };
-            let rod_x = x - track_offset_x - q3 * track_direction_x;
-            let rod_y = y - track_offset_y - q3 * track_direction_y;
-            let rod_z = z - track_offset_z - q3 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, z, _, _, _, _, _, q3, length, track_offset_x, track_offset_y,
-                track_offset_z, track_direction_x, track_direction_y,
-                track_direction_z] =
-                parameters else { panic!("`parameters` must hold 16 numbers") };
-            let rod_x = x - track_offset_x - q3 * track_direction_x;
-            let rod_y = y - track_offset_y - q3 * track_direction_y;
-            let rod_z = z - track_offset_z - q3 * track_direction_z;
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let &[length, track_offset_x, track_offset_y, track_offset_z, track_direction_x,
+                track_direction_y,
+                track_direction_z] = parameters else { panic!("`parameters` must hold 7 numbers") };
+            let rod_x = x - track_offset_x - q * track_direction_x;
+            let rod_y = y - track_offset_y - q * track_direction_y;
+            let rod_z = z - track_offset_z - q * track_direction_z;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t17 = -2.0 * rod_z;
             let t18 = -2.0 * rod_y;
@@ -2248,9 +2117,10 @@ pub mod piecewise {
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 0,
-                family: &ClosureByPoseArm1,
+                family: &ClosureByPose,
                 parameters: &[0, 1, 2, 3, 4, 5, 6],
                 inputs: &[
+                    Input::Command(0), Input::Position(0), Input::Position(1), Input::Position(2),
                     Input::SegmentStart {
                         track: 0,
                         component: 0,
@@ -2281,9 +2151,10 @@ pub mod piecewise {
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 1,
-                family: &ClosureByPoseArm2,
+                family: &ClosureByPose,
                 parameters: &[7, 8, 9, 10, 11, 12, 13],
                 inputs: &[
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
                     Input::SegmentStart {
                         track: 1,
                         component: 0,
@@ -2314,9 +2185,10 @@ pub mod piecewise {
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 2,
-                family: &ClosureByPoseArm3,
+                family: &ClosureByPose,
                 parameters: &[14, 15, 16, 17, 18, 19, 20],
                 inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
                     Input::SegmentStart {
                         track: 2,
                         component: 0,
@@ -2804,20 +2676,20 @@ pub mod piecewise {
     }
     /// `L² − ‖T − C(q)‖²`
     ///
-    /// Data: `segment_start_x`, `segment_start_y`, `segment_start_z`, `segment_end_x`, `segment_end_y`, `segment_end_z`, `segment_start_q`, `segment_end_q`.
+    /// Data: `q`, `x`, `y`, `z`, `segment_start_x`, `segment_start_y`, `segment_start_z`, `segment_end_x`, `segment_end_y`, `segment_end_z`, `segment_start_q`, `segment_end_q`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `length`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `track_rotation_x`, `track_rotation_y`, `track_rotation_z`.
+    /// Parameters: `length`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `track_rotation_x`, `track_rotation_y`, `track_rotation_z`.
     ///
-    /// Once per sample: 7 operations (4 additions, 3 divisions).
-    /// Residuals: 44 operations (19 additions, 19 multiplications, 6 functions).
-    /// With the Jacobian: 71 operations (27 additions, 37 multiplications, 1 negation, 6 functions).
+    /// Once per sample: 14 operations (8 additions, 3 multiplications, 3 divisions).
+    /// Residuals: 37 operations (15 additions, 16 multiplications, 6 functions).
+    /// With the Jacobian: 64 operations (23 additions, 34 multiplications, 1 negation, 6 functions).
     #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseArm1;
-    impl Formulas for ClosureByPoseArm1 {
+    pub struct ClosureByPose;
+    impl Formulas for ClosureByPose {
         const SHAPE: Shape = Shape {
-            data: 8,
-            prepared: 7,
-            parameters: 16,
+            data: 12,
+            prepared: 9,
+            parameters: 7,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
@@ -2826,20 +2698,26 @@ pub mod piecewise {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[segment_start_x, segment_start_y, segment_start_z, segment_end_x, segment_end_y,
-                segment_end_z, segment_start_q,
-                segment_end_q] = data else { panic!("`data` must hold 8 numbers") };
+            let &[q, x, y, z, segment_start_x, segment_start_y, segment_start_z, segment_end_x,
+                segment_end_y, segment_end_z, segment_start_q,
+                segment_end_q] = data else { panic!("`data` must hold 12 numbers") };
             let t1 = segment_end_q - segment_start_q;
+            let t2 = q - segment_start_q;
             let slope_x = (segment_end_x - segment_start_x) / t1;
             let slope_y = (segment_end_y - segment_start_y) / t1;
             let slope_z = (segment_end_z - segment_start_z) / t1;
-            prepared[0][lane] = segment_start_x;
-            prepared[1][lane] = segment_start_y;
-            prepared[2][lane] = segment_start_z;
-            prepared[3][lane] = segment_start_q;
-            prepared[4][lane] = slope_x;
-            prepared[5][lane] = slope_y;
-            prepared[6][lane] = slope_z;
+            let point_x = segment_start_x + t2 * slope_x;
+            let point_y = segment_start_y + t2 * slope_y;
+            let point_z = segment_start_z + t2 * slope_z;
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = z;
+            prepared[3][lane] = slope_x;
+            prepared[4][lane] = slope_y;
+            prepared[5][lane] = slope_z;
+            prepared[6][lane] = point_x;
+            prepared[7][lane] = point_y;
+            prepared[8][lane] = point_z;
         }
         #[inline(always)]
         fn value<S: Samples>(
@@ -2848,31 +2726,27 @@ pub mod piecewise {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let segment_start_x = prepared[0][lane];
-            let segment_start_y = prepared[1][lane];
-            let segment_start_z = prepared[2][lane];
-            let segment_start_q = prepared[3][lane];
-            let slope_x = prepared[4][lane];
-            let slope_y = prepared[5][lane];
-            let slope_z = prepared[6][lane];
-            let &[x, y, z, _, _, _, q1, _, _, length, track_offset_x, track_offset_y,
-                track_offset_z, track_rotation_x, track_rotation_y,
-                track_rotation_z] = parameters else { panic!("`parameters` must hold 16 numbers") };
-            let t1 = q1 - segment_start_q;
-            let t5 = segment_start_x + t1 * slope_x;
-            let t6 = segment_start_y + t1 * slope_y;
-            let t7 = segment_start_z + t1 * slope_z;
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let point_x = prepared[6][lane];
+            let point_y = prepared[7][lane];
+            let point_z = prepared[8][lane];
+            let &[length, track_offset_x, track_offset_y, track_offset_z, track_rotation_x,
+                track_rotation_y,
+                track_rotation_z] = parameters else { panic!("`parameters` must hold 7 numbers") };
             let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
             let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
             let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
-            let t19 = t6 * cos_track_rotation_x - t7 * sin_track_rotation_x;
-            let t20 = t6 * sin_track_rotation_x + t7 * cos_track_rotation_x;
-            let t25 = sin_track_rotation_y * t20 + t5 * cos_track_rotation_y;
-            let rod_x = sin_track_rotation_z * t19 + x - track_offset_x
-                - cos_track_rotation_z * t25;
-            let rod_y = y - track_offset_y - sin_track_rotation_z * t25
-                - cos_track_rotation_z * t19;
-            let rod_z = t5 * sin_track_rotation_y + z - track_offset_z - cos_track_rotation_y * t20;
+            let t12 = point_y * cos_track_rotation_x - point_z * sin_track_rotation_x;
+            let t13 = point_y * sin_track_rotation_x + point_z * cos_track_rotation_x;
+            let t18 = sin_track_rotation_y * t13 + point_x * cos_track_rotation_y;
+            let rod_x = sin_track_rotation_z * t12 + x - track_offset_x
+                - cos_track_rotation_z * t18;
+            let rod_y = y - track_offset_y - sin_track_rotation_z * t18
+                - cos_track_rotation_z * t12;
+            let rod_z = point_x * sin_track_rotation_y + z - track_offset_z
+                - cos_track_rotation_y * t13;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
@@ -2884,291 +2758,44 @@ pub mod piecewise {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let segment_start_x = prepared[0][lane];
-            let segment_start_y = prepared[1][lane];
-            let segment_start_z = prepared[2][lane];
-            let segment_start_q = prepared[3][lane];
-            let slope_x = prepared[4][lane];
-            let slope_y = prepared[5][lane];
-            let slope_z = prepared[6][lane];
-            let &[x, y, z, _, _, _, q1, _, _, length, track_offset_x, track_offset_y,
-                track_offset_z, track_rotation_x, track_rotation_y,
-                track_rotation_z] = parameters else { panic!("`parameters` must hold 16 numbers") };
-            let t1 = q1 - segment_start_q;
-            let t5 = segment_start_x + t1 * slope_x;
-            let t6 = segment_start_y + t1 * slope_y;
-            let t7 = segment_start_z + t1 * slope_z;
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let slope_x = prepared[3][lane];
+            let slope_y = prepared[4][lane];
+            let slope_z = prepared[5][lane];
+            let point_x = prepared[6][lane];
+            let point_y = prepared[7][lane];
+            let point_z = prepared[8][lane];
+            let &[length, track_offset_x, track_offset_y, track_offset_z, track_rotation_x,
+                track_rotation_y,
+                track_rotation_z] = parameters else { panic!("`parameters` must hold 7 numbers") };
             let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
             let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
             let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
-            let t19 = t6 * cos_track_rotation_x - t7 * sin_track_rotation_x;
-            let t20 = t6 * sin_track_rotation_x + t7 * cos_track_rotation_x;
-            let t25 = sin_track_rotation_y * t20 + t5 * cos_track_rotation_y;
-            let rod_x = sin_track_rotation_z * t19 + x - track_offset_x
-                - cos_track_rotation_z * t25;
-            let rod_y = y - track_offset_y - sin_track_rotation_z * t25
-                - cos_track_rotation_z * t19;
-            let rod_z = t5 * sin_track_rotation_y + z - track_offset_z - cos_track_rotation_y * t20;
+            let t12 = point_y * cos_track_rotation_x - point_z * sin_track_rotation_x;
+            let t13 = point_y * sin_track_rotation_x + point_z * cos_track_rotation_x;
+            let t18 = sin_track_rotation_y * t13 + point_x * cos_track_rotation_y;
+            let rod_x = sin_track_rotation_z * t12 + x - track_offset_x
+                - cos_track_rotation_z * t18;
+            let rod_y = y - track_offset_y - sin_track_rotation_z * t18
+                - cos_track_rotation_z * t12;
+            let rod_z = point_x * sin_track_rotation_y + z - track_offset_z
+                - cos_track_rotation_y * t13;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t45 = -2.0 * rod_z;
-            let t46 = 2.0 * rod_y;
-            let t47 = -2.0 * rod_x;
-            let t52 = sin_track_rotation_z * t46 - cos_track_rotation_z * t47;
-            let t53 = cos_track_rotation_z * t46 + sin_track_rotation_z * t47;
-            let t58 = sin_track_rotation_y * t52 - cos_track_rotation_y * t45;
+            let t38 = -2.0 * rod_z;
+            let t39 = 2.0 * rod_y;
+            let t40 = -2.0 * rod_x;
+            let t45 = sin_track_rotation_z * t39 - cos_track_rotation_z * t40;
+            let t46 = cos_track_rotation_z * t39 + sin_track_rotation_z * t40;
+            let t51 = sin_track_rotation_y * t45 - cos_track_rotation_y * t38;
             residuals[0][lane] = residual;
-            jacobian[0][lane] = t47;
-            jacobian[1][lane] = -t46;
-            jacobian[2][lane] = t45;
-            jacobian[3][lane] = slope_z * (cos_track_rotation_x * t58 - sin_track_rotation_x * t53)
-                + slope_y * (sin_track_rotation_x * t58 + cos_track_rotation_x * t53)
-                + slope_x * (cos_track_rotation_y * t52 + sin_track_rotation_y * t45);
-        }
-    }
-    /// `L² − ‖T − C(q)‖²`
-    ///
-    /// Data: `segment_start_x`, `segment_start_y`, `segment_start_z`, `segment_end_x`, `segment_end_y`, `segment_end_z`, `segment_start_q`, `segment_end_q`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `length`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `track_rotation_x`, `track_rotation_y`, `track_rotation_z`.
-    ///
-    /// Once per sample: 7 operations (4 additions, 3 divisions).
-    /// Residuals: 44 operations (19 additions, 19 multiplications, 6 functions).
-    /// With the Jacobian: 71 operations (27 additions, 37 multiplications, 1 negation, 6 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseArm2;
-    impl Formulas for ClosureByPoseArm2 {
-        const SHAPE: Shape = Shape {
-            data: 8,
-            prepared: 7,
-            parameters: 16,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 4],
-            columns: &[0, 1, 2, 7],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[segment_start_x, segment_start_y, segment_start_z, segment_end_x, segment_end_y,
-                segment_end_z, segment_start_q,
-                segment_end_q] = data else { panic!("`data` must hold 8 numbers") };
-            let t1 = segment_end_q - segment_start_q;
-            let slope_x = (segment_end_x - segment_start_x) / t1;
-            let slope_y = (segment_end_y - segment_start_y) / t1;
-            let slope_z = (segment_end_z - segment_start_z) / t1;
-            prepared[0][lane] = segment_start_x;
-            prepared[1][lane] = segment_start_y;
-            prepared[2][lane] = segment_start_z;
-            prepared[3][lane] = segment_start_q;
-            prepared[4][lane] = slope_x;
-            prepared[5][lane] = slope_y;
-            prepared[6][lane] = slope_z;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let segment_start_x = prepared[0][lane];
-            let segment_start_y = prepared[1][lane];
-            let segment_start_z = prepared[2][lane];
-            let segment_start_q = prepared[3][lane];
-            let slope_x = prepared[4][lane];
-            let slope_y = prepared[5][lane];
-            let slope_z = prepared[6][lane];
-            let &[x, y, z, _, _, _, _, q2, _, length, track_offset_x, track_offset_y,
-                track_offset_z, track_rotation_x, track_rotation_y,
-                track_rotation_z] = parameters else { panic!("`parameters` must hold 16 numbers") };
-            let t1 = q2 - segment_start_q;
-            let t5 = segment_start_x + t1 * slope_x;
-            let t6 = segment_start_y + t1 * slope_y;
-            let t7 = segment_start_z + t1 * slope_z;
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
-            let t19 = t6 * cos_track_rotation_x - t7 * sin_track_rotation_x;
-            let t20 = t6 * sin_track_rotation_x + t7 * cos_track_rotation_x;
-            let t25 = sin_track_rotation_y * t20 + t5 * cos_track_rotation_y;
-            let rod_x = sin_track_rotation_z * t19 + x - track_offset_x
-                - cos_track_rotation_z * t25;
-            let rod_y = y - track_offset_y - sin_track_rotation_z * t25
-                - cos_track_rotation_z * t19;
-            let rod_z = t5 * sin_track_rotation_y + z - track_offset_z - cos_track_rotation_y * t20;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let segment_start_x = prepared[0][lane];
-            let segment_start_y = prepared[1][lane];
-            let segment_start_z = prepared[2][lane];
-            let segment_start_q = prepared[3][lane];
-            let slope_x = prepared[4][lane];
-            let slope_y = prepared[5][lane];
-            let slope_z = prepared[6][lane];
-            let &[x, y, z, _, _, _, _, q2, _, length, track_offset_x, track_offset_y,
-                track_offset_z, track_rotation_x, track_rotation_y,
-                track_rotation_z] = parameters else { panic!("`parameters` must hold 16 numbers") };
-            let t1 = q2 - segment_start_q;
-            let t5 = segment_start_x + t1 * slope_x;
-            let t6 = segment_start_y + t1 * slope_y;
-            let t7 = segment_start_z + t1 * slope_z;
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
-            let t19 = t6 * cos_track_rotation_x - t7 * sin_track_rotation_x;
-            let t20 = t6 * sin_track_rotation_x + t7 * cos_track_rotation_x;
-            let t25 = sin_track_rotation_y * t20 + t5 * cos_track_rotation_y;
-            let rod_x = sin_track_rotation_z * t19 + x - track_offset_x
-                - cos_track_rotation_z * t25;
-            let rod_y = y - track_offset_y - sin_track_rotation_z * t25
-                - cos_track_rotation_z * t19;
-            let rod_z = t5 * sin_track_rotation_y + z - track_offset_z - cos_track_rotation_y * t20;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t45 = -2.0 * rod_z;
-            let t46 = 2.0 * rod_y;
-            let t47 = -2.0 * rod_x;
-            let t52 = sin_track_rotation_z * t46 - cos_track_rotation_z * t47;
-            let t53 = cos_track_rotation_z * t46 + sin_track_rotation_z * t47;
-            let t58 = sin_track_rotation_y * t52 - cos_track_rotation_y * t45;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = t47;
-            jacobian[1][lane] = -t46;
-            jacobian[2][lane] = t45;
-            jacobian[3][lane] = slope_z * (cos_track_rotation_x * t58 - sin_track_rotation_x * t53)
-                + slope_y * (sin_track_rotation_x * t58 + cos_track_rotation_x * t53)
-                + slope_x * (cos_track_rotation_y * t52 + sin_track_rotation_y * t45);
-        }
-    }
-    /// `L² − ‖T − C(q)‖²`
-    ///
-    /// Data: `segment_start_x`, `segment_start_y`, `segment_start_z`, `segment_end_x`, `segment_end_y`, `segment_end_z`, `segment_start_q`, `segment_end_q`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `length`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `track_rotation_x`, `track_rotation_y`, `track_rotation_z`.
-    ///
-    /// Once per sample: 7 operations (4 additions, 3 divisions).
-    /// Residuals: 44 operations (19 additions, 19 multiplications, 6 functions).
-    /// With the Jacobian: 71 operations (27 additions, 37 multiplications, 1 negation, 6 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseArm3;
-    impl Formulas for ClosureByPoseArm3 {
-        const SHAPE: Shape = Shape {
-            data: 8,
-            prepared: 7,
-            parameters: 16,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 4],
-            columns: &[0, 1, 2, 8],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[segment_start_x, segment_start_y, segment_start_z, segment_end_x, segment_end_y,
-                segment_end_z, segment_start_q,
-                segment_end_q] = data else { panic!("`data` must hold 8 numbers") };
-            let t1 = segment_end_q - segment_start_q;
-            let slope_x = (segment_end_x - segment_start_x) / t1;
-            let slope_y = (segment_end_y - segment_start_y) / t1;
-            let slope_z = (segment_end_z - segment_start_z) / t1;
-            prepared[0][lane] = segment_start_x;
-            prepared[1][lane] = segment_start_y;
-            prepared[2][lane] = segment_start_z;
-            prepared[3][lane] = segment_start_q;
-            prepared[4][lane] = slope_x;
-            prepared[5][lane] = slope_y;
-            prepared[6][lane] = slope_z;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let segment_start_x = prepared[0][lane];
-            let segment_start_y = prepared[1][lane];
-            let segment_start_z = prepared[2][lane];
-            let segment_start_q = prepared[3][lane];
-            let slope_x = prepared[4][lane];
-            let slope_y = prepared[5][lane];
-            let slope_z = prepared[6][lane];
-            let &[x, y, z, _, _, _, _, _, q3, length, track_offset_x, track_offset_y,
-                track_offset_z, track_rotation_x, track_rotation_y,
-                track_rotation_z] = parameters else { panic!("`parameters` must hold 16 numbers") };
-            let t1 = q3 - segment_start_q;
-            let t5 = segment_start_x + t1 * slope_x;
-            let t6 = segment_start_y + t1 * slope_y;
-            let t7 = segment_start_z + t1 * slope_z;
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
-            let t19 = t6 * cos_track_rotation_x - t7 * sin_track_rotation_x;
-            let t20 = t6 * sin_track_rotation_x + t7 * cos_track_rotation_x;
-            let t25 = sin_track_rotation_y * t20 + t5 * cos_track_rotation_y;
-            let rod_x = sin_track_rotation_z * t19 + x - track_offset_x
-                - cos_track_rotation_z * t25;
-            let rod_y = y - track_offset_y - sin_track_rotation_z * t25
-                - cos_track_rotation_z * t19;
-            let rod_z = t5 * sin_track_rotation_y + z - track_offset_z - cos_track_rotation_y * t20;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let segment_start_x = prepared[0][lane];
-            let segment_start_y = prepared[1][lane];
-            let segment_start_z = prepared[2][lane];
-            let segment_start_q = prepared[3][lane];
-            let slope_x = prepared[4][lane];
-            let slope_y = prepared[5][lane];
-            let slope_z = prepared[6][lane];
-            let &[x, y, z, _, _, _, _, _, q3, length, track_offset_x, track_offset_y,
-                track_offset_z, track_rotation_x, track_rotation_y,
-                track_rotation_z] = parameters else { panic!("`parameters` must hold 16 numbers") };
-            let t1 = q3 - segment_start_q;
-            let t5 = segment_start_x + t1 * slope_x;
-            let t6 = segment_start_y + t1 * slope_y;
-            let t7 = segment_start_z + t1 * slope_z;
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
-            let t19 = t6 * cos_track_rotation_x - t7 * sin_track_rotation_x;
-            let t20 = t6 * sin_track_rotation_x + t7 * cos_track_rotation_x;
-            let t25 = sin_track_rotation_y * t20 + t5 * cos_track_rotation_y;
-            let rod_x = sin_track_rotation_z * t19 + x - track_offset_x
-                - cos_track_rotation_z * t25;
-            let rod_y = y - track_offset_y - sin_track_rotation_z * t25
-                - cos_track_rotation_z * t19;
-            let rod_z = t5 * sin_track_rotation_y + z - track_offset_z - cos_track_rotation_y * t20;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t45 = -2.0 * rod_z;
-            let t46 = 2.0 * rod_y;
-            let t47 = -2.0 * rod_x;
-            let t52 = sin_track_rotation_z * t46 - cos_track_rotation_z * t47;
-            let t53 = cos_track_rotation_z * t46 + sin_track_rotation_z * t47;
-            let t58 = sin_track_rotation_y * t52 - cos_track_rotation_y * t45;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = t47;
-            jacobian[1][lane] = -t46;
-            jacobian[2][lane] = t45;
-            jacobian[3][lane] = slope_z * (cos_track_rotation_x * t58 - sin_track_rotation_x * t53)
-                + slope_y * (sin_track_rotation_x * t58 + cos_track_rotation_x * t53)
-                + slope_x * (cos_track_rotation_y * t52 + sin_track_rotation_y * t45);
+            jacobian[0][lane] = t40;
+            jacobian[1][lane] = -t39;
+            jacobian[2][lane] = t38;
+            jacobian[3][lane] = slope_z * (cos_track_rotation_x * t51 - sin_track_rotation_x * t46)
+                + slope_y * (sin_track_rotation_x * t51 + cos_track_rotation_x * t46)
+                + slope_x * (cos_track_rotation_y * t45 + sin_track_rotation_y * t38);
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x; axial vector of F·A(q)·M·Rᵀ`
@@ -4563,44 +4190,74 @@ pub mod full {
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 0,
-                family: &ClosureByPoseL1,
+                family: &ClosureByPose,
                 parameters: &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(0), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 1,
-                family: &ClosureByPoseL2a,
+                family: &ClosureByPose,
                 parameters: &[10, 11, 12, 13, 14, 15, 16, 17, 18, 19],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 2,
-                family: &ClosureByPoseL2a,
+                family: &ClosureByPose,
                 parameters: &[20, 21, 22, 23, 24, 25, 26, 27, 28, 29],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 3,
-                family: &ClosureByPoseL3a,
+                family: &ClosureByPose,
                 parameters: &[30, 31, 32, 33, 34, 35, 36, 37, 38, 39],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 4,
-                family: &ClosureByPoseL3a,
+                family: &ClosureByPose,
                 parameters: &[40, 41, 42, 43, 44, 45, 46, 47, 48, 49],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 5,
-                family: &ClosureByPoseL3a,
+                family: &ClosureByPose,
                 parameters: &[50, 51, 52, 53, 54, 55, 56, 57, 58, 59],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::CartPose,
@@ -5010,22 +4667,22 @@ pub mod full {
             jacobian[9][lane] = q * t21;
         }
     }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
+    /// `L² − ‖T + R·P − C(q)‖²`
     ///
-    /// Data: none.
+    /// Data: `q`, `x`, `y`, `z`, `r_xx`, `r_xy`, `r_xz`, `r_yx`, `r_yy`, `r_yz`, `r_zx`, `r_zy`, `r_zz`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `track_direction_x`, `track_direction_y`, `track_direction_z`.
+    /// Parameters: `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `track_direction_x`, `track_direction_y`, `track_direction_z`.
     ///
     /// Once per sample: 0 operations.
-    /// Residuals: 43 operations (18 additions, 19 multiplications, 6 functions).
-    /// With the Jacobian: 61 operations (23 additions, 31 multiplications, 1 negation, 6 functions).
+    /// Residuals: 34 operations (18 additions, 16 multiplications).
+    /// With the Jacobian: 52 operations (23 additions, 28 multiplications, 1 negation).
     #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseL1;
-    impl Formulas for ClosureByPoseL1 {
+    pub struct ClosureByPose;
+    impl Formulas for ClosureByPose {
         const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 19,
+            data: 13,
+            prepared: 13,
+            parameters: 10,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
@@ -5033,257 +4690,100 @@ pub mod full {
             columns: &[0, 1, 2, 3, 4, 5, 6],
         };
         #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
+            let &[q, x, y, z, r_xx, r_xy, r_xz, r_yx, r_yy, r_yz, r_zx, r_zy,
+                r_zz] = data else { panic!("`data` must hold 13 numbers") };
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = z;
+            prepared[3][lane] = q;
+            prepared[4][lane] = r_xx;
+            prepared[5][lane] = r_xy;
+            prepared[6][lane] = r_xz;
+            prepared[7][lane] = r_yx;
+            prepared[8][lane] = r_yy;
+            prepared[9][lane] = r_yz;
+            prepared[10][lane] = r_zx;
+            prepared[11][lane] = r_zy;
+            prepared[12][lane] = r_zz;
         }
         #[inline(always)]
         fn value<S: Samples>(
             lane: usize,
-            _prepared: &[S],
+            prepared: &[S],
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let &[x, y, z, alpha, beta, gamma, q1, _, _, length, plate_joint_x, plate_joint_y,
-                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_direction_x,
-                track_direction_y,
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let r_xx = prepared[4][lane];
+            let r_xy = prepared[5][lane];
+            let r_xz = prepared[6][lane];
+            let r_yx = prepared[7][lane];
+            let r_yy = prepared[8][lane];
+            let r_yz = prepared[9][lane];
+            let r_zx = prepared[10][lane];
+            let r_zy = prepared[11][lane];
+            let r_zz = prepared[12][lane];
+            let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
+                track_offset_y, track_offset_z, track_direction_x, track_direction_y,
                 track_direction_z] =
-                parameters else { panic!("`parameters` must hold 19 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t19 * cos_alpha - t12 * sin_alpha + x - track_offset_x
-                - q1 * track_direction_x;
-            let rod_y = t19 * sin_alpha + t12 * cos_alpha + y - track_offset_y
-                - q1 * track_direction_y;
-            let rod_z = plate_joint_z * cos_beta - t11 * sin_beta + z - track_offset_z
-                - q1 * track_direction_z;
+                parameters else { panic!("`parameters` must hold 10 numbers") };
+            let rod_x = plate_joint_y * r_xy + plate_joint_x * r_xx + plate_joint_z * r_xz + x
+                - track_offset_x - q * track_direction_x;
+            let rod_y = plate_joint_y * r_yy + plate_joint_x * r_yx + plate_joint_z * r_yz + y
+                - track_offset_y - q * track_direction_y;
+            let rod_z = plate_joint_y * r_zy + plate_joint_x * r_zx + plate_joint_z * r_zz + z
+                - track_offset_z - q * track_direction_z;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
         fn linearize<S: Samples>(
             lane: usize,
-            _prepared: &[S],
+            prepared: &[S],
             parameters: &[f64],
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let &[x, y, z, alpha, beta, gamma, q1, _, _, length, plate_joint_x, plate_joint_y,
-                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_direction_x,
-                track_direction_y,
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let r_xx = prepared[4][lane];
+            let r_xy = prepared[5][lane];
+            let r_xz = prepared[6][lane];
+            let r_yx = prepared[7][lane];
+            let r_yy = prepared[8][lane];
+            let r_yz = prepared[9][lane];
+            let r_zx = prepared[10][lane];
+            let r_zy = prepared[11][lane];
+            let r_zz = prepared[12][lane];
+            let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
+                track_offset_y, track_offset_z, track_direction_x, track_direction_y,
                 track_direction_z] =
-                parameters else { panic!("`parameters` must hold 19 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = t11 * sin_beta - plate_joint_z * cos_beta;
-            let t20 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t27 = t12 * sin_alpha - t20 * cos_alpha;
-            let t28 = t20 * sin_alpha + t12 * cos_alpha;
-            let rod_x = x - t27 - track_offset_x - q1 * track_direction_x;
-            let rod_y = t28 + y - track_offset_y - q1 * track_direction_y;
-            let rod_z = z - t19 - track_offset_z - q1 * track_direction_z;
+                parameters else { panic!("`parameters` must hold 10 numbers") };
+            let t15 = plate_joint_y * r_xy + plate_joint_x * r_xx + plate_joint_z * r_xz;
+            let t17 = plate_joint_y * r_yy + plate_joint_x * r_yx + plate_joint_z * r_yz;
+            let t19 = plate_joint_y * r_zy + plate_joint_x * r_zx + plate_joint_z * r_zz;
+            let rod_x = t15 + x - track_offset_x - q * track_direction_x;
+            let rod_y = t17 + y - track_offset_y - q * track_direction_y;
+            let rod_z = t19 + z - track_offset_z - q * track_direction_z;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t44 = -2.0 * rod_z;
-            let t45 = -2.0 * rod_y;
-            let t46 = 2.0 * rod_x;
+            let t35 = -2.0 * rod_z;
+            let t36 = -2.0 * rod_y;
+            let t37 = -2.0 * rod_x;
             residuals[0][lane] = residual;
-            jacobian[0][lane] = -t46;
-            jacobian[1][lane] = t45;
-            jacobian[2][lane] = t44;
-            jacobian[3][lane] = t28 * t44 + t19 * t45;
-            jacobian[4][lane] = t27 * t44 + t19 * t46;
-            jacobian[5][lane] = t28 * t46 - t27 * t45;
-            jacobian[6][lane] = track_direction_x * t46 - track_direction_z * t44
-                - track_direction_y * t45;
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `track_direction_x`, `track_direction_y`, `track_direction_z`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 43 operations (18 additions, 19 multiplications, 6 functions).
-    /// With the Jacobian: 61 operations (23 additions, 31 multiplications, 1 negation, 6 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseL2a;
-    impl Formulas for ClosureByPoseL2a {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 19,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 7],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, q2, _, length, plate_joint_x, plate_joint_y,
-                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_direction_x,
-                track_direction_y,
-                track_direction_z] =
-                parameters else { panic!("`parameters` must hold 19 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t19 * cos_alpha - t12 * sin_alpha + x - track_offset_x
-                - q2 * track_direction_x;
-            let rod_y = t19 * sin_alpha + t12 * cos_alpha + y - track_offset_y
-                - q2 * track_direction_y;
-            let rod_z = plate_joint_z * cos_beta - t11 * sin_beta + z - track_offset_z
-                - q2 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, q2, _, length, plate_joint_x, plate_joint_y,
-                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_direction_x,
-                track_direction_y,
-                track_direction_z] =
-                parameters else { panic!("`parameters` must hold 19 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = t11 * sin_beta - plate_joint_z * cos_beta;
-            let t20 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t27 = t12 * sin_alpha - t20 * cos_alpha;
-            let t28 = t20 * sin_alpha + t12 * cos_alpha;
-            let rod_x = x - t27 - track_offset_x - q2 * track_direction_x;
-            let rod_y = t28 + y - track_offset_y - q2 * track_direction_y;
-            let rod_z = z - t19 - track_offset_z - q2 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t44 = -2.0 * rod_z;
-            let t45 = -2.0 * rod_y;
-            let t46 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t46;
-            jacobian[1][lane] = t45;
-            jacobian[2][lane] = t44;
-            jacobian[3][lane] = t28 * t44 + t19 * t45;
-            jacobian[4][lane] = t27 * t44 + t19 * t46;
-            jacobian[5][lane] = t28 * t46 - t27 * t45;
-            jacobian[6][lane] = track_direction_x * t46 - track_direction_z * t44
-                - track_direction_y * t45;
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `track_direction_x`, `track_direction_y`, `track_direction_z`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 43 operations (18 additions, 19 multiplications, 6 functions).
-    /// With the Jacobian: 61 operations (23 additions, 31 multiplications, 1 negation, 6 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseL3a;
-    impl Formulas for ClosureByPoseL3a {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 19,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 8],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, q3, length, plate_joint_x, plate_joint_y,
-                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_direction_x,
-                track_direction_y,
-                track_direction_z] =
-                parameters else { panic!("`parameters` must hold 19 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t19 * cos_alpha - t12 * sin_alpha + x - track_offset_x
-                - q3 * track_direction_x;
-            let rod_y = t19 * sin_alpha + t12 * cos_alpha + y - track_offset_y
-                - q3 * track_direction_y;
-            let rod_z = plate_joint_z * cos_beta - t11 * sin_beta + z - track_offset_z
-                - q3 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, q3, length, plate_joint_x, plate_joint_y,
-                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_direction_x,
-                track_direction_y,
-                track_direction_z] =
-                parameters else { panic!("`parameters` must hold 19 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = t11 * sin_beta - plate_joint_z * cos_beta;
-            let t20 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t27 = t12 * sin_alpha - t20 * cos_alpha;
-            let t28 = t20 * sin_alpha + t12 * cos_alpha;
-            let rod_x = x - t27 - track_offset_x - q3 * track_direction_x;
-            let rod_y = t28 + y - track_offset_y - q3 * track_direction_y;
-            let rod_z = z - t19 - track_offset_z - q3 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t44 = -2.0 * rod_z;
-            let t45 = -2.0 * rod_y;
-            let t46 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t46;
-            jacobian[1][lane] = t45;
-            jacobian[2][lane] = t44;
-            jacobian[3][lane] = t28 * t44 + t19 * t45;
-            jacobian[4][lane] = t27 * t44 + t19 * t46;
-            jacobian[5][lane] = t28 * t46 - t27 * t45;
-            jacobian[6][lane] = track_direction_x * t46 - track_direction_z * t44
-                - track_direction_y * t45;
+            jacobian[0][lane] = t37;
+            jacobian[1][lane] = t36;
+            jacobian[2][lane] = t35;
+            jacobian[3][lane] = t17 * t35 - t19 * t36;
+            jacobian[4][lane] = t19 * t37 - t15 * t35;
+            jacobian[5][lane] = t15 * t36 - t17 * t37;
+            jacobian[6][lane] =
+                -(track_direction_z * t35 + track_direction_y * t36 + track_direction_x * t37);
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x; axial vector of F·A(q)·M·Rᵀ`
@@ -9287,9 +8787,13 @@ pub mod full_piecewise {
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 0,
-                family: &ClosureByPoseL1,
+                family: &ClosureByPose,
                 parameters: &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
                 inputs: &[
+                    Input::Command(0), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
                     Input::SegmentStart {
                         track: 0,
                         component: 0,
@@ -9320,9 +8824,13 @@ pub mod full_piecewise {
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 1,
-                family: &ClosureByPoseL2a,
+                family: &ClosureByPose,
                 parameters: &[10, 11, 12, 13, 14, 15, 16, 17, 18, 19],
                 inputs: &[
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
                     Input::SegmentStart {
                         track: 1,
                         component: 0,
@@ -9353,9 +8861,13 @@ pub mod full_piecewise {
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 2,
-                family: &ClosureByPoseL2a,
+                family: &ClosureByPose,
                 parameters: &[20, 21, 22, 23, 24, 25, 26, 27, 28, 29],
                 inputs: &[
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
                     Input::SegmentStart {
                         track: 1,
                         component: 0,
@@ -9386,9 +8898,13 @@ pub mod full_piecewise {
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 3,
-                family: &ClosureByPoseL3a,
+                family: &ClosureByPose,
                 parameters: &[30, 31, 32, 33, 34, 35, 36, 37, 38, 39],
                 inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
                     Input::SegmentStart {
                         track: 2,
                         component: 0,
@@ -9419,9 +8935,13 @@ pub mod full_piecewise {
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 4,
-                family: &ClosureByPoseL3a,
+                family: &ClosureByPose,
                 parameters: &[40, 41, 42, 43, 44, 45, 46, 47, 48, 49],
                 inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
                     Input::SegmentStart {
                         track: 2,
                         component: 0,
@@ -9452,9 +8972,13 @@ pub mod full_piecewise {
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 5,
-                family: &ClosureByPoseL3a,
+                family: &ClosureByPose,
                 parameters: &[50, 51, 52, 53, 54, 55, 56, 57, 58, 59],
                 inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
                     Input::SegmentStart {
                         track: 2,
                         component: 0,
@@ -10071,22 +9595,22 @@ pub mod full_piecewise {
             jacobian[9][lane] = t30 * t58 - t31 * t59;
         }
     }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
+    /// `L² − ‖T + R·P − C(q)‖²`
     ///
-    /// Data: `segment_start_x`, `segment_start_y`, `segment_start_z`, `segment_end_x`, `segment_end_y`, `segment_end_z`, `segment_start_q`, `segment_end_q`.
+    /// Data: `q`, `x`, `y`, `z`, `r_xx`, `r_xy`, `r_xz`, `r_yx`, `r_yy`, `r_yz`, `r_zx`, `r_zy`, `r_zz`, `segment_start_x`, `segment_start_y`, `segment_start_z`, `segment_end_x`, `segment_end_y`, `segment_end_z`, `segment_start_q`, `segment_end_q`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `track_rotation_x`, `track_rotation_y`, `track_rotation_z`.
+    /// Parameters: `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `track_rotation_x`, `track_rotation_y`, `track_rotation_z`.
     ///
-    /// Once per sample: 7 operations (4 additions, 3 divisions).
-    /// Residuals: 71 operations (28 additions, 31 multiplications, 12 functions).
-    /// With the Jacobian: 107 operations (39 additions, 55 multiplications, 1 negation, 12 functions).
+    /// Once per sample: 14 operations (8 additions, 3 multiplications, 3 divisions).
+    /// Residuals: 55 operations (24 additions, 25 multiplications, 6 functions).
+    /// With the Jacobian: 90 operations (35 additions, 49 multiplications, 6 functions).
     #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseL1;
-    impl Formulas for ClosureByPoseL1 {
+    pub struct ClosureByPose;
+    impl Formulas for ClosureByPose {
         const SHAPE: Shape = Shape {
-            data: 8,
-            prepared: 7,
-            parameters: 19,
+            data: 21,
+            prepared: 18,
+            parameters: 10,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
@@ -10095,20 +9619,36 @@ pub mod full_piecewise {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[segment_start_x, segment_start_y, segment_start_z, segment_end_x, segment_end_y,
-                segment_end_z, segment_start_q,
-                segment_end_q] = data else { panic!("`data` must hold 8 numbers") };
+            let &[q, x, y, z, r_xx, r_xy, r_xz, r_yx, r_yy, r_yz, r_zx, r_zy, r_zz, segment_start_x,
+                segment_start_y, segment_start_z, segment_end_x, segment_end_y, segment_end_z,
+                segment_start_q,
+                segment_end_q] = data else { panic!("`data` must hold 21 numbers") };
             let t1 = segment_end_q - segment_start_q;
+            let t2 = q - segment_start_q;
             let slope_x = (segment_end_x - segment_start_x) / t1;
             let slope_y = (segment_end_y - segment_start_y) / t1;
             let slope_z = (segment_end_z - segment_start_z) / t1;
-            prepared[0][lane] = segment_start_x;
-            prepared[1][lane] = segment_start_y;
-            prepared[2][lane] = segment_start_z;
-            prepared[3][lane] = segment_start_q;
-            prepared[4][lane] = slope_x;
-            prepared[5][lane] = slope_y;
-            prepared[6][lane] = slope_z;
+            let point_x = segment_start_x + t2 * slope_x;
+            let point_y = segment_start_y + t2 * slope_y;
+            let point_z = segment_start_z + t2 * slope_z;
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = z;
+            prepared[3][lane] = slope_x;
+            prepared[4][lane] = slope_y;
+            prepared[5][lane] = slope_z;
+            prepared[6][lane] = point_x;
+            prepared[7][lane] = point_y;
+            prepared[8][lane] = point_z;
+            prepared[9][lane] = r_xx;
+            prepared[10][lane] = r_xy;
+            prepared[11][lane] = r_xz;
+            prepared[12][lane] = r_yx;
+            prepared[13][lane] = r_yy;
+            prepared[14][lane] = r_yz;
+            prepared[15][lane] = r_zx;
+            prepared[16][lane] = r_zy;
+            prepared[17][lane] = r_zz;
         }
         #[inline(always)]
         fn value<S: Samples>(
@@ -10117,39 +9657,37 @@ pub mod full_piecewise {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let segment_start_x = prepared[0][lane];
-            let segment_start_y = prepared[1][lane];
-            let segment_start_z = prepared[2][lane];
-            let segment_start_q = prepared[3][lane];
-            let slope_x = prepared[4][lane];
-            let slope_y = prepared[5][lane];
-            let slope_z = prepared[6][lane];
-            let &[x, y, z, alpha, beta, gamma, q1, _, _, length, plate_joint_x, plate_joint_y,
-                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_rotation_x,
-                track_rotation_y,
-                track_rotation_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let t1 = q1 - segment_start_q;
-            let t5 = segment_start_x + t1 * slope_x;
-            let t6 = segment_start_y + t1 * slope_y;
-            let t7 = segment_start_z + t1 * slope_z;
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let point_x = prepared[6][lane];
+            let point_y = prepared[7][lane];
+            let point_z = prepared[8][lane];
+            let r_xx = prepared[9][lane];
+            let r_xy = prepared[10][lane];
+            let r_xz = prepared[11][lane];
+            let r_yx = prepared[12][lane];
+            let r_yy = prepared[13][lane];
+            let r_yz = prepared[14][lane];
+            let r_zx = prepared[15][lane];
+            let r_zy = prepared[16][lane];
+            let r_zz = prepared[17][lane];
+            let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
+                track_offset_y, track_offset_z, track_rotation_x, track_rotation_y,
+                track_rotation_z] = parameters else { panic!("`parameters` must hold 10 numbers") };
             let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
             let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
             let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
-            let t19 = t6 * cos_track_rotation_x - t7 * sin_track_rotation_x;
-            let t20 = t6 * sin_track_rotation_x + t7 * cos_track_rotation_x;
-            let t25 = sin_track_rotation_y * t20 + t5 * cos_track_rotation_y;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t36 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t37 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t44 = plate_joint_z * sin_beta + t36 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t44 * cos_alpha - t37 * sin_alpha + x + sin_track_rotation_z * t19
-                - track_offset_x - cos_track_rotation_z * t25;
-            let rod_y = t44 * sin_alpha + t37 * cos_alpha + y - cos_track_rotation_z * t19
-                - track_offset_y - sin_track_rotation_z * t25;
-            let rod_z = plate_joint_z * cos_beta - t36 * sin_beta + z + t5 * sin_track_rotation_y
-                - track_offset_z - cos_track_rotation_y * t20;
+            let t21 = point_y * cos_track_rotation_x - point_z * sin_track_rotation_x;
+            let t22 = point_y * sin_track_rotation_x + point_z * cos_track_rotation_x;
+            let t27 = sin_track_rotation_y * t22 + point_x * cos_track_rotation_y;
+            let rod_x = sin_track_rotation_z * t21 + x + plate_joint_y * r_xy + plate_joint_x * r_xx
+                + plate_joint_z * r_xz - track_offset_x - cos_track_rotation_z * t27;
+            let rod_y = y + plate_joint_y * r_yy + plate_joint_x * r_yx + plate_joint_z * r_yz
+                - track_offset_y - sin_track_rotation_z * t27 - cos_track_rotation_z * t21;
+            let rod_z = point_x * sin_track_rotation_y + z + plate_joint_y * r_zy
+                + plate_joint_x * r_zx + plate_joint_z * r_zz - track_offset_z
+                - cos_track_rotation_y * t22;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
@@ -10161,349 +9699,59 @@ pub mod full_piecewise {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let segment_start_x = prepared[0][lane];
-            let segment_start_y = prepared[1][lane];
-            let segment_start_z = prepared[2][lane];
-            let segment_start_q = prepared[3][lane];
-            let slope_x = prepared[4][lane];
-            let slope_y = prepared[5][lane];
-            let slope_z = prepared[6][lane];
-            let &[x, y, z, alpha, beta, gamma, q1, _, _, length, plate_joint_x, plate_joint_y,
-                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_rotation_x,
-                track_rotation_y,
-                track_rotation_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let t1 = q1 - segment_start_q;
-            let t5 = segment_start_x + t1 * slope_x;
-            let t6 = segment_start_y + t1 * slope_y;
-            let t7 = segment_start_z + t1 * slope_z;
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let slope_x = prepared[3][lane];
+            let slope_y = prepared[4][lane];
+            let slope_z = prepared[5][lane];
+            let point_x = prepared[6][lane];
+            let point_y = prepared[7][lane];
+            let point_z = prepared[8][lane];
+            let r_xx = prepared[9][lane];
+            let r_xy = prepared[10][lane];
+            let r_xz = prepared[11][lane];
+            let r_yx = prepared[12][lane];
+            let r_yy = prepared[13][lane];
+            let r_yz = prepared[14][lane];
+            let r_zx = prepared[15][lane];
+            let r_zy = prepared[16][lane];
+            let r_zz = prepared[17][lane];
+            let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
+                track_offset_y, track_offset_z, track_rotation_x, track_rotation_y,
+                track_rotation_z] = parameters else { panic!("`parameters` must hold 10 numbers") };
             let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
             let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
             let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
-            let t19 = t6 * cos_track_rotation_x - t7 * sin_track_rotation_x;
-            let t20 = t6 * sin_track_rotation_x + t7 * cos_track_rotation_x;
-            let t25 = sin_track_rotation_y * t20 + t5 * cos_track_rotation_y;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t36 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t37 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t44 = t36 * sin_beta - plate_joint_z * cos_beta;
-            let t45 = plate_joint_z * sin_beta + t36 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t52 = t37 * sin_alpha - t45 * cos_alpha;
-            let t53 = t45 * sin_alpha + t37 * cos_alpha;
-            let rod_x = x - t52 + sin_track_rotation_z * t19 - track_offset_x
-                - cos_track_rotation_z * t25;
-            let rod_y = t53 + y - cos_track_rotation_z * t19 - track_offset_y
-                - sin_track_rotation_z * t25;
-            let rod_z = z - t44 + t5 * sin_track_rotation_y - track_offset_z
-                - cos_track_rotation_y * t20;
+            let t21 = point_y * cos_track_rotation_x - point_z * sin_track_rotation_x;
+            let t22 = point_y * sin_track_rotation_x + point_z * cos_track_rotation_x;
+            let t27 = sin_track_rotation_y * t22 + point_x * cos_track_rotation_y;
+            let t33 = plate_joint_y * r_xy + plate_joint_x * r_xx + plate_joint_z * r_xz;
+            let t35 = plate_joint_y * r_yy + plate_joint_x * r_yx + plate_joint_z * r_yz;
+            let t37 = plate_joint_y * r_zy + plate_joint_x * r_zx + plate_joint_z * r_zz;
+            let rod_x = sin_track_rotation_z * t21 + x + t33 - track_offset_x
+                - cos_track_rotation_z * t27;
+            let rod_y = y + t35 - track_offset_y - sin_track_rotation_z * t27
+                - cos_track_rotation_z * t21;
+            let rod_z = point_x * sin_track_rotation_y + z + t37 - track_offset_z
+                - cos_track_rotation_y * t22;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t72 = -2.0 * rod_z;
-            let t73 = 2.0 * rod_y;
-            let t74 = -2.0 * rod_x;
-            let t88 = sin_track_rotation_z * t73 - cos_track_rotation_z * t74;
-            let t89 = cos_track_rotation_z * t73 + sin_track_rotation_z * t74;
-            let t94 = sin_track_rotation_y * t88 - cos_track_rotation_y * t72;
+            let t56 = -2.0 * rod_z;
+            let t57 = -2.0 * rod_y;
+            let t58 = -2.0 * rod_x;
+            let t72 = sin_track_rotation_z * t57 + cos_track_rotation_z * t58;
+            let t73 = sin_track_rotation_z * t58 - cos_track_rotation_z * t57;
+            let t78 = sin_track_rotation_y * t72 + cos_track_rotation_y * t56;
             residuals[0][lane] = residual;
-            jacobian[0][lane] = t74;
-            jacobian[1][lane] = -t73;
-            jacobian[2][lane] = t72;
-            jacobian[3][lane] = t53 * t72 - t44 * t73;
-            jacobian[4][lane] = t52 * t72 - t44 * t74;
-            jacobian[5][lane] = t52 * t73 - t53 * t74;
-            jacobian[6][lane] = slope_z * (cos_track_rotation_x * t94 - sin_track_rotation_x * t89)
-                + slope_y * (sin_track_rotation_x * t94 + cos_track_rotation_x * t89)
-                + slope_x * (cos_track_rotation_y * t88 + sin_track_rotation_y * t72);
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: `segment_start_x`, `segment_start_y`, `segment_start_z`, `segment_end_x`, `segment_end_y`, `segment_end_z`, `segment_start_q`, `segment_end_q`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `track_rotation_x`, `track_rotation_y`, `track_rotation_z`.
-    ///
-    /// Once per sample: 7 operations (4 additions, 3 divisions).
-    /// Residuals: 71 operations (28 additions, 31 multiplications, 12 functions).
-    /// With the Jacobian: 107 operations (39 additions, 55 multiplications, 1 negation, 12 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseL2a;
-    impl Formulas for ClosureByPoseL2a {
-        const SHAPE: Shape = Shape {
-            data: 8,
-            prepared: 7,
-            parameters: 19,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 7],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[segment_start_x, segment_start_y, segment_start_z, segment_end_x, segment_end_y,
-                segment_end_z, segment_start_q,
-                segment_end_q] = data else { panic!("`data` must hold 8 numbers") };
-            let t1 = segment_end_q - segment_start_q;
-            let slope_x = (segment_end_x - segment_start_x) / t1;
-            let slope_y = (segment_end_y - segment_start_y) / t1;
-            let slope_z = (segment_end_z - segment_start_z) / t1;
-            prepared[0][lane] = segment_start_x;
-            prepared[1][lane] = segment_start_y;
-            prepared[2][lane] = segment_start_z;
-            prepared[3][lane] = segment_start_q;
-            prepared[4][lane] = slope_x;
-            prepared[5][lane] = slope_y;
-            prepared[6][lane] = slope_z;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let segment_start_x = prepared[0][lane];
-            let segment_start_y = prepared[1][lane];
-            let segment_start_z = prepared[2][lane];
-            let segment_start_q = prepared[3][lane];
-            let slope_x = prepared[4][lane];
-            let slope_y = prepared[5][lane];
-            let slope_z = prepared[6][lane];
-            let &[x, y, z, alpha, beta, gamma, _, q2, _, length, plate_joint_x, plate_joint_y,
-                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_rotation_x,
-                track_rotation_y,
-                track_rotation_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let t1 = q2 - segment_start_q;
-            let t5 = segment_start_x + t1 * slope_x;
-            let t6 = segment_start_y + t1 * slope_y;
-            let t7 = segment_start_z + t1 * slope_z;
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
-            let t19 = t6 * cos_track_rotation_x - t7 * sin_track_rotation_x;
-            let t20 = t6 * sin_track_rotation_x + t7 * cos_track_rotation_x;
-            let t25 = sin_track_rotation_y * t20 + t5 * cos_track_rotation_y;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t36 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t37 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t44 = plate_joint_z * sin_beta + t36 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t44 * cos_alpha - t37 * sin_alpha + x + sin_track_rotation_z * t19
-                - track_offset_x - cos_track_rotation_z * t25;
-            let rod_y = t44 * sin_alpha + t37 * cos_alpha + y - cos_track_rotation_z * t19
-                - track_offset_y - sin_track_rotation_z * t25;
-            let rod_z = plate_joint_z * cos_beta - t36 * sin_beta + z + t5 * sin_track_rotation_y
-                - track_offset_z - cos_track_rotation_y * t20;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let segment_start_x = prepared[0][lane];
-            let segment_start_y = prepared[1][lane];
-            let segment_start_z = prepared[2][lane];
-            let segment_start_q = prepared[3][lane];
-            let slope_x = prepared[4][lane];
-            let slope_y = prepared[5][lane];
-            let slope_z = prepared[6][lane];
-            let &[x, y, z, alpha, beta, gamma, _, q2, _, length, plate_joint_x, plate_joint_y,
-                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_rotation_x,
-                track_rotation_y,
-                track_rotation_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let t1 = q2 - segment_start_q;
-            let t5 = segment_start_x + t1 * slope_x;
-            let t6 = segment_start_y + t1 * slope_y;
-            let t7 = segment_start_z + t1 * slope_z;
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
-            let t19 = t6 * cos_track_rotation_x - t7 * sin_track_rotation_x;
-            let t20 = t6 * sin_track_rotation_x + t7 * cos_track_rotation_x;
-            let t25 = sin_track_rotation_y * t20 + t5 * cos_track_rotation_y;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t36 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t37 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t44 = t36 * sin_beta - plate_joint_z * cos_beta;
-            let t45 = plate_joint_z * sin_beta + t36 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t52 = t37 * sin_alpha - t45 * cos_alpha;
-            let t53 = t45 * sin_alpha + t37 * cos_alpha;
-            let rod_x = x - t52 + sin_track_rotation_z * t19 - track_offset_x
-                - cos_track_rotation_z * t25;
-            let rod_y = t53 + y - cos_track_rotation_z * t19 - track_offset_y
-                - sin_track_rotation_z * t25;
-            let rod_z = z - t44 + t5 * sin_track_rotation_y - track_offset_z
-                - cos_track_rotation_y * t20;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t72 = -2.0 * rod_z;
-            let t73 = 2.0 * rod_y;
-            let t74 = -2.0 * rod_x;
-            let t88 = sin_track_rotation_z * t73 - cos_track_rotation_z * t74;
-            let t89 = cos_track_rotation_z * t73 + sin_track_rotation_z * t74;
-            let t94 = sin_track_rotation_y * t88 - cos_track_rotation_y * t72;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = t74;
-            jacobian[1][lane] = -t73;
-            jacobian[2][lane] = t72;
-            jacobian[3][lane] = t53 * t72 - t44 * t73;
-            jacobian[4][lane] = t52 * t72 - t44 * t74;
-            jacobian[5][lane] = t52 * t73 - t53 * t74;
-            jacobian[6][lane] = slope_z * (cos_track_rotation_x * t94 - sin_track_rotation_x * t89)
-                + slope_y * (sin_track_rotation_x * t94 + cos_track_rotation_x * t89)
-                + slope_x * (cos_track_rotation_y * t88 + sin_track_rotation_y * t72);
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: `segment_start_x`, `segment_start_y`, `segment_start_z`, `segment_end_x`, `segment_end_y`, `segment_end_z`, `segment_start_q`, `segment_end_q`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `track_rotation_x`, `track_rotation_y`, `track_rotation_z`.
-    ///
-    /// Once per sample: 7 operations (4 additions, 3 divisions).
-    /// Residuals: 71 operations (28 additions, 31 multiplications, 12 functions).
-    /// With the Jacobian: 107 operations (39 additions, 55 multiplications, 1 negation, 12 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseL3a;
-    impl Formulas for ClosureByPoseL3a {
-        const SHAPE: Shape = Shape {
-            data: 8,
-            prepared: 7,
-            parameters: 19,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 8],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[segment_start_x, segment_start_y, segment_start_z, segment_end_x, segment_end_y,
-                segment_end_z, segment_start_q,
-                segment_end_q] = data else { panic!("`data` must hold 8 numbers") };
-            let t1 = segment_end_q - segment_start_q;
-            let slope_x = (segment_end_x - segment_start_x) / t1;
-            let slope_y = (segment_end_y - segment_start_y) / t1;
-            let slope_z = (segment_end_z - segment_start_z) / t1;
-            prepared[0][lane] = segment_start_x;
-            prepared[1][lane] = segment_start_y;
-            prepared[2][lane] = segment_start_z;
-            prepared[3][lane] = segment_start_q;
-            prepared[4][lane] = slope_x;
-            prepared[5][lane] = slope_y;
-            prepared[6][lane] = slope_z;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let segment_start_x = prepared[0][lane];
-            let segment_start_y = prepared[1][lane];
-            let segment_start_z = prepared[2][lane];
-            let segment_start_q = prepared[3][lane];
-            let slope_x = prepared[4][lane];
-            let slope_y = prepared[5][lane];
-            let slope_z = prepared[6][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, q3, length, plate_joint_x, plate_joint_y,
-                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_rotation_x,
-                track_rotation_y,
-                track_rotation_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let t1 = q3 - segment_start_q;
-            let t5 = segment_start_x + t1 * slope_x;
-            let t6 = segment_start_y + t1 * slope_y;
-            let t7 = segment_start_z + t1 * slope_z;
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
-            let t19 = t6 * cos_track_rotation_x - t7 * sin_track_rotation_x;
-            let t20 = t6 * sin_track_rotation_x + t7 * cos_track_rotation_x;
-            let t25 = sin_track_rotation_y * t20 + t5 * cos_track_rotation_y;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t36 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t37 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t44 = plate_joint_z * sin_beta + t36 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t44 * cos_alpha - t37 * sin_alpha + x + sin_track_rotation_z * t19
-                - track_offset_x - cos_track_rotation_z * t25;
-            let rod_y = t44 * sin_alpha + t37 * cos_alpha + y - cos_track_rotation_z * t19
-                - track_offset_y - sin_track_rotation_z * t25;
-            let rod_z = plate_joint_z * cos_beta - t36 * sin_beta + z + t5 * sin_track_rotation_y
-                - track_offset_z - cos_track_rotation_y * t20;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let segment_start_x = prepared[0][lane];
-            let segment_start_y = prepared[1][lane];
-            let segment_start_z = prepared[2][lane];
-            let segment_start_q = prepared[3][lane];
-            let slope_x = prepared[4][lane];
-            let slope_y = prepared[5][lane];
-            let slope_z = prepared[6][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, q3, length, plate_joint_x, plate_joint_y,
-                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_rotation_x,
-                track_rotation_y,
-                track_rotation_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let t1 = q3 - segment_start_q;
-            let t5 = segment_start_x + t1 * slope_x;
-            let t6 = segment_start_y + t1 * slope_y;
-            let t7 = segment_start_z + t1 * slope_z;
-            let (sin_track_rotation_z, cos_track_rotation_z) = math::sin_cos(track_rotation_z);
-            let (sin_track_rotation_y, cos_track_rotation_y) = math::sin_cos(track_rotation_y);
-            let (sin_track_rotation_x, cos_track_rotation_x) = math::sin_cos(track_rotation_x);
-            let t19 = t6 * cos_track_rotation_x - t7 * sin_track_rotation_x;
-            let t20 = t6 * sin_track_rotation_x + t7 * cos_track_rotation_x;
-            let t25 = sin_track_rotation_y * t20 + t5 * cos_track_rotation_y;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t36 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t37 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t44 = t36 * sin_beta - plate_joint_z * cos_beta;
-            let t45 = plate_joint_z * sin_beta + t36 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t52 = t37 * sin_alpha - t45 * cos_alpha;
-            let t53 = t45 * sin_alpha + t37 * cos_alpha;
-            let rod_x = x - t52 + sin_track_rotation_z * t19 - track_offset_x
-                - cos_track_rotation_z * t25;
-            let rod_y = t53 + y - cos_track_rotation_z * t19 - track_offset_y
-                - sin_track_rotation_z * t25;
-            let rod_z = z - t44 + t5 * sin_track_rotation_y - track_offset_z
-                - cos_track_rotation_y * t20;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t72 = -2.0 * rod_z;
-            let t73 = 2.0 * rod_y;
-            let t74 = -2.0 * rod_x;
-            let t88 = sin_track_rotation_z * t73 - cos_track_rotation_z * t74;
-            let t89 = cos_track_rotation_z * t73 + sin_track_rotation_z * t74;
-            let t94 = sin_track_rotation_y * t88 - cos_track_rotation_y * t72;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = t74;
-            jacobian[1][lane] = -t73;
-            jacobian[2][lane] = t72;
-            jacobian[3][lane] = t53 * t72 - t44 * t73;
-            jacobian[4][lane] = t52 * t72 - t44 * t74;
-            jacobian[5][lane] = t52 * t73 - t53 * t74;
-            jacobian[6][lane] = slope_z * (cos_track_rotation_x * t94 - sin_track_rotation_x * t89)
-                + slope_y * (sin_track_rotation_x * t94 + cos_track_rotation_x * t89)
-                + slope_x * (cos_track_rotation_y * t88 + sin_track_rotation_y * t72);
+            jacobian[0][lane] = t58;
+            jacobian[1][lane] = t57;
+            jacobian[2][lane] = t56;
+            jacobian[3][lane] = t35 * t56 - t37 * t57;
+            jacobian[4][lane] = t37 * t58 - t33 * t56;
+            jacobian[5][lane] = t33 * t57 - t35 * t58;
+            jacobian[6][lane] = slope_y * (cos_track_rotation_x * t73 - sin_track_rotation_x * t78)
+                - slope_z * (cos_track_rotation_x * t78 + sin_track_rotation_x * t73)
+                + slope_x * (sin_track_rotation_y * t56 - cos_track_rotation_y * t72);
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x; axial vector of F·A(q)·M·Rᵀ`
@@ -14930,16 +14178,25 @@ pub mod best_per_link {
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 0,
-                family: &super::full::ClosureByPoseL1,
+                family: &super::full::ClosureByPose,
                 parameters: &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(0), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 1,
-                family: &super::full_piecewise::ClosureByPoseL2a,
+                family: &super::full_piecewise::ClosureByPose,
                 parameters: &[10, 11, 12, 13, 14, 15, 16, 17, 18, 19],
                 inputs: &[
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
                     Input::SegmentStart {
                         track: 1,
                         component: 0,
@@ -14970,9 +14227,13 @@ pub mod best_per_link {
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 2,
-                family: &super::full_piecewise::ClosureByPoseL2a,
+                family: &super::full_piecewise::ClosureByPose,
                 parameters: &[20, 21, 22, 23, 24, 25, 26, 27, 28, 29],
                 inputs: &[
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
                     Input::SegmentStart {
                         track: 1,
                         component: 0,
@@ -15003,23 +14264,38 @@ pub mod best_per_link {
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 3,
-                family: &super::full::ClosureByPoseL3a,
+                family: &super::full::ClosureByPose,
                 parameters: &[30, 31, 32, 33, 34, 35, 36, 37, 38, 39],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 4,
-                family: &super::full::ClosureByPoseL3a,
+                family: &super::full::ClosureByPose,
                 parameters: &[40, 41, 42, 43, 44, 45, 46, 47, 48, 49],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 5,
-                family: &super::full::ClosureByPoseL3a,
+                family: &super::full::ClosureByPose,
                 parameters: &[50, 51, 52, 53, 54, 55, 56, 57, 58, 59],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::CartPose,
@@ -16119,44 +15395,74 @@ pub mod full_rack {
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 0,
-                family: &super::full::ClosureByPoseL1,
+                family: &super::full::ClosureByPose,
                 parameters: &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(0), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 1,
                 family: &ClosureByPoseL2a,
                 parameters: &[10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 60, 61, 62],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 2,
                 family: &ClosureByPoseL2a,
                 parameters: &[20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 60, 61, 62],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 3,
-                family: &super::full::ClosureByPoseL3a,
+                family: &super::full::ClosureByPose,
                 parameters: &[30, 31, 32, 33, 34, 35, 36, 37, 38, 39],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 4,
-                family: &super::full::ClosureByPoseL3a,
+                family: &super::full::ClosureByPose,
                 parameters: &[40, 41, 42, 43, 44, 45, 46, 47, 48, 49],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 5,
-                family: &super::full::ClosureByPoseL3a,
+                family: &super::full::ClosureByPose,
                 parameters: &[50, 51, 52, 53, 54, 55, 56, 57, 58, 59],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::CartPose,
@@ -16607,114 +15913,147 @@ pub mod full_rack {
                 * (t87 * (t5 * rack_pitch_cosine - rack_pitch_sine * t7) / rack_pitch_period);
         }
     }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
+    /// `L² − ‖T + R·P − C(q)‖²`
     ///
-    /// Data: none.
+    /// Data: `q`, `x`, `y`, `z`, `r_xx`, `r_xy`, `r_xz`, `r_yx`, `r_yy`, `r_yz`, `r_zx`, `r_zy`, `r_zz`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `track_direction_x`, `track_direction_y`, `track_direction_z`, `rack_pitch_sine`, `rack_pitch_cosine`, `rack_pitch_period`.
+    /// Parameters: `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `track_direction_x`, `track_direction_y`, `track_direction_z`, `rack_pitch_sine`, `rack_pitch_cosine`, `rack_pitch_period`.
     ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 66 operations (24 additions, 31 multiplications, 2 divisions, 9 functions).
-    /// With the Jacobian: 96 operations (33 additions, 50 multiplications, 3 divisions, 1 negation, 9 functions).
+    /// Once per sample: 1 operations (1 multiplication).
+    /// Residuals: 56 operations (24 additions, 27 multiplications, 2 divisions, 3 functions).
+    /// With the Jacobian: 85 operations (33 additions, 46 multiplications, 3 divisions, 3 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct ClosureByPoseL2a;
     impl Formulas for ClosureByPoseL2a {
         const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 22,
+            data: 13,
+            prepared: 14,
+            parameters: 13,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
             row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 7],
+            columns: &[0, 1, 2, 3, 4, 5, 6],
         };
         #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
+            let &[q, x, y, z, r_xx, r_xy, r_xz, r_yx, r_yy, r_yz, r_zx, r_zy,
+                r_zz] = data else { panic!("`data` must hold 13 numbers") };
+            let prepared_4 = q * 6.283185307179586;
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = z;
+            prepared[3][lane] = q;
+            prepared[4][lane] = prepared_4;
+            prepared[5][lane] = r_xx;
+            prepared[6][lane] = r_xy;
+            prepared[7][lane] = r_xz;
+            prepared[8][lane] = r_yx;
+            prepared[9][lane] = r_yy;
+            prepared[10][lane] = r_yz;
+            prepared[11][lane] = r_zx;
+            prepared[12][lane] = r_zy;
+            prepared[13][lane] = r_zz;
         }
         #[inline(always)]
         fn value<S: Samples>(
             lane: usize,
-            _prepared: &[S],
+            prepared: &[S],
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let &[x, y, z, alpha, beta, gamma, _, q2, _, length, plate_joint_x, plate_joint_y,
-                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_direction_x,
-                track_direction_y, track_direction_z, rack_pitch_sine, rack_pitch_cosine,
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let r_xx = prepared[5][lane];
+            let r_xy = prepared[6][lane];
+            let r_xz = prepared[7][lane];
+            let r_yx = prepared[8][lane];
+            let r_yy = prepared[9][lane];
+            let r_yz = prepared[10][lane];
+            let r_zx = prepared[11][lane];
+            let r_zy = prepared[12][lane];
+            let r_zz = prepared[13][lane];
+            let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
+                track_offset_y, track_offset_z, track_direction_x, track_direction_y,
+                track_direction_z, rack_pitch_sine, rack_pitch_cosine,
                 rack_pitch_period] =
-                parameters else { panic!("`parameters` must hold 22 numbers") };
-            let t5 = q2 * 6.283185307179586 / rack_pitch_period;
-            let (t6, t8) = math::sin_cos(t5);
-            let t10 = rack_pitch_sine * t6 + rack_pitch_cosine * t8;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t21 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t22 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t29 = plate_joint_z * sin_beta + t21 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t39 = 1.0
+                parameters else { panic!("`parameters` must hold 13 numbers") };
+            let t4 = prepared_4 / rack_pitch_period;
+            let (t5, t7) = math::sin_cos(t4);
+            let t9 = rack_pitch_sine * t5 + rack_pitch_cosine * t7;
+            let t26 = 1.0
                 / math::sqrt(track_direction_y * track_direction_y
                 + track_direction_x * track_direction_x + track_direction_z * track_direction_z);
-            let rod_x = t29 * cos_alpha - t22 * sin_alpha + x - track_offset_x
-                - q2 * track_direction_x - t10 * (track_direction_x * t39);
-            let rod_y = t29 * sin_alpha + t22 * cos_alpha + y - track_offset_y
-                - q2 * track_direction_y - t10 * (track_direction_y * t39);
-            let rod_z = plate_joint_z * cos_beta - t21 * sin_beta + z - track_offset_z
-                - q2 * track_direction_z - t10 * (track_direction_z * t39);
+            let rod_x = plate_joint_y * r_xy + plate_joint_x * r_xx + plate_joint_z * r_xz + x
+                - track_offset_x - q * track_direction_x - t9 * (track_direction_x * t26);
+            let rod_y = plate_joint_y * r_yy + plate_joint_x * r_yx + plate_joint_z * r_yz + y
+                - track_offset_y - q * track_direction_y - t9 * (track_direction_y * t26);
+            let rod_z = plate_joint_y * r_zy + plate_joint_x * r_zx + plate_joint_z * r_zz + z
+                - track_offset_z - q * track_direction_z - t9 * (track_direction_z * t26);
             let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
         fn linearize<S: Samples>(
             lane: usize,
-            _prepared: &[S],
+            prepared: &[S],
             parameters: &[f64],
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let &[x, y, z, alpha, beta, gamma, _, q2, _, length, plate_joint_x, plate_joint_y,
-                plate_joint_z, track_offset_x, track_offset_y, track_offset_z, track_direction_x,
-                track_direction_y, track_direction_z, rack_pitch_sine, rack_pitch_cosine,
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let r_xx = prepared[5][lane];
+            let r_xy = prepared[6][lane];
+            let r_xz = prepared[7][lane];
+            let r_yx = prepared[8][lane];
+            let r_yy = prepared[9][lane];
+            let r_yz = prepared[10][lane];
+            let r_zx = prepared[11][lane];
+            let r_zy = prepared[12][lane];
+            let r_zz = prepared[13][lane];
+            let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
+                track_offset_y, track_offset_z, track_direction_x, track_direction_y,
+                track_direction_z, rack_pitch_sine, rack_pitch_cosine,
                 rack_pitch_period] =
-                parameters else { panic!("`parameters` must hold 22 numbers") };
-            let t5 = q2 * 6.283185307179586 / rack_pitch_period;
-            let (t6, t8) = math::sin_cos(t5);
-            let t10 = rack_pitch_sine * t6 + rack_pitch_cosine * t8;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t21 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t22 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t29 = t21 * sin_beta - plate_joint_z * cos_beta;
-            let t30 = plate_joint_z * sin_beta + t21 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t37 = t22 * sin_alpha - t30 * cos_alpha;
-            let t38 = t30 * sin_alpha + t22 * cos_alpha;
-            let t42 = 1.0
+                parameters else { panic!("`parameters` must hold 13 numbers") };
+            let t4 = prepared_4 / rack_pitch_period;
+            let (t5, t7) = math::sin_cos(t4);
+            let t9 = rack_pitch_sine * t5 + rack_pitch_cosine * t7;
+            let t26 = 1.0
                 / math::sqrt(track_direction_y * track_direction_y
                 + track_direction_x * track_direction_x + track_direction_z * track_direction_z);
-            let t43 = track_direction_x * t42;
-            let t44 = track_direction_y * t42;
-            let t45 = track_direction_z * t42;
-            let rod_x = x - t37 - track_offset_x - q2 * track_direction_x - t10 * t43;
-            let rod_y = t38 + y - track_offset_y - q2 * track_direction_y - t10 * t44;
-            let rod_z = z - t29 - track_offset_z - q2 * track_direction_z - t10 * t45;
+            let t27 = track_direction_x * t26;
+            let t28 = track_direction_y * t26;
+            let t29 = track_direction_z * t26;
+            let t34 = plate_joint_y * r_xy + plate_joint_x * r_xx + plate_joint_z * r_xz;
+            let t36 = plate_joint_y * r_yy + plate_joint_x * r_yx + plate_joint_z * r_yz;
+            let t38 = plate_joint_y * r_zy + plate_joint_x * r_zx + plate_joint_z * r_zz;
+            let rod_x = t34 + x - track_offset_x - q * track_direction_x - t9 * t27;
+            let rod_y = t36 + y - track_offset_y - q * track_direction_y - t9 * t28;
+            let rod_z = t38 + z - track_offset_z - q * track_direction_z - t9 * t29;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t67 = -2.0 * rod_z;
-            let t68 = -2.0 * rod_y;
-            let t69 = 2.0 * rod_x;
-            let t95 = 6.283185307179586
-                * ((t43 * t69 - t45 * t67 - t44 * t68)
-                * (rack_pitch_sine * t8 - t6 * rack_pitch_cosine) / rack_pitch_period)
-                - track_direction_z * t67 - track_direction_y * t68 + track_direction_x * t69;
+            let t57 = -2.0 * rod_z;
+            let t58 = -2.0 * rod_y;
+            let t59 = -2.0 * rod_x;
+            let t85 = -6.283185307179586
+                * ((t29 * t57 + t28 * t58 + t27 * t59)
+                * (rack_pitch_sine * t7 - t5 * rack_pitch_cosine) / rack_pitch_period)
+                - track_direction_z * t57 - track_direction_y * t58 - track_direction_x * t59;
             residuals[0][lane] = residual;
-            jacobian[0][lane] = -t69;
-            jacobian[1][lane] = t68;
-            jacobian[2][lane] = t67;
-            jacobian[3][lane] = t38 * t67 + t29 * t68;
-            jacobian[4][lane] = t37 * t67 + t29 * t69;
-            jacobian[5][lane] = t38 * t69 - t37 * t68;
-            jacobian[6][lane] = t95;
+            jacobian[0][lane] = t59;
+            jacobian[1][lane] = t58;
+            jacobian[2][lane] = t57;
+            jacobian[3][lane] = t36 * t57 - t38 * t58;
+            jacobian[4][lane] = t38 * t59 - t34 * t57;
+            jacobian[5][lane] = t34 * t58 - t36 * t59;
+            jacobian[6][lane] = t85;
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x; axial vector of F·A(q)·M·Rᵀ`

@@ -2,21 +2,11 @@
 //
 // Operations once per sample / per residual / with the Jacobian:
 //   full::closure: 25 / 34 / 56
-//   full::closure_by_pose_l1: 0 / 43 / 61
-//   full::closure_by_pose_l2: 0 / 43 / 61
-//   full::closure_by_pose_l3: 0 / 43 / 61
-//   full::closure_by_pose_l4: 0 / 43 / 61
-//   full::closure_by_pose_l5: 0 / 43 / 61
-//   full::closure_by_pose_l6: 0 / 43 / 61
+//   full::closure_by_pose: 0 / 34 / 52
 //   full::cart_pose: 33 / 153 / 541
 //   full::cart_position: 0 / 39 / 79
 //   parallel::closure: 31 / 28 / 47
-//   parallel::closure_by_pose_l1: 0 / 43 / 61
-//   parallel::closure_by_pose_l2: 0 / 43 / 61
-//   parallel::closure_by_pose_l3: 0 / 43 / 61
-//   parallel::closure_by_pose_l4: 0 / 43 / 61
-//   parallel::closure_by_pose_l5: 0 / 43 / 61
-//   parallel::closure_by_pose_l6: 0 / 43 / 61
+//   parallel::closure_by_pose: 7 / 28 / 45
 //   parallel::cart_pose: 36 / 150 / 528
 //   parallel::cart_position: 3 / 36 / 66
 
@@ -1184,44 +1174,74 @@ pub mod full {
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 0,
-                family: &ClosureByPoseL1,
+                family: &ClosureByPose,
                 parameters: &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(0), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 1,
-                family: &ClosureByPoseL2,
+                family: &ClosureByPose,
                 parameters: &[10, 11, 12, 13, 14, 15, 16, 17, 18, 19],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 2,
-                family: &ClosureByPoseL3,
+                family: &ClosureByPose,
                 parameters: &[20, 21, 22, 23, 24, 25, 26, 27, 28, 29],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 3,
-                family: &ClosureByPoseL4,
+                family: &ClosureByPose,
                 parameters: &[30, 31, 32, 33, 34, 35, 36, 37, 38, 39],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(3), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 4,
-                family: &ClosureByPoseL5,
+                family: &ClosureByPose,
                 parameters: &[40, 41, 42, 43, 44, 45, 46, 47, 48, 49],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(4), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 5,
-                family: &ClosureByPoseL6,
+                family: &ClosureByPose,
                 parameters: &[50, 51, 52, 53, 54, 55, 56, 57, 58, 59],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(5), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::CartPose,
@@ -1757,22 +1777,22 @@ pub mod full {
             jacobian[9][lane] = q * t21;
         }
     }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
+    /// `L² − ‖T + R·P − C(q)‖²`
     ///
-    /// Data: none.
+    /// Data: `q`, `x`, `y`, `z`, `r_xx`, `r_xy`, `r_xz`, `r_yx`, `r_yy`, `r_yz`, `r_zx`, `r_zy`, `r_zz`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `track_direction_x`, `track_direction_y`, `track_direction_z`.
+    /// Parameters: `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `track_direction_x`, `track_direction_y`, `track_direction_z`.
     ///
     /// Once per sample: 0 operations.
-    /// Residuals: 43 operations (18 additions, 19 multiplications, 6 functions).
-    /// With the Jacobian: 61 operations (23 additions, 31 multiplications, 1 negation, 6 functions).
+    /// Residuals: 34 operations (18 additions, 16 multiplications).
+    /// With the Jacobian: 52 operations (23 additions, 28 multiplications, 1 negation).
     #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseL1;
-    impl Formulas for ClosureByPoseL1 {
+    pub struct ClosureByPose;
+    impl Formulas for ClosureByPose {
         const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 22,
+            data: 13,
+            prepared: 13,
+            parameters: 10,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
@@ -1780,533 +1800,100 @@ pub mod full {
             columns: &[0, 1, 2, 3, 4, 5, 6],
         };
         #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
+            let &[q, x, y, z, r_xx, r_xy, r_xz, r_yx, r_yy, r_yz, r_zx, r_zy,
+                r_zz] = data else { panic!("`data` must hold 13 numbers") };
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = z;
+            prepared[3][lane] = q;
+            prepared[4][lane] = r_xx;
+            prepared[5][lane] = r_xy;
+            prepared[6][lane] = r_xz;
+            prepared[7][lane] = r_yx;
+            prepared[8][lane] = r_yy;
+            prepared[9][lane] = r_yz;
+            prepared[10][lane] = r_zx;
+            prepared[11][lane] = r_zy;
+            prepared[12][lane] = r_zz;
         }
         #[inline(always)]
         fn value<S: Samples>(
             lane: usize,
-            _prepared: &[S],
+            prepared: &[S],
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let &[x, y, z, alpha, beta, gamma, q1, _, _, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-                track_direction_x, track_direction_y,
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let r_xx = prepared[4][lane];
+            let r_xy = prepared[5][lane];
+            let r_xz = prepared[6][lane];
+            let r_yx = prepared[7][lane];
+            let r_yy = prepared[8][lane];
+            let r_yz = prepared[9][lane];
+            let r_zx = prepared[10][lane];
+            let r_zy = prepared[11][lane];
+            let r_zz = prepared[12][lane];
+            let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
+                track_offset_y, track_offset_z, track_direction_x, track_direction_y,
                 track_direction_z] =
-                parameters else { panic!("`parameters` must hold 22 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t19 * cos_alpha - t12 * sin_alpha + x - track_offset_x
-                - q1 * track_direction_x;
-            let rod_y = t19 * sin_alpha + t12 * cos_alpha + y - track_offset_y
-                - q1 * track_direction_y;
-            let rod_z = plate_joint_z * cos_beta - t11 * sin_beta + z - track_offset_z
-                - q1 * track_direction_z;
+                parameters else { panic!("`parameters` must hold 10 numbers") };
+            let rod_x = plate_joint_y * r_xy + plate_joint_x * r_xx + plate_joint_z * r_xz + x
+                - track_offset_x - q * track_direction_x;
+            let rod_y = plate_joint_y * r_yy + plate_joint_x * r_yx + plate_joint_z * r_yz + y
+                - track_offset_y - q * track_direction_y;
+            let rod_z = plate_joint_y * r_zy + plate_joint_x * r_zx + plate_joint_z * r_zz + z
+                - track_offset_z - q * track_direction_z;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
         fn linearize<S: Samples>(
             lane: usize,
-            _prepared: &[S],
+            prepared: &[S],
             parameters: &[f64],
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let &[x, y, z, alpha, beta, gamma, q1, _, _, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-                track_direction_x, track_direction_y,
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let r_xx = prepared[4][lane];
+            let r_xy = prepared[5][lane];
+            let r_xz = prepared[6][lane];
+            let r_yx = prepared[7][lane];
+            let r_yy = prepared[8][lane];
+            let r_yz = prepared[9][lane];
+            let r_zx = prepared[10][lane];
+            let r_zy = prepared[11][lane];
+            let r_zz = prepared[12][lane];
+            let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
+                track_offset_y, track_offset_z, track_direction_x, track_direction_y,
                 track_direction_z] =
-                parameters else { panic!("`parameters` must hold 22 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = t11 * sin_beta - plate_joint_z * cos_beta;
-            let t20 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t27 = t12 * sin_alpha - t20 * cos_alpha;
-            let t28 = t20 * sin_alpha + t12 * cos_alpha;
-            let rod_x = x - t27 - track_offset_x - q1 * track_direction_x;
-            let rod_y = t28 + y - track_offset_y - q1 * track_direction_y;
-            let rod_z = z - t19 - track_offset_z - q1 * track_direction_z;
+                parameters else { panic!("`parameters` must hold 10 numbers") };
+            let t15 = plate_joint_y * r_xy + plate_joint_x * r_xx + plate_joint_z * r_xz;
+            let t17 = plate_joint_y * r_yy + plate_joint_x * r_yx + plate_joint_z * r_yz;
+            let t19 = plate_joint_y * r_zy + plate_joint_x * r_zx + plate_joint_z * r_zz;
+            let rod_x = t15 + x - track_offset_x - q * track_direction_x;
+            let rod_y = t17 + y - track_offset_y - q * track_direction_y;
+            let rod_z = t19 + z - track_offset_z - q * track_direction_z;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t44 = -2.0 * rod_z;
-            let t45 = -2.0 * rod_y;
-            let t46 = 2.0 * rod_x;
+            let t35 = -2.0 * rod_z;
+            let t36 = -2.0 * rod_y;
+            let t37 = -2.0 * rod_x;
             residuals[0][lane] = residual;
-            jacobian[0][lane] = -t46;
-            jacobian[1][lane] = t45;
-            jacobian[2][lane] = t44;
-            jacobian[3][lane] = t28 * t44 + t19 * t45;
-            jacobian[4][lane] = t27 * t44 + t19 * t46;
-            jacobian[5][lane] = t28 * t46 - t27 * t45;
-            jacobian[6][lane] = track_direction_x * t46 - track_direction_z * t44
-                - track_direction_y * t45;
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `track_direction_x`, `track_direction_y`, `track_direction_z`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 43 operations (18 additions, 19 multiplications, 6 functions).
-    /// With the Jacobian: 61 operations (23 additions, 31 multiplications, 1 negation, 6 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseL2;
-    impl Formulas for ClosureByPoseL2 {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 22,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 7],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, q2, _, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-                track_direction_x, track_direction_y,
-                track_direction_z] =
-                parameters else { panic!("`parameters` must hold 22 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t19 * cos_alpha - t12 * sin_alpha + x - track_offset_x
-                - q2 * track_direction_x;
-            let rod_y = t19 * sin_alpha + t12 * cos_alpha + y - track_offset_y
-                - q2 * track_direction_y;
-            let rod_z = plate_joint_z * cos_beta - t11 * sin_beta + z - track_offset_z
-                - q2 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, q2, _, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-                track_direction_x, track_direction_y,
-                track_direction_z] =
-                parameters else { panic!("`parameters` must hold 22 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = t11 * sin_beta - plate_joint_z * cos_beta;
-            let t20 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t27 = t12 * sin_alpha - t20 * cos_alpha;
-            let t28 = t20 * sin_alpha + t12 * cos_alpha;
-            let rod_x = x - t27 - track_offset_x - q2 * track_direction_x;
-            let rod_y = t28 + y - track_offset_y - q2 * track_direction_y;
-            let rod_z = z - t19 - track_offset_z - q2 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t44 = -2.0 * rod_z;
-            let t45 = -2.0 * rod_y;
-            let t46 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t46;
-            jacobian[1][lane] = t45;
-            jacobian[2][lane] = t44;
-            jacobian[3][lane] = t28 * t44 + t19 * t45;
-            jacobian[4][lane] = t27 * t44 + t19 * t46;
-            jacobian[5][lane] = t28 * t46 - t27 * t45;
-            jacobian[6][lane] = track_direction_x * t46 - track_direction_z * t44
-                - track_direction_y * t45;
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `track_direction_x`, `track_direction_y`, `track_direction_z`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 43 operations (18 additions, 19 multiplications, 6 functions).
-    /// With the Jacobian: 61 operations (23 additions, 31 multiplications, 1 negation, 6 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseL3;
-    impl Formulas for ClosureByPoseL3 {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 22,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 8],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, q3, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-                track_direction_x, track_direction_y,
-                track_direction_z] =
-                parameters else { panic!("`parameters` must hold 22 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t19 * cos_alpha - t12 * sin_alpha + x - track_offset_x
-                - q3 * track_direction_x;
-            let rod_y = t19 * sin_alpha + t12 * cos_alpha + y - track_offset_y
-                - q3 * track_direction_y;
-            let rod_z = plate_joint_z * cos_beta - t11 * sin_beta + z - track_offset_z
-                - q3 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, q3, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-                track_direction_x, track_direction_y,
-                track_direction_z] =
-                parameters else { panic!("`parameters` must hold 22 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = t11 * sin_beta - plate_joint_z * cos_beta;
-            let t20 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t27 = t12 * sin_alpha - t20 * cos_alpha;
-            let t28 = t20 * sin_alpha + t12 * cos_alpha;
-            let rod_x = x - t27 - track_offset_x - q3 * track_direction_x;
-            let rod_y = t28 + y - track_offset_y - q3 * track_direction_y;
-            let rod_z = z - t19 - track_offset_z - q3 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t44 = -2.0 * rod_z;
-            let t45 = -2.0 * rod_y;
-            let t46 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t46;
-            jacobian[1][lane] = t45;
-            jacobian[2][lane] = t44;
-            jacobian[3][lane] = t28 * t44 + t19 * t45;
-            jacobian[4][lane] = t27 * t44 + t19 * t46;
-            jacobian[5][lane] = t28 * t46 - t27 * t45;
-            jacobian[6][lane] = track_direction_x * t46 - track_direction_z * t44
-                - track_direction_y * t45;
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `track_direction_x`, `track_direction_y`, `track_direction_z`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 43 operations (18 additions, 19 multiplications, 6 functions).
-    /// With the Jacobian: 61 operations (23 additions, 31 multiplications, 1 negation, 6 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseL4;
-    impl Formulas for ClosureByPoseL4 {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 22,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 9],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, _, q4, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-                track_direction_x, track_direction_y,
-                track_direction_z] =
-                parameters else { panic!("`parameters` must hold 22 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t19 * cos_alpha - t12 * sin_alpha + x - track_offset_x
-                - q4 * track_direction_x;
-            let rod_y = t19 * sin_alpha + t12 * cos_alpha + y - track_offset_y
-                - q4 * track_direction_y;
-            let rod_z = plate_joint_z * cos_beta - t11 * sin_beta + z - track_offset_z
-                - q4 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, _, q4, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-                track_direction_x, track_direction_y,
-                track_direction_z] =
-                parameters else { panic!("`parameters` must hold 22 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = t11 * sin_beta - plate_joint_z * cos_beta;
-            let t20 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t27 = t12 * sin_alpha - t20 * cos_alpha;
-            let t28 = t20 * sin_alpha + t12 * cos_alpha;
-            let rod_x = x - t27 - track_offset_x - q4 * track_direction_x;
-            let rod_y = t28 + y - track_offset_y - q4 * track_direction_y;
-            let rod_z = z - t19 - track_offset_z - q4 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t44 = -2.0 * rod_z;
-            let t45 = -2.0 * rod_y;
-            let t46 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t46;
-            jacobian[1][lane] = t45;
-            jacobian[2][lane] = t44;
-            jacobian[3][lane] = t28 * t44 + t19 * t45;
-            jacobian[4][lane] = t27 * t44 + t19 * t46;
-            jacobian[5][lane] = t28 * t46 - t27 * t45;
-            jacobian[6][lane] = track_direction_x * t46 - track_direction_z * t44
-                - track_direction_y * t45;
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `track_direction_x`, `track_direction_y`, `track_direction_z`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 43 operations (18 additions, 19 multiplications, 6 functions).
-    /// With the Jacobian: 61 operations (23 additions, 31 multiplications, 1 negation, 6 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseL5;
-    impl Formulas for ClosureByPoseL5 {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 22,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 10],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, _, _, q5, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-                track_direction_x, track_direction_y,
-                track_direction_z] =
-                parameters else { panic!("`parameters` must hold 22 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t19 * cos_alpha - t12 * sin_alpha + x - track_offset_x
-                - q5 * track_direction_x;
-            let rod_y = t19 * sin_alpha + t12 * cos_alpha + y - track_offset_y
-                - q5 * track_direction_y;
-            let rod_z = plate_joint_z * cos_beta - t11 * sin_beta + z - track_offset_z
-                - q5 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, _, _, q5, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-                track_direction_x, track_direction_y,
-                track_direction_z] =
-                parameters else { panic!("`parameters` must hold 22 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = t11 * sin_beta - plate_joint_z * cos_beta;
-            let t20 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t27 = t12 * sin_alpha - t20 * cos_alpha;
-            let t28 = t20 * sin_alpha + t12 * cos_alpha;
-            let rod_x = x - t27 - track_offset_x - q5 * track_direction_x;
-            let rod_y = t28 + y - track_offset_y - q5 * track_direction_y;
-            let rod_z = z - t19 - track_offset_z - q5 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t44 = -2.0 * rod_z;
-            let t45 = -2.0 * rod_y;
-            let t46 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t46;
-            jacobian[1][lane] = t45;
-            jacobian[2][lane] = t44;
-            jacobian[3][lane] = t28 * t44 + t19 * t45;
-            jacobian[4][lane] = t27 * t44 + t19 * t46;
-            jacobian[5][lane] = t28 * t46 - t27 * t45;
-            jacobian[6][lane] = track_direction_x * t46 - track_direction_z * t44
-                - track_direction_y * t45;
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `track_direction_x`, `track_direction_y`, `track_direction_z`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 43 operations (18 additions, 19 multiplications, 6 functions).
-    /// With the Jacobian: 61 operations (23 additions, 31 multiplications, 1 negation, 6 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseL6;
-    impl Formulas for ClosureByPoseL6 {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 22,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 11],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, _, _, _, q6, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-                track_direction_x, track_direction_y,
-                track_direction_z] =
-                parameters else { panic!("`parameters` must hold 22 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t19 * cos_alpha - t12 * sin_alpha + x - track_offset_x
-                - q6 * track_direction_x;
-            let rod_y = t19 * sin_alpha + t12 * cos_alpha + y - track_offset_y
-                - q6 * track_direction_y;
-            let rod_z = plate_joint_z * cos_beta - t11 * sin_beta + z - track_offset_z
-                - q6 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, _, _, _, q6, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-                track_direction_x, track_direction_y,
-                track_direction_z] =
-                parameters else { panic!("`parameters` must hold 22 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = t11 * sin_beta - plate_joint_z * cos_beta;
-            let t20 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t27 = t12 * sin_alpha - t20 * cos_alpha;
-            let t28 = t20 * sin_alpha + t12 * cos_alpha;
-            let rod_x = x - t27 - track_offset_x - q6 * track_direction_x;
-            let rod_y = t28 + y - track_offset_y - q6 * track_direction_y;
-            let rod_z = z - t19 - track_offset_z - q6 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t44 = -2.0 * rod_z;
-            let t45 = -2.0 * rod_y;
-            let t46 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t46;
-            jacobian[1][lane] = t45;
-            jacobian[2][lane] = t44;
-            jacobian[3][lane] = t28 * t44 + t19 * t45;
-            jacobian[4][lane] = t27 * t44 + t19 * t46;
-            jacobian[5][lane] = t28 * t46 - t27 * t45;
-            jacobian[6][lane] = track_direction_x * t46 - track_direction_z * t44
-                - track_direction_y * t45;
+            jacobian[0][lane] = t37;
+            jacobian[1][lane] = t36;
+            jacobian[2][lane] = t35;
+            jacobian[3][lane] = t17 * t35 - t19 * t36;
+            jacobian[4][lane] = t19 * t37 - t15 * t35;
+            jacobian[5][lane] = t15 * t36 - t17 * t37;
+            jacobian[6][lane] =
+                -(track_direction_z * t35 + track_direction_y * t36 + track_direction_x * t37);
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x; axial vector of F·A(q)·M·Rᵀ`
@@ -3889,44 +3476,74 @@ pub mod parallel {
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 0,
-                family: &ClosureByPoseL1,
+                family: &ClosureByPose,
                 parameters: &[0, 1, 2, 3, 4, 5, 6],
-                inputs: &[Input::Held(7), Input::Held(8), Input::Held(9)],
+                inputs: &[
+                    Input::Command(0), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8), Input::Held(7), Input::Held(8), Input::Held(9),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 1,
-                family: &ClosureByPoseL2,
+                family: &ClosureByPose,
                 parameters: &[10, 11, 12, 13, 14, 15, 16],
-                inputs: &[Input::Held(17), Input::Held(18), Input::Held(19)],
+                inputs: &[
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8), Input::Held(17), Input::Held(18), Input::Held(19),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 2,
-                family: &ClosureByPoseL3,
+                family: &ClosureByPose,
                 parameters: &[20, 21, 22, 23, 24, 25, 26],
-                inputs: &[Input::Held(27), Input::Held(28), Input::Held(29)],
+                inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8), Input::Held(27), Input::Held(28), Input::Held(29),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 3,
-                family: &ClosureByPoseL4,
+                family: &ClosureByPose,
                 parameters: &[30, 31, 32, 33, 34, 35, 36],
-                inputs: &[Input::Held(37), Input::Held(38), Input::Held(39)],
+                inputs: &[
+                    Input::Command(3), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8), Input::Held(37), Input::Held(38), Input::Held(39),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 4,
-                family: &ClosureByPoseL5,
+                family: &ClosureByPose,
                 parameters: &[40, 41, 42, 43, 44, 45, 46],
-                inputs: &[Input::Held(47), Input::Held(48), Input::Held(49)],
+                inputs: &[
+                    Input::Command(4), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8), Input::Held(47), Input::Held(48), Input::Held(49),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 5,
-                family: &ClosureByPoseL6,
+                family: &ClosureByPose,
                 parameters: &[50, 51, 52, 53, 54, 55, 56],
-                inputs: &[Input::Held(57), Input::Held(58), Input::Held(59)],
+                inputs: &[
+                    Input::Command(5), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8), Input::Held(57), Input::Held(58), Input::Held(59),
+                ],
             },
             Instance {
                 kind: ResidualKind::CartPose,
@@ -4450,22 +4067,22 @@ pub mod parallel {
             jacobian[6][lane] = t17;
         }
     }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
+    /// `L² − ‖T + R·P − C(q)‖²`
     ///
-    /// Data: `track_direction_x`, `track_direction_y`, `track_direction_z`.
+    /// Data: `q`, `x`, `y`, `z`, `r_xx`, `r_xy`, `r_xz`, `r_yx`, `r_yy`, `r_yz`, `r_zx`, `r_zy`, `r_zz`, `track_direction_x`, `track_direction_y`, `track_direction_z`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
+    /// Parameters: `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
     ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 43 operations (18 additions, 19 multiplications, 6 functions).
-    /// With the Jacobian: 61 operations (23 additions, 31 multiplications, 1 negation, 6 functions).
+    /// Once per sample: 7 operations (3 additions, 3 multiplications, 1 negation).
+    /// Residuals: 28 operations (15 additions, 13 multiplications).
+    /// With the Jacobian: 45 operations (20 additions, 25 multiplications).
     #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseL1;
-    impl Formulas for ClosureByPoseL1 {
+    pub struct ClosureByPose;
+    impl Formulas for ClosureByPose {
         const SHAPE: Shape = Shape {
-            data: 3,
-            prepared: 3,
-            parameters: 19,
+            data: 16,
+            prepared: 15,
+            parameters: 7,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
@@ -4474,11 +4091,28 @@ pub mod parallel {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[track_direction_x, track_direction_y,
-                track_direction_z] = data else { panic!("`data` must hold 3 numbers") };
+            let &[q, x, y, z, r_xx, r_xy, r_xz, r_yx, r_yy, r_yz, r_zx, r_zy, r_zz,
+                track_direction_x, track_direction_y,
+                track_direction_z] = data else { panic!("`data` must hold 16 numbers") };
+            let prepared_12 = x - q * track_direction_x;
+            let prepared_13 = y - q * track_direction_y;
+            let prepared_14 = z - q * track_direction_z;
+            let track_direction_z_2 = -track_direction_z;
             prepared[0][lane] = track_direction_x;
             prepared[1][lane] = track_direction_y;
-            prepared[2][lane] = track_direction_z;
+            prepared[2][lane] = track_direction_z_2;
+            prepared[3][lane] = r_xx;
+            prepared[4][lane] = r_xy;
+            prepared[5][lane] = r_xz;
+            prepared[6][lane] = r_yx;
+            prepared[7][lane] = r_yy;
+            prepared[8][lane] = r_yz;
+            prepared[9][lane] = r_zx;
+            prepared[10][lane] = r_zy;
+            prepared[11][lane] = r_zz;
+            prepared[12][lane] = prepared_12;
+            prepared[13][lane] = prepared_13;
+            prepared[14][lane] = prepared_14;
         }
         #[inline(always)]
         fn value<S: Samples>(
@@ -4487,24 +4121,27 @@ pub mod parallel {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let track_direction_x = prepared[0][lane];
-            let track_direction_y = prepared[1][lane];
-            let track_direction_z = prepared[2][lane];
-            let &[x, y, z, alpha, beta, gamma, q1, _, _, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t19 * cos_alpha - t12 * sin_alpha + x - track_offset_x
-                - q1 * track_direction_x;
-            let rod_y = t19 * sin_alpha + t12 * cos_alpha + y - track_offset_y
-                - q1 * track_direction_y;
-            let rod_z = plate_joint_z * cos_beta - t11 * sin_beta + z - track_offset_z
-                - q1 * track_direction_z;
+            let r_xx = prepared[3][lane];
+            let r_xy = prepared[4][lane];
+            let r_xz = prepared[5][lane];
+            let r_yx = prepared[6][lane];
+            let r_yy = prepared[7][lane];
+            let r_yz = prepared[8][lane];
+            let r_zx = prepared[9][lane];
+            let r_zy = prepared[10][lane];
+            let r_zz = prepared[11][lane];
+            let prepared_12 = prepared[12][lane];
+            let prepared_13 = prepared[13][lane];
+            let prepared_14 = prepared[14][lane];
+            let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
+                track_offset_y,
+                track_offset_z] = parameters else { panic!("`parameters` must hold 7 numbers") };
+            let rod_x = plate_joint_y * r_xy + plate_joint_x * r_xx + plate_joint_z * r_xz
+                + prepared_12 - track_offset_x;
+            let rod_y = plate_joint_y * r_yy + plate_joint_x * r_yx + plate_joint_z * r_yz
+                + prepared_13 - track_offset_y;
+            let rod_z = plate_joint_y * r_zy + plate_joint_x * r_zx + plate_joint_z * r_zz
+                + prepared_14 - track_offset_z;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
@@ -4519,529 +4156,40 @@ pub mod parallel {
             let track_direction_x = prepared[0][lane];
             let track_direction_y = prepared[1][lane];
             let track_direction_z = prepared[2][lane];
-            let &[x, y, z, alpha, beta, gamma, q1, _, _, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = t11 * sin_beta - plate_joint_z * cos_beta;
-            let t20 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t27 = t12 * sin_alpha - t20 * cos_alpha;
-            let t28 = t20 * sin_alpha + t12 * cos_alpha;
-            let rod_x = x - t27 - track_offset_x - q1 * track_direction_x;
-            let rod_y = t28 + y - track_offset_y - q1 * track_direction_y;
-            let rod_z = z - t19 - track_offset_z - q1 * track_direction_z;
+            let r_xx = prepared[3][lane];
+            let r_xy = prepared[4][lane];
+            let r_xz = prepared[5][lane];
+            let r_yx = prepared[6][lane];
+            let r_yy = prepared[7][lane];
+            let r_yz = prepared[8][lane];
+            let r_zx = prepared[9][lane];
+            let r_zy = prepared[10][lane];
+            let r_zz = prepared[11][lane];
+            let prepared_12 = prepared[12][lane];
+            let prepared_13 = prepared[13][lane];
+            let prepared_14 = prepared[14][lane];
+            let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
+                track_offset_y,
+                track_offset_z] = parameters else { panic!("`parameters` must hold 7 numbers") };
+            let t12 = plate_joint_y * r_xy + plate_joint_x * r_xx + plate_joint_z * r_xz;
+            let t14 = plate_joint_y * r_yy + plate_joint_x * r_yx + plate_joint_z * r_yz;
+            let t16 = plate_joint_y * r_zy + plate_joint_x * r_zx + plate_joint_z * r_zz;
+            let rod_x = t12 + prepared_12 - track_offset_x;
+            let rod_y = t14 + prepared_13 - track_offset_y;
+            let rod_z = t16 + prepared_14 - track_offset_z;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t44 = -2.0 * rod_z;
-            let t45 = -2.0 * rod_y;
-            let t46 = 2.0 * rod_x;
+            let t29 = -2.0 * rod_z;
+            let t30 = -2.0 * rod_y;
+            let t31 = -2.0 * rod_x;
             residuals[0][lane] = residual;
-            jacobian[0][lane] = -t46;
-            jacobian[1][lane] = t45;
-            jacobian[2][lane] = t44;
-            jacobian[3][lane] = t28 * t44 + t19 * t45;
-            jacobian[4][lane] = t27 * t44 + t19 * t46;
-            jacobian[5][lane] = t28 * t46 - t27 * t45;
-            jacobian[6][lane] = track_direction_x * t46 - track_direction_z * t44
-                - track_direction_y * t45;
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: `track_direction_x`, `track_direction_y`, `track_direction_z`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 43 operations (18 additions, 19 multiplications, 6 functions).
-    /// With the Jacobian: 61 operations (23 additions, 31 multiplications, 1 negation, 6 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseL2;
-    impl Formulas for ClosureByPoseL2 {
-        const SHAPE: Shape = Shape {
-            data: 3,
-            prepared: 3,
-            parameters: 19,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 7],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[track_direction_x, track_direction_y,
-                track_direction_z] = data else { panic!("`data` must hold 3 numbers") };
-            prepared[0][lane] = track_direction_x;
-            prepared[1][lane] = track_direction_y;
-            prepared[2][lane] = track_direction_z;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let track_direction_x = prepared[0][lane];
-            let track_direction_y = prepared[1][lane];
-            let track_direction_z = prepared[2][lane];
-            let &[x, y, z, alpha, beta, gamma, _, q2, _, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t19 * cos_alpha - t12 * sin_alpha + x - track_offset_x
-                - q2 * track_direction_x;
-            let rod_y = t19 * sin_alpha + t12 * cos_alpha + y - track_offset_y
-                - q2 * track_direction_y;
-            let rod_z = plate_joint_z * cos_beta - t11 * sin_beta + z - track_offset_z
-                - q2 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let track_direction_x = prepared[0][lane];
-            let track_direction_y = prepared[1][lane];
-            let track_direction_z = prepared[2][lane];
-            let &[x, y, z, alpha, beta, gamma, _, q2, _, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = t11 * sin_beta - plate_joint_z * cos_beta;
-            let t20 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t27 = t12 * sin_alpha - t20 * cos_alpha;
-            let t28 = t20 * sin_alpha + t12 * cos_alpha;
-            let rod_x = x - t27 - track_offset_x - q2 * track_direction_x;
-            let rod_y = t28 + y - track_offset_y - q2 * track_direction_y;
-            let rod_z = z - t19 - track_offset_z - q2 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t44 = -2.0 * rod_z;
-            let t45 = -2.0 * rod_y;
-            let t46 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t46;
-            jacobian[1][lane] = t45;
-            jacobian[2][lane] = t44;
-            jacobian[3][lane] = t28 * t44 + t19 * t45;
-            jacobian[4][lane] = t27 * t44 + t19 * t46;
-            jacobian[5][lane] = t28 * t46 - t27 * t45;
-            jacobian[6][lane] = track_direction_x * t46 - track_direction_z * t44
-                - track_direction_y * t45;
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: `track_direction_x`, `track_direction_y`, `track_direction_z`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 43 operations (18 additions, 19 multiplications, 6 functions).
-    /// With the Jacobian: 61 operations (23 additions, 31 multiplications, 1 negation, 6 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseL3;
-    impl Formulas for ClosureByPoseL3 {
-        const SHAPE: Shape = Shape {
-            data: 3,
-            prepared: 3,
-            parameters: 19,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 8],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[track_direction_x, track_direction_y,
-                track_direction_z] = data else { panic!("`data` must hold 3 numbers") };
-            prepared[0][lane] = track_direction_x;
-            prepared[1][lane] = track_direction_y;
-            prepared[2][lane] = track_direction_z;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let track_direction_x = prepared[0][lane];
-            let track_direction_y = prepared[1][lane];
-            let track_direction_z = prepared[2][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, q3, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t19 * cos_alpha - t12 * sin_alpha + x - track_offset_x
-                - q3 * track_direction_x;
-            let rod_y = t19 * sin_alpha + t12 * cos_alpha + y - track_offset_y
-                - q3 * track_direction_y;
-            let rod_z = plate_joint_z * cos_beta - t11 * sin_beta + z - track_offset_z
-                - q3 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let track_direction_x = prepared[0][lane];
-            let track_direction_y = prepared[1][lane];
-            let track_direction_z = prepared[2][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, q3, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = t11 * sin_beta - plate_joint_z * cos_beta;
-            let t20 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t27 = t12 * sin_alpha - t20 * cos_alpha;
-            let t28 = t20 * sin_alpha + t12 * cos_alpha;
-            let rod_x = x - t27 - track_offset_x - q3 * track_direction_x;
-            let rod_y = t28 + y - track_offset_y - q3 * track_direction_y;
-            let rod_z = z - t19 - track_offset_z - q3 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t44 = -2.0 * rod_z;
-            let t45 = -2.0 * rod_y;
-            let t46 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t46;
-            jacobian[1][lane] = t45;
-            jacobian[2][lane] = t44;
-            jacobian[3][lane] = t28 * t44 + t19 * t45;
-            jacobian[4][lane] = t27 * t44 + t19 * t46;
-            jacobian[5][lane] = t28 * t46 - t27 * t45;
-            jacobian[6][lane] = track_direction_x * t46 - track_direction_z * t44
-                - track_direction_y * t45;
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: `track_direction_x`, `track_direction_y`, `track_direction_z`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 43 operations (18 additions, 19 multiplications, 6 functions).
-    /// With the Jacobian: 61 operations (23 additions, 31 multiplications, 1 negation, 6 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseL4;
-    impl Formulas for ClosureByPoseL4 {
-        const SHAPE: Shape = Shape {
-            data: 3,
-            prepared: 3,
-            parameters: 19,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 9],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[track_direction_x, track_direction_y,
-                track_direction_z] = data else { panic!("`data` must hold 3 numbers") };
-            prepared[0][lane] = track_direction_x;
-            prepared[1][lane] = track_direction_y;
-            prepared[2][lane] = track_direction_z;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let track_direction_x = prepared[0][lane];
-            let track_direction_y = prepared[1][lane];
-            let track_direction_z = prepared[2][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, _, q4, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t19 * cos_alpha - t12 * sin_alpha + x - track_offset_x
-                - q4 * track_direction_x;
-            let rod_y = t19 * sin_alpha + t12 * cos_alpha + y - track_offset_y
-                - q4 * track_direction_y;
-            let rod_z = plate_joint_z * cos_beta - t11 * sin_beta + z - track_offset_z
-                - q4 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let track_direction_x = prepared[0][lane];
-            let track_direction_y = prepared[1][lane];
-            let track_direction_z = prepared[2][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, _, q4, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = t11 * sin_beta - plate_joint_z * cos_beta;
-            let t20 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t27 = t12 * sin_alpha - t20 * cos_alpha;
-            let t28 = t20 * sin_alpha + t12 * cos_alpha;
-            let rod_x = x - t27 - track_offset_x - q4 * track_direction_x;
-            let rod_y = t28 + y - track_offset_y - q4 * track_direction_y;
-            let rod_z = z - t19 - track_offset_z - q4 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t44 = -2.0 * rod_z;
-            let t45 = -2.0 * rod_y;
-            let t46 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t46;
-            jacobian[1][lane] = t45;
-            jacobian[2][lane] = t44;
-            jacobian[3][lane] = t28 * t44 + t19 * t45;
-            jacobian[4][lane] = t27 * t44 + t19 * t46;
-            jacobian[5][lane] = t28 * t46 - t27 * t45;
-            jacobian[6][lane] = track_direction_x * t46 - track_direction_z * t44
-                - track_direction_y * t45;
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: `track_direction_x`, `track_direction_y`, `track_direction_z`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 43 operations (18 additions, 19 multiplications, 6 functions).
-    /// With the Jacobian: 61 operations (23 additions, 31 multiplications, 1 negation, 6 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseL5;
-    impl Formulas for ClosureByPoseL5 {
-        const SHAPE: Shape = Shape {
-            data: 3,
-            prepared: 3,
-            parameters: 19,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 10],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[track_direction_x, track_direction_y,
-                track_direction_z] = data else { panic!("`data` must hold 3 numbers") };
-            prepared[0][lane] = track_direction_x;
-            prepared[1][lane] = track_direction_y;
-            prepared[2][lane] = track_direction_z;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let track_direction_x = prepared[0][lane];
-            let track_direction_y = prepared[1][lane];
-            let track_direction_z = prepared[2][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, _, _, q5, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t19 * cos_alpha - t12 * sin_alpha + x - track_offset_x
-                - q5 * track_direction_x;
-            let rod_y = t19 * sin_alpha + t12 * cos_alpha + y - track_offset_y
-                - q5 * track_direction_y;
-            let rod_z = plate_joint_z * cos_beta - t11 * sin_beta + z - track_offset_z
-                - q5 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let track_direction_x = prepared[0][lane];
-            let track_direction_y = prepared[1][lane];
-            let track_direction_z = prepared[2][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, _, _, q5, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = t11 * sin_beta - plate_joint_z * cos_beta;
-            let t20 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t27 = t12 * sin_alpha - t20 * cos_alpha;
-            let t28 = t20 * sin_alpha + t12 * cos_alpha;
-            let rod_x = x - t27 - track_offset_x - q5 * track_direction_x;
-            let rod_y = t28 + y - track_offset_y - q5 * track_direction_y;
-            let rod_z = z - t19 - track_offset_z - q5 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t44 = -2.0 * rod_z;
-            let t45 = -2.0 * rod_y;
-            let t46 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t46;
-            jacobian[1][lane] = t45;
-            jacobian[2][lane] = t44;
-            jacobian[3][lane] = t28 * t44 + t19 * t45;
-            jacobian[4][lane] = t27 * t44 + t19 * t46;
-            jacobian[5][lane] = t28 * t46 - t27 * t45;
-            jacobian[6][lane] = track_direction_x * t46 - track_direction_z * t44
-                - track_direction_y * t45;
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: `track_direction_x`, `track_direction_y`, `track_direction_z`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 43 operations (18 additions, 19 multiplications, 6 functions).
-    /// With the Jacobian: 61 operations (23 additions, 31 multiplications, 1 negation, 6 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseL6;
-    impl Formulas for ClosureByPoseL6 {
-        const SHAPE: Shape = Shape {
-            data: 3,
-            prepared: 3,
-            parameters: 19,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 11],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[track_direction_x, track_direction_y,
-                track_direction_z] = data else { panic!("`data` must hold 3 numbers") };
-            prepared[0][lane] = track_direction_x;
-            prepared[1][lane] = track_direction_y;
-            prepared[2][lane] = track_direction_z;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let track_direction_x = prepared[0][lane];
-            let track_direction_y = prepared[1][lane];
-            let track_direction_z = prepared[2][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, _, _, _, q6, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t19 * cos_alpha - t12 * sin_alpha + x - track_offset_x
-                - q6 * track_direction_x;
-            let rod_y = t19 * sin_alpha + t12 * cos_alpha + y - track_offset_y
-                - q6 * track_direction_y;
-            let rod_z = plate_joint_z * cos_beta - t11 * sin_beta + z - track_offset_z
-                - q6 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let track_direction_x = prepared[0][lane];
-            let track_direction_y = prepared[1][lane];
-            let track_direction_z = prepared[2][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, _, _, _, q6, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t11 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t12 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t19 = t11 * sin_beta - plate_joint_z * cos_beta;
-            let t20 = plate_joint_z * sin_beta + t11 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t27 = t12 * sin_alpha - t20 * cos_alpha;
-            let t28 = t20 * sin_alpha + t12 * cos_alpha;
-            let rod_x = x - t27 - track_offset_x - q6 * track_direction_x;
-            let rod_y = t28 + y - track_offset_y - q6 * track_direction_y;
-            let rod_z = z - t19 - track_offset_z - q6 * track_direction_z;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t44 = -2.0 * rod_z;
-            let t45 = -2.0 * rod_y;
-            let t46 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t46;
-            jacobian[1][lane] = t45;
-            jacobian[2][lane] = t44;
-            jacobian[3][lane] = t28 * t44 + t19 * t45;
-            jacobian[4][lane] = t27 * t44 + t19 * t46;
-            jacobian[5][lane] = t28 * t46 - t27 * t45;
-            jacobian[6][lane] = track_direction_x * t46 - track_direction_z * t44
-                - track_direction_y * t45;
+            jacobian[0][lane] = t31;
+            jacobian[1][lane] = t30;
+            jacobian[2][lane] = t29;
+            jacobian[3][lane] = t14 * t29 - t16 * t30;
+            jacobian[4][lane] = t16 * t31 - t12 * t29;
+            jacobian[5][lane] = t12 * t30 - t14 * t31;
+            jacobian[6][lane] = track_direction_z * t29 - track_direction_y * t30
+                - track_direction_x * t31;
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x; axial vector of F·A(q)·M·Rᵀ`

@@ -2,19 +2,9 @@
 //
 // Operations once per sample / per residual / with the Jacobian:
 //   full::closure: 25 / 29 / 48
-//   full::closure_by_pose_leg1: 0 / 38 / 52
-//   full::closure_by_pose_leg2: 0 / 38 / 52
-//   full::closure_by_pose_leg3: 0 / 38 / 52
-//   full::closure_by_pose_leg4: 0 / 38 / 52
-//   full::closure_by_pose_leg5: 0 / 38 / 52
-//   full::closure_by_pose_leg6: 0 / 38 / 52
+//   full::closure_by_pose: 0 / 29 / 42
 //   lengths::closure: 35 / 3 / 4
-//   lengths::closure_by_pose_leg1: 0 / 38 / 52
-//   lengths::closure_by_pose_leg2: 0 / 38 / 52
-//   lengths::closure_by_pose_leg3: 0 / 38 / 52
-//   lengths::closure_by_pose_leg4: 0 / 38 / 52
-//   lengths::closure_by_pose_leg5: 0 / 38 / 52
-//   lengths::closure_by_pose_leg6: 0 / 38 / 52
+//   lengths::closure_by_pose: 38 / 3 / 4
 
 ///A hexapod: six legs of driven length between the fixed base and the plate.
 ///
@@ -596,44 +586,74 @@ pub mod full {
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 0,
-                family: &ClosureByPoseLeg1,
+                family: &ClosureByPose,
                 parameters: &[0, 1, 2, 3, 4, 5, 6],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(0), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 1,
-                family: &ClosureByPoseLeg2,
+                family: &ClosureByPose,
                 parameters: &[7, 8, 9, 10, 11, 12, 13],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 2,
-                family: &ClosureByPoseLeg3,
+                family: &ClosureByPose,
                 parameters: &[14, 15, 16, 17, 18, 19, 20],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 3,
-                family: &ClosureByPoseLeg4,
+                family: &ClosureByPose,
                 parameters: &[21, 22, 23, 24, 25, 26, 27],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(3), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 4,
-                family: &ClosureByPoseLeg5,
+                family: &ClosureByPose,
                 parameters: &[28, 29, 30, 31, 32, 33, 34],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(4), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 5,
-                family: &ClosureByPoseLeg6,
+                family: &ClosureByPose,
                 parameters: &[35, 36, 37, 38, 39, 40, 41],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(5), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
         ],
     };
@@ -879,22 +899,22 @@ pub mod full {
             jacobian[6][lane] = t18;
         }
     }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
+    /// `L² − ‖T + R·P − C(q)‖²`
     ///
-    /// Data: none.
+    /// Data: `q`, `x`, `y`, `z`, `r_xx`, `r_xy`, `r_xz`, `r_yx`, `r_yy`, `r_yz`, `r_zx`, `r_zy`, `r_zz`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
+    /// Parameters: `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
     ///
     /// Once per sample: 0 operations.
-    /// Residuals: 38 operations (16 additions, 16 multiplications, 6 functions).
-    /// With the Jacobian: 52 operations (19 additions, 26 multiplications, 1 negation, 6 functions).
+    /// Residuals: 29 operations (16 additions, 13 multiplications).
+    /// With the Jacobian: 42 operations (19 additions, 23 multiplications).
     #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseLeg1;
-    impl Formulas for ClosureByPoseLeg1 {
+    pub struct ClosureByPose;
+    impl Formulas for ClosureByPose {
         const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 19,
+            data: 13,
+            prepared: 13,
+            parameters: 7,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
@@ -902,496 +922,98 @@ pub mod full {
             columns: &[0, 1, 2, 3, 4, 5, 6],
         };
         #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
+            let &[q, x, y, z, r_xx, r_xy, r_xz, r_yx, r_yy, r_yz, r_zx, r_zy,
+                r_zz] = data else { panic!("`data` must hold 13 numbers") };
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = z;
+            prepared[3][lane] = q;
+            prepared[4][lane] = r_xx;
+            prepared[5][lane] = r_xy;
+            prepared[6][lane] = r_xz;
+            prepared[7][lane] = r_yx;
+            prepared[8][lane] = r_yy;
+            prepared[9][lane] = r_yz;
+            prepared[10][lane] = r_zx;
+            prepared[11][lane] = r_zy;
+            prepared[12][lane] = r_zz;
         }
         #[inline(always)]
         fn value<S: Samples>(
             lane: usize,
-            _prepared: &[S],
+            prepared: &[S],
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let &[x, y, z, alpha, beta, gamma, q1, _, _, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let t1 = q1 + length;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t9 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t10 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t17 = plate_joint_z * sin_beta + t9 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t17 * cos_alpha - t10 * sin_alpha + x - track_offset_x;
-            let rod_y = t17 * sin_alpha + t10 * cos_alpha + y - track_offset_y;
-            let rod_z = plate_joint_z * cos_beta - t9 * sin_beta + z - track_offset_z;
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let r_xx = prepared[4][lane];
+            let r_xy = prepared[5][lane];
+            let r_xz = prepared[6][lane];
+            let r_yx = prepared[7][lane];
+            let r_yy = prepared[8][lane];
+            let r_yz = prepared[9][lane];
+            let r_zx = prepared[10][lane];
+            let r_zy = prepared[11][lane];
+            let r_zz = prepared[12][lane];
+            let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
+                track_offset_y,
+                track_offset_z] = parameters else { panic!("`parameters` must hold 7 numbers") };
+            let t1 = length + q;
+            let rod_x = plate_joint_y * r_xy + plate_joint_x * r_xx + plate_joint_z * r_xz + x
+                - track_offset_x;
+            let rod_y = plate_joint_y * r_yy + plate_joint_x * r_yx + plate_joint_z * r_yz + y
+                - track_offset_y;
+            let rod_z = plate_joint_y * r_zy + plate_joint_x * r_zx + plate_joint_z * r_zz + z
+                - track_offset_z;
             let residual = t1 * t1 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
         fn linearize<S: Samples>(
             lane: usize,
-            _prepared: &[S],
+            prepared: &[S],
             parameters: &[f64],
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let &[x, y, z, alpha, beta, gamma, q1, _, _, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let t1 = q1 + length;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t10 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t11 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t18 = t10 * sin_beta - plate_joint_z * cos_beta;
-            let t19 = plate_joint_z * sin_beta + t10 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t26 = t11 * sin_alpha - t19 * cos_alpha;
-            let t27 = t19 * sin_alpha + t11 * cos_alpha;
-            let rod_x = x - t26 - track_offset_x;
-            let rod_y = t27 + y - track_offset_y;
-            let rod_z = z - t18 - track_offset_z;
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let r_xx = prepared[4][lane];
+            let r_xy = prepared[5][lane];
+            let r_xz = prepared[6][lane];
+            let r_yx = prepared[7][lane];
+            let r_yy = prepared[8][lane];
+            let r_yz = prepared[9][lane];
+            let r_zx = prepared[10][lane];
+            let r_zy = prepared[11][lane];
+            let r_zz = prepared[12][lane];
+            let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
+                track_offset_y,
+                track_offset_z] = parameters else { panic!("`parameters` must hold 7 numbers") };
+            let t1 = length + q;
+            let t14 = plate_joint_y * r_xy + plate_joint_x * r_xx + plate_joint_z * r_xz;
+            let t16 = plate_joint_y * r_yy + plate_joint_x * r_yx + plate_joint_z * r_yz;
+            let t18 = plate_joint_y * r_zy + plate_joint_x * r_zx + plate_joint_z * r_zz;
+            let rod_x = t14 + x - track_offset_x;
+            let rod_y = t16 + y - track_offset_y;
+            let rod_z = t18 + z - track_offset_z;
             let residual = t1 * t1 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t40 = -2.0 * rod_z;
-            let t41 = -2.0 * rod_y;
-            let t42 = 2.0 * rod_x;
+            let t31 = -2.0 * rod_z;
+            let t32 = -2.0 * rod_y;
+            let t33 = -2.0 * rod_x;
             residuals[0][lane] = residual;
-            jacobian[0][lane] = -t42;
-            jacobian[1][lane] = t41;
-            jacobian[2][lane] = t40;
-            jacobian[3][lane] = t27 * t40 + t18 * t41;
-            jacobian[4][lane] = t26 * t40 + t18 * t42;
-            jacobian[5][lane] = t27 * t42 - t26 * t41;
-            jacobian[6][lane] = t1 * 2.0;
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 38 operations (16 additions, 16 multiplications, 6 functions).
-    /// With the Jacobian: 52 operations (19 additions, 26 multiplications, 1 negation, 6 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseLeg2;
-    impl Formulas for ClosureByPoseLeg2 {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 19,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 7],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, q2, _, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let t1 = q2 + length;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t9 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t10 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t17 = plate_joint_z * sin_beta + t9 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t17 * cos_alpha - t10 * sin_alpha + x - track_offset_x;
-            let rod_y = t17 * sin_alpha + t10 * cos_alpha + y - track_offset_y;
-            let rod_z = plate_joint_z * cos_beta - t9 * sin_beta + z - track_offset_z;
-            let residual = t1 * t1 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, q2, _, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let t1 = q2 + length;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t10 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t11 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t18 = t10 * sin_beta - plate_joint_z * cos_beta;
-            let t19 = plate_joint_z * sin_beta + t10 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t26 = t11 * sin_alpha - t19 * cos_alpha;
-            let t27 = t19 * sin_alpha + t11 * cos_alpha;
-            let rod_x = x - t26 - track_offset_x;
-            let rod_y = t27 + y - track_offset_y;
-            let rod_z = z - t18 - track_offset_z;
-            let residual = t1 * t1 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t40 = -2.0 * rod_z;
-            let t41 = -2.0 * rod_y;
-            let t42 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t42;
-            jacobian[1][lane] = t41;
-            jacobian[2][lane] = t40;
-            jacobian[3][lane] = t27 * t40 + t18 * t41;
-            jacobian[4][lane] = t26 * t40 + t18 * t42;
-            jacobian[5][lane] = t27 * t42 - t26 * t41;
-            jacobian[6][lane] = t1 * 2.0;
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 38 operations (16 additions, 16 multiplications, 6 functions).
-    /// With the Jacobian: 52 operations (19 additions, 26 multiplications, 1 negation, 6 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseLeg3;
-    impl Formulas for ClosureByPoseLeg3 {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 19,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 8],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, q3, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let t1 = q3 + length;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t9 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t10 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t17 = plate_joint_z * sin_beta + t9 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t17 * cos_alpha - t10 * sin_alpha + x - track_offset_x;
-            let rod_y = t17 * sin_alpha + t10 * cos_alpha + y - track_offset_y;
-            let rod_z = plate_joint_z * cos_beta - t9 * sin_beta + z - track_offset_z;
-            let residual = t1 * t1 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, q3, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let t1 = q3 + length;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t10 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t11 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t18 = t10 * sin_beta - plate_joint_z * cos_beta;
-            let t19 = plate_joint_z * sin_beta + t10 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t26 = t11 * sin_alpha - t19 * cos_alpha;
-            let t27 = t19 * sin_alpha + t11 * cos_alpha;
-            let rod_x = x - t26 - track_offset_x;
-            let rod_y = t27 + y - track_offset_y;
-            let rod_z = z - t18 - track_offset_z;
-            let residual = t1 * t1 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t40 = -2.0 * rod_z;
-            let t41 = -2.0 * rod_y;
-            let t42 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t42;
-            jacobian[1][lane] = t41;
-            jacobian[2][lane] = t40;
-            jacobian[3][lane] = t27 * t40 + t18 * t41;
-            jacobian[4][lane] = t26 * t40 + t18 * t42;
-            jacobian[5][lane] = t27 * t42 - t26 * t41;
-            jacobian[6][lane] = t1 * 2.0;
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 38 operations (16 additions, 16 multiplications, 6 functions).
-    /// With the Jacobian: 52 operations (19 additions, 26 multiplications, 1 negation, 6 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseLeg4;
-    impl Formulas for ClosureByPoseLeg4 {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 19,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 9],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, _, q4, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let t1 = q4 + length;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t9 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t10 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t17 = plate_joint_z * sin_beta + t9 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t17 * cos_alpha - t10 * sin_alpha + x - track_offset_x;
-            let rod_y = t17 * sin_alpha + t10 * cos_alpha + y - track_offset_y;
-            let rod_z = plate_joint_z * cos_beta - t9 * sin_beta + z - track_offset_z;
-            let residual = t1 * t1 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, _, q4, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let t1 = q4 + length;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t10 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t11 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t18 = t10 * sin_beta - plate_joint_z * cos_beta;
-            let t19 = plate_joint_z * sin_beta + t10 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t26 = t11 * sin_alpha - t19 * cos_alpha;
-            let t27 = t19 * sin_alpha + t11 * cos_alpha;
-            let rod_x = x - t26 - track_offset_x;
-            let rod_y = t27 + y - track_offset_y;
-            let rod_z = z - t18 - track_offset_z;
-            let residual = t1 * t1 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t40 = -2.0 * rod_z;
-            let t41 = -2.0 * rod_y;
-            let t42 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t42;
-            jacobian[1][lane] = t41;
-            jacobian[2][lane] = t40;
-            jacobian[3][lane] = t27 * t40 + t18 * t41;
-            jacobian[4][lane] = t26 * t40 + t18 * t42;
-            jacobian[5][lane] = t27 * t42 - t26 * t41;
-            jacobian[6][lane] = t1 * 2.0;
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 38 operations (16 additions, 16 multiplications, 6 functions).
-    /// With the Jacobian: 52 operations (19 additions, 26 multiplications, 1 negation, 6 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseLeg5;
-    impl Formulas for ClosureByPoseLeg5 {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 19,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 10],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, _, _, q5, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let t1 = q5 + length;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t9 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t10 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t17 = plate_joint_z * sin_beta + t9 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t17 * cos_alpha - t10 * sin_alpha + x - track_offset_x;
-            let rod_y = t17 * sin_alpha + t10 * cos_alpha + y - track_offset_y;
-            let rod_z = plate_joint_z * cos_beta - t9 * sin_beta + z - track_offset_z;
-            let residual = t1 * t1 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, _, _, q5, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let t1 = q5 + length;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t10 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t11 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t18 = t10 * sin_beta - plate_joint_z * cos_beta;
-            let t19 = plate_joint_z * sin_beta + t10 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t26 = t11 * sin_alpha - t19 * cos_alpha;
-            let t27 = t19 * sin_alpha + t11 * cos_alpha;
-            let rod_x = x - t26 - track_offset_x;
-            let rod_y = t27 + y - track_offset_y;
-            let rod_z = z - t18 - track_offset_z;
-            let residual = t1 * t1 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t40 = -2.0 * rod_z;
-            let t41 = -2.0 * rod_y;
-            let t42 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t42;
-            jacobian[1][lane] = t41;
-            jacobian[2][lane] = t40;
-            jacobian[3][lane] = t27 * t40 + t18 * t41;
-            jacobian[4][lane] = t26 * t40 + t18 * t42;
-            jacobian[5][lane] = t27 * t42 - t26 * t41;
-            jacobian[6][lane] = t1 * 2.0;
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 38 operations (16 additions, 16 multiplications, 6 functions).
-    /// With the Jacobian: 52 operations (19 additions, 26 multiplications, 1 negation, 6 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseLeg6;
-    impl Formulas for ClosureByPoseLeg6 {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 19,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 11],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, _, _, _, q6, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let t1 = q6 + length;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t9 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t10 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t17 = plate_joint_z * sin_beta + t9 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t17 * cos_alpha - t10 * sin_alpha + x - track_offset_x;
-            let rod_y = t17 * sin_alpha + t10 * cos_alpha + y - track_offset_y;
-            let rod_z = plate_joint_z * cos_beta - t9 * sin_beta + z - track_offset_z;
-            let residual = t1 * t1 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, _, _, _, q6, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let t1 = q6 + length;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t10 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t11 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t18 = t10 * sin_beta - plate_joint_z * cos_beta;
-            let t19 = plate_joint_z * sin_beta + t10 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t26 = t11 * sin_alpha - t19 * cos_alpha;
-            let t27 = t19 * sin_alpha + t11 * cos_alpha;
-            let rod_x = x - t26 - track_offset_x;
-            let rod_y = t27 + y - track_offset_y;
-            let rod_z = z - t18 - track_offset_z;
-            let residual = t1 * t1 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t40 = -2.0 * rod_z;
-            let t41 = -2.0 * rod_y;
-            let t42 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t42;
-            jacobian[1][lane] = t41;
-            jacobian[2][lane] = t40;
-            jacobian[3][lane] = t27 * t40 + t18 * t41;
-            jacobian[4][lane] = t26 * t40 + t18 * t42;
-            jacobian[5][lane] = t27 * t42 - t26 * t41;
+            jacobian[0][lane] = t33;
+            jacobian[1][lane] = t32;
+            jacobian[2][lane] = t31;
+            jacobian[3][lane] = t16 * t31 - t18 * t32;
+            jacobian[4][lane] = t18 * t33 - t14 * t31;
+            jacobian[5][lane] = t14 * t32 - t16 * t33;
             jacobian[6][lane] = t1 * 2.0;
         }
     }
@@ -1871,61 +1493,79 @@ pub mod lengths {
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 0,
-                family: &ClosureByPoseLeg1,
+                family: &ClosureByPose,
                 parameters: &[0],
                 inputs: &[
-                    Input::Held(1), Input::Held(2), Input::Held(3), Input::Held(4), Input::Held(5),
-                    Input::Held(6),
+                    Input::Command(0), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8), Input::Held(1), Input::Held(2), Input::Held(3),
+                    Input::Held(4), Input::Held(5), Input::Held(6),
                 ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 1,
-                family: &ClosureByPoseLeg2,
+                family: &ClosureByPose,
                 parameters: &[7],
                 inputs: &[
-                    Input::Held(8), Input::Held(9), Input::Held(10), Input::Held(11),
-                    Input::Held(12), Input::Held(13),
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8), Input::Held(8), Input::Held(9), Input::Held(10),
+                    Input::Held(11), Input::Held(12), Input::Held(13),
                 ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 2,
-                family: &ClosureByPoseLeg3,
+                family: &ClosureByPose,
                 parameters: &[14],
                 inputs: &[
-                    Input::Held(15), Input::Held(16), Input::Held(17), Input::Held(18),
-                    Input::Held(19), Input::Held(20),
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8), Input::Held(15), Input::Held(16), Input::Held(17),
+                    Input::Held(18), Input::Held(19), Input::Held(20),
                 ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 3,
-                family: &ClosureByPoseLeg4,
+                family: &ClosureByPose,
                 parameters: &[21],
                 inputs: &[
-                    Input::Held(22), Input::Held(23), Input::Held(24), Input::Held(25),
-                    Input::Held(26), Input::Held(27),
+                    Input::Command(3), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8), Input::Held(22), Input::Held(23), Input::Held(24),
+                    Input::Held(25), Input::Held(26), Input::Held(27),
                 ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 4,
-                family: &ClosureByPoseLeg5,
+                family: &ClosureByPose,
                 parameters: &[28],
                 inputs: &[
-                    Input::Held(29), Input::Held(30), Input::Held(31), Input::Held(32),
-                    Input::Held(33), Input::Held(34),
+                    Input::Command(4), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8), Input::Held(29), Input::Held(30), Input::Held(31),
+                    Input::Held(32), Input::Held(33), Input::Held(34),
                 ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 5,
-                family: &ClosureByPoseLeg6,
+                family: &ClosureByPose,
                 parameters: &[35],
                 inputs: &[
-                    Input::Held(36), Input::Held(37), Input::Held(38), Input::Held(39),
-                    Input::Held(40), Input::Held(41),
+                    Input::Command(5), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8), Input::Held(36), Input::Held(37), Input::Held(38),
+                    Input::Held(39), Input::Held(40), Input::Held(41),
                 ],
             },
         ],
@@ -2111,22 +1751,22 @@ pub mod lengths {
             jacobian[0][lane] = t1 * 2.0;
         }
     }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
+    /// `L² − ‖T + R·P − C(q)‖²`
     ///
-    /// Data: `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
+    /// Data: `q`, `x`, `y`, `z`, `r_xx`, `r_xy`, `r_xz`, `r_yx`, `r_yy`, `r_yz`, `r_zx`, `r_zy`, `r_zz`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`.
+    /// Parameters: `length`.
     ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 38 operations (16 additions, 16 multiplications, 6 functions).
-    /// With the Jacobian: 52 operations (19 additions, 26 multiplications, 1 negation, 6 functions).
+    /// Once per sample: 38 operations (17 additions, 21 multiplications).
+    /// Residuals: 3 operations (2 additions, 1 multiplication).
+    /// With the Jacobian: 4 operations (2 additions, 2 multiplications).
     #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseLeg1;
-    impl Formulas for ClosureByPoseLeg1 {
+    pub struct ClosureByPose;
+    impl Formulas for ClosureByPose {
         const SHAPE: Shape = Shape {
-            data: 6,
-            prepared: 6,
-            parameters: 13,
+            data: 19,
+            prepared: 8,
+            parameters: 1,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
@@ -2135,14 +1775,30 @@ pub mod lengths {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = data else { panic!("`data` must hold 6 numbers") };
-            prepared[0][lane] = plate_joint_x;
-            prepared[1][lane] = plate_joint_y;
-            prepared[2][lane] = plate_joint_z;
-            prepared[3][lane] = track_offset_x;
-            prepared[4][lane] = track_offset_y;
-            prepared[5][lane] = track_offset_z;
+            let &[q, x, y, z, r_xx, r_xy, r_xz, r_yx, r_yy, r_yz, r_zx, r_zy, r_zz, plate_joint_x,
+                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
+                track_offset_z] = data else { panic!("`data` must hold 19 numbers") };
+            let t5 = plate_joint_z * r_xz + plate_joint_x * r_xx + plate_joint_y * r_xy;
+            let t10 = plate_joint_z * r_yz + plate_joint_x * r_yx + plate_joint_y * r_yy;
+            let t15 = plate_joint_z * r_zz + plate_joint_x * r_zx + plate_joint_y * r_zy;
+            let rod_x = x - track_offset_x + t5;
+            let rod_y = y - track_offset_y + t10;
+            let rod_z = z - track_offset_z + t15;
+            let prepared_1 = rod_z * rod_z + rod_x * rod_x + rod_y * rod_y;
+            let prepared_2 = -2.0 * rod_z;
+            let prepared_3 = -2.0 * rod_y;
+            let prepared_4 = -2.0 * rod_x;
+            let prepared_5 = t10 * prepared_2 - t15 * prepared_3;
+            let prepared_6 = t5 * prepared_3 - t10 * prepared_4;
+            let prepared_7 = t15 * prepared_4 - t5 * prepared_2;
+            prepared[0][lane] = q;
+            prepared[1][lane] = prepared_1;
+            prepared[2][lane] = prepared_2;
+            prepared[3][lane] = prepared_3;
+            prepared[4][lane] = prepared_4;
+            prepared[5][lane] = prepared_5;
+            prepared[6][lane] = prepared_6;
+            prepared[7][lane] = prepared_7;
         }
         #[inline(always)]
         fn value<S: Samples>(
@@ -2151,25 +1807,11 @@ pub mod lengths {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let plate_joint_x = prepared[0][lane];
-            let plate_joint_y = prepared[1][lane];
-            let plate_joint_z = prepared[2][lane];
-            let track_offset_x = prepared[3][lane];
-            let track_offset_y = prepared[4][lane];
-            let track_offset_z = prepared[5][lane];
-            let &[x, y, z, alpha, beta, gamma, q1, _, _, _, _, _,
-                length] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t1 = q1 + length;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t9 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t10 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t17 = plate_joint_z * sin_beta + t9 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t17 * cos_alpha - t10 * sin_alpha + x - track_offset_x;
-            let rod_y = t17 * sin_alpha + t10 * cos_alpha + y - track_offset_y;
-            let rod_z = plate_joint_z * cos_beta - t9 * sin_beta + z - track_offset_z;
-            let residual = t1 * t1 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
+            let q = prepared[0][lane];
+            let prepared_1 = prepared[1][lane];
+            let &[length] = parameters else { panic!("`parameters` must hold 1 numbers") };
+            let t1 = length + q;
+            let residual = t1 * t1 - prepared_1;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -2180,558 +1822,24 @@ pub mod lengths {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let plate_joint_x = prepared[0][lane];
-            let plate_joint_y = prepared[1][lane];
-            let plate_joint_z = prepared[2][lane];
-            let track_offset_x = prepared[3][lane];
-            let track_offset_y = prepared[4][lane];
-            let track_offset_z = prepared[5][lane];
-            let &[x, y, z, alpha, beta, gamma, q1, _, _, _, _, _,
-                length] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t1 = q1 + length;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t10 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t11 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t18 = t10 * sin_beta - plate_joint_z * cos_beta;
-            let t19 = plate_joint_z * sin_beta + t10 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t26 = t11 * sin_alpha - t19 * cos_alpha;
-            let t27 = t19 * sin_alpha + t11 * cos_alpha;
-            let rod_x = x - t26 - track_offset_x;
-            let rod_y = t27 + y - track_offset_y;
-            let rod_z = z - t18 - track_offset_z;
-            let residual = t1 * t1 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t40 = -2.0 * rod_z;
-            let t41 = -2.0 * rod_y;
-            let t42 = 2.0 * rod_x;
+            let q = prepared[0][lane];
+            let prepared_1 = prepared[1][lane];
+            let prepared_2 = prepared[2][lane];
+            let prepared_3 = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let prepared_5 = prepared[5][lane];
+            let prepared_6 = prepared[6][lane];
+            let prepared_7 = prepared[7][lane];
+            let &[length] = parameters else { panic!("`parameters` must hold 1 numbers") };
+            let t1 = length + q;
+            let residual = t1 * t1 - prepared_1;
             residuals[0][lane] = residual;
-            jacobian[0][lane] = -t42;
-            jacobian[1][lane] = t41;
-            jacobian[2][lane] = t40;
-            jacobian[3][lane] = t27 * t40 + t18 * t41;
-            jacobian[4][lane] = t26 * t40 + t18 * t42;
-            jacobian[5][lane] = t27 * t42 - t26 * t41;
-            jacobian[6][lane] = t1 * 2.0;
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 38 operations (16 additions, 16 multiplications, 6 functions).
-    /// With the Jacobian: 52 operations (19 additions, 26 multiplications, 1 negation, 6 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseLeg2;
-    impl Formulas for ClosureByPoseLeg2 {
-        const SHAPE: Shape = Shape {
-            data: 6,
-            prepared: 6,
-            parameters: 13,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 7],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = data else { panic!("`data` must hold 6 numbers") };
-            prepared[0][lane] = plate_joint_x;
-            prepared[1][lane] = plate_joint_y;
-            prepared[2][lane] = plate_joint_z;
-            prepared[3][lane] = track_offset_x;
-            prepared[4][lane] = track_offset_y;
-            prepared[5][lane] = track_offset_z;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let plate_joint_x = prepared[0][lane];
-            let plate_joint_y = prepared[1][lane];
-            let plate_joint_z = prepared[2][lane];
-            let track_offset_x = prepared[3][lane];
-            let track_offset_y = prepared[4][lane];
-            let track_offset_z = prepared[5][lane];
-            let &[x, y, z, alpha, beta, gamma, _, q2, _, _, _, _,
-                length] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t1 = q2 + length;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t9 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t10 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t17 = plate_joint_z * sin_beta + t9 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t17 * cos_alpha - t10 * sin_alpha + x - track_offset_x;
-            let rod_y = t17 * sin_alpha + t10 * cos_alpha + y - track_offset_y;
-            let rod_z = plate_joint_z * cos_beta - t9 * sin_beta + z - track_offset_z;
-            let residual = t1 * t1 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let plate_joint_x = prepared[0][lane];
-            let plate_joint_y = prepared[1][lane];
-            let plate_joint_z = prepared[2][lane];
-            let track_offset_x = prepared[3][lane];
-            let track_offset_y = prepared[4][lane];
-            let track_offset_z = prepared[5][lane];
-            let &[x, y, z, alpha, beta, gamma, _, q2, _, _, _, _,
-                length] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t1 = q2 + length;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t10 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t11 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t18 = t10 * sin_beta - plate_joint_z * cos_beta;
-            let t19 = plate_joint_z * sin_beta + t10 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t26 = t11 * sin_alpha - t19 * cos_alpha;
-            let t27 = t19 * sin_alpha + t11 * cos_alpha;
-            let rod_x = x - t26 - track_offset_x;
-            let rod_y = t27 + y - track_offset_y;
-            let rod_z = z - t18 - track_offset_z;
-            let residual = t1 * t1 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t40 = -2.0 * rod_z;
-            let t41 = -2.0 * rod_y;
-            let t42 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t42;
-            jacobian[1][lane] = t41;
-            jacobian[2][lane] = t40;
-            jacobian[3][lane] = t27 * t40 + t18 * t41;
-            jacobian[4][lane] = t26 * t40 + t18 * t42;
-            jacobian[5][lane] = t27 * t42 - t26 * t41;
-            jacobian[6][lane] = t1 * 2.0;
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 38 operations (16 additions, 16 multiplications, 6 functions).
-    /// With the Jacobian: 52 operations (19 additions, 26 multiplications, 1 negation, 6 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseLeg3;
-    impl Formulas for ClosureByPoseLeg3 {
-        const SHAPE: Shape = Shape {
-            data: 6,
-            prepared: 6,
-            parameters: 13,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 8],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = data else { panic!("`data` must hold 6 numbers") };
-            prepared[0][lane] = plate_joint_x;
-            prepared[1][lane] = plate_joint_y;
-            prepared[2][lane] = plate_joint_z;
-            prepared[3][lane] = track_offset_x;
-            prepared[4][lane] = track_offset_y;
-            prepared[5][lane] = track_offset_z;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let plate_joint_x = prepared[0][lane];
-            let plate_joint_y = prepared[1][lane];
-            let plate_joint_z = prepared[2][lane];
-            let track_offset_x = prepared[3][lane];
-            let track_offset_y = prepared[4][lane];
-            let track_offset_z = prepared[5][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, q3, _, _, _,
-                length] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t1 = q3 + length;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t9 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t10 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t17 = plate_joint_z * sin_beta + t9 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t17 * cos_alpha - t10 * sin_alpha + x - track_offset_x;
-            let rod_y = t17 * sin_alpha + t10 * cos_alpha + y - track_offset_y;
-            let rod_z = plate_joint_z * cos_beta - t9 * sin_beta + z - track_offset_z;
-            let residual = t1 * t1 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let plate_joint_x = prepared[0][lane];
-            let plate_joint_y = prepared[1][lane];
-            let plate_joint_z = prepared[2][lane];
-            let track_offset_x = prepared[3][lane];
-            let track_offset_y = prepared[4][lane];
-            let track_offset_z = prepared[5][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, q3, _, _, _,
-                length] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t1 = q3 + length;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t10 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t11 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t18 = t10 * sin_beta - plate_joint_z * cos_beta;
-            let t19 = plate_joint_z * sin_beta + t10 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t26 = t11 * sin_alpha - t19 * cos_alpha;
-            let t27 = t19 * sin_alpha + t11 * cos_alpha;
-            let rod_x = x - t26 - track_offset_x;
-            let rod_y = t27 + y - track_offset_y;
-            let rod_z = z - t18 - track_offset_z;
-            let residual = t1 * t1 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t40 = -2.0 * rod_z;
-            let t41 = -2.0 * rod_y;
-            let t42 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t42;
-            jacobian[1][lane] = t41;
-            jacobian[2][lane] = t40;
-            jacobian[3][lane] = t27 * t40 + t18 * t41;
-            jacobian[4][lane] = t26 * t40 + t18 * t42;
-            jacobian[5][lane] = t27 * t42 - t26 * t41;
-            jacobian[6][lane] = t1 * 2.0;
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 38 operations (16 additions, 16 multiplications, 6 functions).
-    /// With the Jacobian: 52 operations (19 additions, 26 multiplications, 1 negation, 6 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseLeg4;
-    impl Formulas for ClosureByPoseLeg4 {
-        const SHAPE: Shape = Shape {
-            data: 6,
-            prepared: 6,
-            parameters: 13,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 9],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = data else { panic!("`data` must hold 6 numbers") };
-            prepared[0][lane] = plate_joint_x;
-            prepared[1][lane] = plate_joint_y;
-            prepared[2][lane] = plate_joint_z;
-            prepared[3][lane] = track_offset_x;
-            prepared[4][lane] = track_offset_y;
-            prepared[5][lane] = track_offset_z;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let plate_joint_x = prepared[0][lane];
-            let plate_joint_y = prepared[1][lane];
-            let plate_joint_z = prepared[2][lane];
-            let track_offset_x = prepared[3][lane];
-            let track_offset_y = prepared[4][lane];
-            let track_offset_z = prepared[5][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, _, q4, _, _,
-                length] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t1 = q4 + length;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t9 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t10 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t17 = plate_joint_z * sin_beta + t9 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t17 * cos_alpha - t10 * sin_alpha + x - track_offset_x;
-            let rod_y = t17 * sin_alpha + t10 * cos_alpha + y - track_offset_y;
-            let rod_z = plate_joint_z * cos_beta - t9 * sin_beta + z - track_offset_z;
-            let residual = t1 * t1 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let plate_joint_x = prepared[0][lane];
-            let plate_joint_y = prepared[1][lane];
-            let plate_joint_z = prepared[2][lane];
-            let track_offset_x = prepared[3][lane];
-            let track_offset_y = prepared[4][lane];
-            let track_offset_z = prepared[5][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, _, q4, _, _,
-                length] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t1 = q4 + length;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t10 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t11 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t18 = t10 * sin_beta - plate_joint_z * cos_beta;
-            let t19 = plate_joint_z * sin_beta + t10 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t26 = t11 * sin_alpha - t19 * cos_alpha;
-            let t27 = t19 * sin_alpha + t11 * cos_alpha;
-            let rod_x = x - t26 - track_offset_x;
-            let rod_y = t27 + y - track_offset_y;
-            let rod_z = z - t18 - track_offset_z;
-            let residual = t1 * t1 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t40 = -2.0 * rod_z;
-            let t41 = -2.0 * rod_y;
-            let t42 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t42;
-            jacobian[1][lane] = t41;
-            jacobian[2][lane] = t40;
-            jacobian[3][lane] = t27 * t40 + t18 * t41;
-            jacobian[4][lane] = t26 * t40 + t18 * t42;
-            jacobian[5][lane] = t27 * t42 - t26 * t41;
-            jacobian[6][lane] = t1 * 2.0;
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 38 operations (16 additions, 16 multiplications, 6 functions).
-    /// With the Jacobian: 52 operations (19 additions, 26 multiplications, 1 negation, 6 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseLeg5;
-    impl Formulas for ClosureByPoseLeg5 {
-        const SHAPE: Shape = Shape {
-            data: 6,
-            prepared: 6,
-            parameters: 13,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 10],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = data else { panic!("`data` must hold 6 numbers") };
-            prepared[0][lane] = plate_joint_x;
-            prepared[1][lane] = plate_joint_y;
-            prepared[2][lane] = plate_joint_z;
-            prepared[3][lane] = track_offset_x;
-            prepared[4][lane] = track_offset_y;
-            prepared[5][lane] = track_offset_z;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let plate_joint_x = prepared[0][lane];
-            let plate_joint_y = prepared[1][lane];
-            let plate_joint_z = prepared[2][lane];
-            let track_offset_x = prepared[3][lane];
-            let track_offset_y = prepared[4][lane];
-            let track_offset_z = prepared[5][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, _, _, q5, _,
-                length] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t1 = q5 + length;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t9 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t10 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t17 = plate_joint_z * sin_beta + t9 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t17 * cos_alpha - t10 * sin_alpha + x - track_offset_x;
-            let rod_y = t17 * sin_alpha + t10 * cos_alpha + y - track_offset_y;
-            let rod_z = plate_joint_z * cos_beta - t9 * sin_beta + z - track_offset_z;
-            let residual = t1 * t1 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let plate_joint_x = prepared[0][lane];
-            let plate_joint_y = prepared[1][lane];
-            let plate_joint_z = prepared[2][lane];
-            let track_offset_x = prepared[3][lane];
-            let track_offset_y = prepared[4][lane];
-            let track_offset_z = prepared[5][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, _, _, q5, _,
-                length] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t1 = q5 + length;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t10 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t11 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t18 = t10 * sin_beta - plate_joint_z * cos_beta;
-            let t19 = plate_joint_z * sin_beta + t10 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t26 = t11 * sin_alpha - t19 * cos_alpha;
-            let t27 = t19 * sin_alpha + t11 * cos_alpha;
-            let rod_x = x - t26 - track_offset_x;
-            let rod_y = t27 + y - track_offset_y;
-            let rod_z = z - t18 - track_offset_z;
-            let residual = t1 * t1 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t40 = -2.0 * rod_z;
-            let t41 = -2.0 * rod_y;
-            let t42 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t42;
-            jacobian[1][lane] = t41;
-            jacobian[2][lane] = t40;
-            jacobian[3][lane] = t27 * t40 + t18 * t41;
-            jacobian[4][lane] = t26 * t40 + t18 * t42;
-            jacobian[5][lane] = t27 * t42 - t26 * t41;
-            jacobian[6][lane] = t1 * 2.0;
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 38 operations (16 additions, 16 multiplications, 6 functions).
-    /// With the Jacobian: 52 operations (19 additions, 26 multiplications, 1 negation, 6 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseLeg6;
-    impl Formulas for ClosureByPoseLeg6 {
-        const SHAPE: Shape = Shape {
-            data: 6,
-            prepared: 6,
-            parameters: 13,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 11],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = data else { panic!("`data` must hold 6 numbers") };
-            prepared[0][lane] = plate_joint_x;
-            prepared[1][lane] = plate_joint_y;
-            prepared[2][lane] = plate_joint_z;
-            prepared[3][lane] = track_offset_x;
-            prepared[4][lane] = track_offset_y;
-            prepared[5][lane] = track_offset_z;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let plate_joint_x = prepared[0][lane];
-            let plate_joint_y = prepared[1][lane];
-            let plate_joint_z = prepared[2][lane];
-            let track_offset_x = prepared[3][lane];
-            let track_offset_y = prepared[4][lane];
-            let track_offset_z = prepared[5][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, _, _, _, q6,
-                length] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t1 = q6 + length;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t9 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t10 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t17 = plate_joint_z * sin_beta + t9 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let rod_x = t17 * cos_alpha - t10 * sin_alpha + x - track_offset_x;
-            let rod_y = t17 * sin_alpha + t10 * cos_alpha + y - track_offset_y;
-            let rod_z = plate_joint_z * cos_beta - t9 * sin_beta + z - track_offset_z;
-            let residual = t1 * t1 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let plate_joint_x = prepared[0][lane];
-            let plate_joint_y = prepared[1][lane];
-            let plate_joint_z = prepared[2][lane];
-            let track_offset_x = prepared[3][lane];
-            let track_offset_y = prepared[4][lane];
-            let track_offset_z = prepared[5][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, _, _, _, q6,
-                length] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let t1 = q6 + length;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t10 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t11 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t18 = t10 * sin_beta - plate_joint_z * cos_beta;
-            let t19 = plate_joint_z * sin_beta + t10 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t26 = t11 * sin_alpha - t19 * cos_alpha;
-            let t27 = t19 * sin_alpha + t11 * cos_alpha;
-            let rod_x = x - t26 - track_offset_x;
-            let rod_y = t27 + y - track_offset_y;
-            let rod_z = z - t18 - track_offset_z;
-            let residual = t1 * t1 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t40 = -2.0 * rod_z;
-            let t41 = -2.0 * rod_y;
-            let t42 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t42;
-            jacobian[1][lane] = t41;
-            jacobian[2][lane] = t40;
-            jacobian[3][lane] = t27 * t40 + t18 * t41;
-            jacobian[4][lane] = t26 * t40 + t18 * t42;
-            jacobian[5][lane] = t27 * t42 - t26 * t41;
+            jacobian[0][lane] = prepared_4;
+            jacobian[1][lane] = prepared_3;
+            jacobian[2][lane] = prepared_2;
+            jacobian[3][lane] = prepared_5;
+            jacobian[4][lane] = prepared_7;
+            jacobian[5][lane] = prepared_6;
             jacobian[6][lane] = t1 * 2.0;
         }
     }

@@ -4,7 +4,6 @@
 //   scaled::closure_rods_a: 1 / 21 / 40
 //   scaled::closure_rods_c: 3 / 19 / 32
 //   scaled::closure_by_pose_rods_a: 0 / 21 / 25
-//   scaled::closure_by_pose_rods_b: 0 / 21 / 25
 //   scaled::closure_by_pose_rods_c: 2 / 19 / 23
 //   scaled::cart_pose_a: 34 / 159 / 576
 //   scaled::cart_pose_c: 36 / 157 / 562
@@ -12,18 +11,16 @@
 //   scaled::cart_position_c: 3 / 43 / 100
 //   full::closure_rods_a: 3 / 18 / 36
 //   full::closure_rods_c: 5 / 16 / 28
-//   full::closure_by_pose_rods_a: 2 / 20 / 25
-//   full::closure_by_pose_rods_b: 2 / 20 / 25
-//   full::closure_by_pose_rods_c: 4 / 18 / 23
+//   full::closure_by_pose_rods_a: 4 / 18 / 23
+//   full::closure_by_pose_rods_c: 6 / 16 / 21
 //   full::cart_pose_a: 35 / 157 / 571
 //   full::cart_pose_c: 37 / 155 / 557
 //   full::cart_position_a: 2 / 43 / 109
 //   full::cart_position_c: 4 / 41 / 95
 //   basic::closure_rods_a: 4 / 17 / 32
 //   basic::closure_rods_c: 6 / 15 / 24
-//   basic::closure_by_pose_rods_a: 3 / 19 / 24
-//   basic::closure_by_pose_rods_b: 3 / 19 / 24
-//   basic::closure_by_pose_rods_c: 5 / 17 / 22
+//   basic::closure_by_pose_rods_a: 5 / 17 / 22
+//   basic::closure_by_pose_rods_c: 7 / 15 / 20
 //   basic::cart_pose_a: 36 / 156 / 566
 //   basic::cart_pose_c: 38 / 154 / 552
 //   basic::cart_position_a: 3 / 42 / 104
@@ -506,21 +503,27 @@ pub mod scaled {
                 of: 0,
                 family: &ClosureByPoseRodsA,
                 parameters: &[0, 1, 3, 6, 9],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(0), Input::Position(0), Input::Position(1), Input::Position(2),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 1,
-                family: &ClosureByPoseRodsB,
+                family: &ClosureByPoseRodsA,
                 parameters: &[0, 2, 4, 7, 9],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 2,
                 family: &ClosureByPoseRodsC,
                 parameters: &[0, 5, 8, 9],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                ],
             },
             Instance {
                 kind: ResidualKind::CartPose,
@@ -861,9 +864,9 @@ pub mod scaled {
     }
     /// `L² − ‖T − C(q)‖², T the point`
     ///
-    /// Data: none.
+    /// Data: `q`, `x`, `y`, `z`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `angle`, `endstop`, `arm`, `scale`.
+    /// Parameters: `radius`, `angle`, `endstop`, `arm`, `scale`.
     ///
     /// Once per sample: 0 operations.
     /// Residuals: 21 operations (10 additions, 8 multiplications, 3 functions).
@@ -872,9 +875,9 @@ pub mod scaled {
     pub struct ClosureByPoseRodsA;
     impl Formulas for ClosureByPoseRodsA {
         const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 14,
+            data: 4,
+            prepared: 4,
+            parameters: 5,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
@@ -882,144 +885,12 @@ pub mod scaled {
             columns: &[0, 1, 2, 6],
         };
         #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, z, _, _, _, q1, _, _, radius, angle, endstop, arm,
-                scale] = parameters else { panic!("`parameters` must hold 14 numbers") };
-            let (sin_angle, cos_angle) = math::sin_cos(angle);
-            let t5 = arm * arm;
-            let rod_x = x - radius * cos_angle;
-            let rod_y = y - radius * sin_angle;
-            let rod_z = q1 * (1.0 + scale) + z - endstop - math::sqrt(t5 - radius * radius);
-            let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, z, _, _, _, q1, _, _, radius, angle, endstop, arm,
-                scale] = parameters else { panic!("`parameters` must hold 14 numbers") };
-            let (sin_angle, cos_angle) = math::sin_cos(angle);
-            let t5 = arm * arm;
-            let t9 = 1.0 + scale;
-            let rod_x = x - radius * cos_angle;
-            let rod_y = y - radius * sin_angle;
-            let rod_z = q1 * t9 + z - endstop - math::sqrt(t5 - radius * radius);
-            let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t24 = -2.0 * rod_z;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -2.0 * rod_x;
-            jacobian[1][lane] = -2.0 * rod_y;
-            jacobian[2][lane] = t24;
-            jacobian[3][lane] = t9 * t24;
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `angle`, `endstop`, `arm`, `scale`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 21 operations (10 additions, 8 multiplications, 3 functions).
-    /// With the Jacobian: 25 operations (10 additions, 12 multiplications, 3 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseRodsB;
-    impl Formulas for ClosureByPoseRodsB {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 14,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 4],
-            columns: &[0, 1, 2, 7],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, z, _, _, _, _, q2, _, radius, angle, endstop, arm,
-                scale] = parameters else { panic!("`parameters` must hold 14 numbers") };
-            let (sin_angle, cos_angle) = math::sin_cos(angle);
-            let t5 = arm * arm;
-            let rod_x = x - radius * cos_angle;
-            let rod_y = y - radius * sin_angle;
-            let rod_z = q2 * (1.0 + scale) + z - endstop - math::sqrt(t5 - radius * radius);
-            let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, z, _, _, _, _, q2, _, radius, angle, endstop, arm,
-                scale] = parameters else { panic!("`parameters` must hold 14 numbers") };
-            let (sin_angle, cos_angle) = math::sin_cos(angle);
-            let t5 = arm * arm;
-            let t9 = 1.0 + scale;
-            let rod_x = x - radius * cos_angle;
-            let rod_y = y - radius * sin_angle;
-            let rod_z = q2 * t9 + z - endstop - math::sqrt(t5 - radius * radius);
-            let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t24 = -2.0 * rod_z;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -2.0 * rod_x;
-            jacobian[1][lane] = -2.0 * rod_y;
-            jacobian[2][lane] = t24;
-            jacobian[3][lane] = t9 * t24;
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `endstop_c`, `arm_c`, `scale`.
-    ///
-    /// Once per sample: 2 operations (2 functions).
-    /// Residuals: 19 operations (10 additions, 8 multiplications, 1 function).
-    /// With the Jacobian: 23 operations (10 additions, 12 multiplications, 1 function).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseRodsC;
-    impl Formulas for ClosureByPoseRodsC {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 2,
-            parameters: 13,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 4],
-            columns: &[0, 1, 2, 8],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, _data: &[f64], prepared: &mut [S]) {
-            let (prepared_1, prepared_0) = math::sin_cos(1.5707963267948966);
-            prepared[0][lane] = prepared_0;
-            prepared[1][lane] = prepared_1;
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
+            let &[q, x, y, z] = data else { panic!("`data` must hold 4 numbers") };
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = z;
+            prepared[3][lane] = q;
         }
         #[inline(always)]
         fn value<S: Samples>(
@@ -1028,14 +899,101 @@ pub mod scaled {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let prepared_0 = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let &[x, y, z, _, _, _, _, _, q3, radius, endstop_c, arm_c,
-                scale] = parameters else { panic!("`parameters` must hold 13 numbers") };
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let &[radius, angle, endstop, arm,
+                scale] = parameters else { panic!("`parameters` must hold 5 numbers") };
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t5 = arm * arm;
+            let rod_x = x - radius * cos_angle;
+            let rod_y = y - radius * sin_angle;
+            let rod_z = q * (1.0 + scale) + z - endstop - math::sqrt(t5 - radius * radius);
+            let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
+            residuals[0][lane] = residual;
+        }
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
+        ) {
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let &[radius, angle, endstop, arm,
+                scale] = parameters else { panic!("`parameters` must hold 5 numbers") };
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t5 = arm * arm;
+            let t9 = 1.0 + scale;
+            let rod_x = x - radius * cos_angle;
+            let rod_y = y - radius * sin_angle;
+            let rod_z = q * t9 + z - endstop - math::sqrt(t5 - radius * radius);
+            let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
+            let t24 = -2.0 * rod_z;
+            residuals[0][lane] = residual;
+            jacobian[0][lane] = -2.0 * rod_x;
+            jacobian[1][lane] = -2.0 * rod_y;
+            jacobian[2][lane] = t24;
+            jacobian[3][lane] = t9 * t24;
+        }
+    }
+    /// `L² − ‖T − C(q)‖², T the point`
+    ///
+    /// Data: `q`, `x`, `y`, `z`.
+    ///
+    /// Parameters: `radius`, `endstop_c`, `arm_c`, `scale`.
+    ///
+    /// Once per sample: 2 operations (2 functions).
+    /// Residuals: 19 operations (10 additions, 8 multiplications, 1 function).
+    /// With the Jacobian: 23 operations (10 additions, 12 multiplications, 1 function).
+    #[derive(Debug, Clone, Copy)]
+    pub struct ClosureByPoseRodsC;
+    impl Formulas for ClosureByPoseRodsC {
+        const SHAPE: Shape = Shape {
+            data: 4,
+            prepared: 6,
+            parameters: 4,
+            residuals: 1,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 4],
+            columns: &[0, 1, 2, 6],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
+            let &[q, x, y, z] = data else { panic!("`data` must hold 4 numbers") };
+            let (prepared_4, prepared_3) = math::sin_cos(1.5707963267948966);
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = z;
+            prepared[3][lane] = prepared_3;
+            prepared[4][lane] = prepared_4;
+            prepared[5][lane] = q;
+        }
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let prepared_3 = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let q = prepared[5][lane];
+            let &[radius, endstop_c, arm_c,
+                scale] = parameters else { panic!("`parameters` must hold 4 numbers") };
             let t3 = arm_c * arm_c;
-            let rod_x = x - radius * prepared_0;
-            let rod_y = y - radius * prepared_1;
-            let rod_z = q3 * (1.0 + scale) + z - endstop_c - math::sqrt(t3 - radius * radius);
+            let rod_x = x - radius * prepared_3;
+            let rod_y = y - radius * prepared_4;
+            let rod_z = q * (1.0 + scale) + z - endstop_c - math::sqrt(t3 - radius * radius);
             let residual = t3 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
@@ -1047,15 +1005,19 @@ pub mod scaled {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let prepared_0 = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let &[x, y, z, _, _, _, _, _, q3, radius, endstop_c, arm_c,
-                scale] = parameters else { panic!("`parameters` must hold 13 numbers") };
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let prepared_3 = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let q = prepared[5][lane];
+            let &[radius, endstop_c, arm_c,
+                scale] = parameters else { panic!("`parameters` must hold 4 numbers") };
             let t3 = arm_c * arm_c;
             let t7 = 1.0 + scale;
-            let rod_x = x - radius * prepared_0;
-            let rod_y = y - radius * prepared_1;
-            let rod_z = q3 * t7 + z - endstop_c - math::sqrt(t3 - radius * radius);
+            let rod_x = x - radius * prepared_3;
+            let rod_y = y - radius * prepared_4;
+            let rod_z = q * t7 + z - endstop_c - math::sqrt(t3 - radius * radius);
             let residual = t3 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t22 = -2.0 * rod_z;
             residuals[0][lane] = residual;
@@ -2572,21 +2534,30 @@ pub mod full {
                 of: 0,
                 family: &ClosureByPoseRodsA,
                 parameters: &[0, 1, 3, 6],
-                inputs: &[Input::Held(9)],
+                inputs: &[
+                    Input::Command(0), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Held(9),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 1,
-                family: &ClosureByPoseRodsB,
+                family: &ClosureByPoseRodsA,
                 parameters: &[0, 2, 4, 7],
-                inputs: &[Input::Held(9)],
+                inputs: &[
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Held(9),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 2,
                 family: &ClosureByPoseRodsC,
                 parameters: &[0, 5, 8],
-                inputs: &[Input::Held(9)],
+                inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Held(9),
+                ],
             },
             Instance {
                 kind: ResidualKind::CartPose,
@@ -2920,20 +2891,20 @@ pub mod full {
     }
     /// `L² − ‖T − C(q)‖², T the point`
     ///
-    /// Data: `scale`.
+    /// Data: `q`, `x`, `y`, `z`, `scale`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `angle`, `endstop`, `arm`.
+    /// Parameters: `radius`, `angle`, `endstop`, `arm`.
     ///
-    /// Once per sample: 2 operations (1 addition, 1 negation).
-    /// Residuals: 20 operations (9 additions, 8 multiplications, 3 functions).
-    /// With the Jacobian: 25 operations (9 additions, 12 multiplications, 1 negation, 3 functions).
+    /// Once per sample: 4 operations (2 additions, 1 multiplication, 1 negation).
+    /// Residuals: 18 operations (8 additions, 7 multiplications, 3 functions).
+    /// With the Jacobian: 23 operations (8 additions, 11 multiplications, 1 negation, 3 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct ClosureByPoseRodsA;
     impl Formulas for ClosureByPoseRodsA {
         const SHAPE: Shape = Shape {
-            data: 1,
-            prepared: 1,
-            parameters: 13,
+            data: 5,
+            prepared: 4,
+            parameters: 4,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
@@ -2942,154 +2913,14 @@ pub mod full {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[scale] = data else { panic!("`data` must hold 1 numbers") };
-            let prepared_0 = -(1.0 + scale);
-            prepared[0][lane] = prepared_0;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let prepared_0 = prepared[0][lane];
-            let &[x, y, z, _, _, _, q1, _, _, radius, angle, endstop,
-                arm] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let (sin_angle, cos_angle) = math::sin_cos(angle);
-            let t5 = arm * arm;
-            let rod_x = x - radius * cos_angle;
-            let rod_y = y - radius * sin_angle;
-            let rod_z = z - q1 * prepared_0 - endstop - math::sqrt(t5 - radius * radius);
-            let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let prepared_0 = prepared[0][lane];
-            let &[x, y, z, _, _, _, q1, _, _, radius, angle, endstop,
-                arm] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let (sin_angle, cos_angle) = math::sin_cos(angle);
-            let t5 = arm * arm;
-            let rod_x = x - radius * cos_angle;
-            let rod_y = y - radius * sin_angle;
-            let rod_z = z - q1 * prepared_0 - endstop - math::sqrt(t5 - radius * radius);
-            let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t23 = 2.0 * rod_z;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -2.0 * rod_x;
-            jacobian[1][lane] = -2.0 * rod_y;
-            jacobian[2][lane] = -t23;
-            jacobian[3][lane] = prepared_0 * t23;
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point`
-    ///
-    /// Data: `scale`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `angle`, `endstop`, `arm`.
-    ///
-    /// Once per sample: 2 operations (1 addition, 1 negation).
-    /// Residuals: 20 operations (9 additions, 8 multiplications, 3 functions).
-    /// With the Jacobian: 25 operations (9 additions, 12 multiplications, 1 negation, 3 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseRodsB;
-    impl Formulas for ClosureByPoseRodsB {
-        const SHAPE: Shape = Shape {
-            data: 1,
-            prepared: 1,
-            parameters: 13,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 4],
-            columns: &[0, 1, 2, 7],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[scale] = data else { panic!("`data` must hold 1 numbers") };
-            let prepared_0 = -(1.0 + scale);
-            prepared[0][lane] = prepared_0;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let prepared_0 = prepared[0][lane];
-            let &[x, y, z, _, _, _, _, q2, _, radius, angle, endstop,
-                arm] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let (sin_angle, cos_angle) = math::sin_cos(angle);
-            let t5 = arm * arm;
-            let rod_x = x - radius * cos_angle;
-            let rod_y = y - radius * sin_angle;
-            let rod_z = z - q2 * prepared_0 - endstop - math::sqrt(t5 - radius * radius);
-            let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let prepared_0 = prepared[0][lane];
-            let &[x, y, z, _, _, _, _, q2, _, radius, angle, endstop,
-                arm] = parameters else { panic!("`parameters` must hold 13 numbers") };
-            let (sin_angle, cos_angle) = math::sin_cos(angle);
-            let t5 = arm * arm;
-            let rod_x = x - radius * cos_angle;
-            let rod_y = y - radius * sin_angle;
-            let rod_z = z - q2 * prepared_0 - endstop - math::sqrt(t5 - radius * radius);
-            let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t23 = 2.0 * rod_z;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -2.0 * rod_x;
-            jacobian[1][lane] = -2.0 * rod_y;
-            jacobian[2][lane] = -t23;
-            jacobian[3][lane] = prepared_0 * t23;
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point`
-    ///
-    /// Data: `scale`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `endstop_c`, `arm_c`.
-    ///
-    /// Once per sample: 4 operations (1 addition, 1 negation, 2 functions).
-    /// Residuals: 18 operations (9 additions, 8 multiplications, 1 function).
-    /// With the Jacobian: 23 operations (9 additions, 12 multiplications, 1 negation, 1 function).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseRodsC;
-    impl Formulas for ClosureByPoseRodsC {
-        const SHAPE: Shape = Shape {
-            data: 1,
-            prepared: 3,
-            parameters: 12,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 4],
-            columns: &[0, 1, 2, 8],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[scale] = data else { panic!("`data` must hold 1 numbers") };
-            let (prepared_1, prepared_0) = math::sin_cos(1.5707963267948966);
-            let prepared_2 = -(1.0 + scale);
-            prepared[0][lane] = prepared_0;
-            prepared[1][lane] = prepared_1;
+            let &[q, x, y, z, scale] = data else { panic!("`data` must hold 5 numbers") };
+            let t1 = 1.0 + scale;
+            let prepared_3 = z + q * t1;
+            let prepared_2 = -t1;
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
             prepared[2][lane] = prepared_2;
+            prepared[3][lane] = prepared_3;
         }
         #[inline(always)]
         fn value<S: Samples>(
@@ -3098,16 +2929,17 @@ pub mod full {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let prepared_0 = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let prepared_2 = prepared[2][lane];
-            let &[x, y, z, _, _, _, _, _, q3, radius, endstop_c,
-                arm_c] = parameters else { panic!("`parameters` must hold 12 numbers") };
-            let t3 = arm_c * arm_c;
-            let rod_x = x - radius * prepared_0;
-            let rod_y = y - radius * prepared_1;
-            let rod_z = z - q3 * prepared_2 - endstop_c - math::sqrt(t3 - radius * radius);
-            let residual = t3 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let prepared_3 = prepared[3][lane];
+            let &[radius, angle, endstop,
+                arm] = parameters else { panic!("`parameters` must hold 4 numbers") };
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t5 = arm * arm;
+            let rod_x = x - radius * cos_angle;
+            let rod_y = y - radius * sin_angle;
+            let rod_z = prepared_3 - endstop - math::sqrt(t5 - radius * radius);
+            let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -3118,22 +2950,110 @@ pub mod full {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let prepared_0 = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
             let prepared_2 = prepared[2][lane];
-            let &[x, y, z, _, _, _, _, _, q3, radius, endstop_c,
-                arm_c] = parameters else { panic!("`parameters` must hold 12 numbers") };
-            let t3 = arm_c * arm_c;
-            let rod_x = x - radius * prepared_0;
-            let rod_y = y - radius * prepared_1;
-            let rod_z = z - q3 * prepared_2 - endstop_c - math::sqrt(t3 - radius * radius);
-            let residual = t3 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
+            let prepared_3 = prepared[3][lane];
+            let &[radius, angle, endstop,
+                arm] = parameters else { panic!("`parameters` must hold 4 numbers") };
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let t5 = arm * arm;
+            let rod_x = x - radius * cos_angle;
+            let rod_y = y - radius * sin_angle;
+            let rod_z = prepared_3 - endstop - math::sqrt(t5 - radius * radius);
+            let residual = t5 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t21 = 2.0 * rod_z;
             residuals[0][lane] = residual;
             jacobian[0][lane] = -2.0 * rod_x;
             jacobian[1][lane] = -2.0 * rod_y;
             jacobian[2][lane] = -t21;
             jacobian[3][lane] = prepared_2 * t21;
+        }
+    }
+    /// `L² − ‖T − C(q)‖², T the point`
+    ///
+    /// Data: `q`, `x`, `y`, `z`, `scale`.
+    ///
+    /// Parameters: `radius`, `endstop_c`, `arm_c`.
+    ///
+    /// Once per sample: 6 operations (2 additions, 1 multiplication, 1 negation, 2 functions).
+    /// Residuals: 16 operations (8 additions, 7 multiplications, 1 function).
+    /// With the Jacobian: 21 operations (8 additions, 11 multiplications, 1 negation, 1 function).
+    #[derive(Debug, Clone, Copy)]
+    pub struct ClosureByPoseRodsC;
+    impl Formulas for ClosureByPoseRodsC {
+        const SHAPE: Shape = Shape {
+            data: 5,
+            prepared: 6,
+            parameters: 3,
+            residuals: 1,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 4],
+            columns: &[0, 1, 2, 6],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
+            let &[q, x, y, z, scale] = data else { panic!("`data` must hold 5 numbers") };
+            let (prepared_3, prepared_2) = math::sin_cos(1.5707963267948966);
+            let t3 = 1.0 + scale;
+            let prepared_5 = z + q * t3;
+            let prepared_4 = -t3;
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = prepared_2;
+            prepared[3][lane] = prepared_3;
+            prepared[4][lane] = prepared_4;
+            prepared[5][lane] = prepared_5;
+        }
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let prepared_2 = prepared[2][lane];
+            let prepared_3 = prepared[3][lane];
+            let prepared_5 = prepared[5][lane];
+            let &[radius, endstop_c,
+                arm_c] = parameters else { panic!("`parameters` must hold 3 numbers") };
+            let t3 = arm_c * arm_c;
+            let rod_x = x - radius * prepared_2;
+            let rod_y = y - radius * prepared_3;
+            let rod_z = prepared_5 - endstop_c - math::sqrt(t3 - radius * radius);
+            let residual = t3 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
+            residuals[0][lane] = residual;
+        }
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
+        ) {
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let prepared_2 = prepared[2][lane];
+            let prepared_3 = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let prepared_5 = prepared[5][lane];
+            let &[radius, endstop_c,
+                arm_c] = parameters else { panic!("`parameters` must hold 3 numbers") };
+            let t3 = arm_c * arm_c;
+            let rod_x = x - radius * prepared_2;
+            let rod_y = y - radius * prepared_3;
+            let rod_z = prepared_5 - endstop_c - math::sqrt(t3 - radius * radius);
+            let residual = t3 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
+            let t19 = 2.0 * rod_z;
+            residuals[0][lane] = residual;
+            jacobian[0][lane] = -2.0 * rod_x;
+            jacobian[1][lane] = -2.0 * rod_y;
+            jacobian[2][lane] = -t19;
+            jacobian[3][lane] = prepared_4 * t19;
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x; axial vector of F·A(q)·M·Rᵀ`
@@ -4631,21 +4551,30 @@ pub mod basic {
                 of: 0,
                 family: &ClosureByPoseRodsA,
                 parameters: &[0, 1, 3],
-                inputs: &[Input::Held(6), Input::Held(9)],
+                inputs: &[
+                    Input::Command(0), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Held(6), Input::Held(9),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 1,
-                family: &ClosureByPoseRodsB,
+                family: &ClosureByPoseRodsA,
                 parameters: &[0, 2, 4],
-                inputs: &[Input::Held(7), Input::Held(9)],
+                inputs: &[
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Held(7), Input::Held(9),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 2,
                 family: &ClosureByPoseRodsC,
                 parameters: &[0, 5],
-                inputs: &[Input::Held(8), Input::Held(9)],
+                inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Held(8), Input::Held(9),
+                ],
             },
             Instance {
                 kind: ResidualKind::CartPose,
@@ -4980,20 +4909,20 @@ pub mod basic {
     }
     /// `L² − ‖T − C(q)‖², T the point`
     ///
-    /// Data: `arm`, `scale`.
+    /// Data: `q`, `x`, `y`, `z`, `arm`, `scale`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `angle`, `endstop`.
+    /// Parameters: `radius`, `angle`, `endstop`.
     ///
-    /// Once per sample: 3 operations (1 addition, 1 multiplication, 1 negation).
-    /// Residuals: 19 operations (9 additions, 7 multiplications, 3 functions).
-    /// With the Jacobian: 24 operations (9 additions, 11 multiplications, 1 negation, 3 functions).
+    /// Once per sample: 5 operations (2 additions, 2 multiplications, 1 negation).
+    /// Residuals: 17 operations (8 additions, 6 multiplications, 3 functions).
+    /// With the Jacobian: 22 operations (8 additions, 10 multiplications, 1 negation, 3 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct ClosureByPoseRodsA;
     impl Formulas for ClosureByPoseRodsA {
         const SHAPE: Shape = Shape {
-            data: 2,
-            prepared: 2,
-            parameters: 12,
+            data: 6,
+            prepared: 5,
+            parameters: 3,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
@@ -5002,160 +4931,16 @@ pub mod basic {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[arm, scale] = data else { panic!("`data` must hold 2 numbers") };
-            let prepared_0 = arm * arm;
-            let prepared_1 = -(1.0 + scale);
-            prepared[0][lane] = prepared_0;
-            prepared[1][lane] = prepared_1;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let prepared_0 = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let &[x, y, z, _, _, _, q1, _, _, radius, angle,
-                endstop] = parameters else { panic!("`parameters` must hold 12 numbers") };
-            let (sin_angle, cos_angle) = math::sin_cos(angle);
-            let rod_x = x - radius * cos_angle;
-            let rod_y = y - radius * sin_angle;
-            let rod_z = z - q1 * prepared_1 - endstop - math::sqrt(prepared_0 - radius * radius);
-            let residual = prepared_0 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let prepared_0 = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let &[x, y, z, _, _, _, q1, _, _, radius, angle,
-                endstop] = parameters else { panic!("`parameters` must hold 12 numbers") };
-            let (sin_angle, cos_angle) = math::sin_cos(angle);
-            let rod_x = x - radius * cos_angle;
-            let rod_y = y - radius * sin_angle;
-            let rod_z = z - q1 * prepared_1 - endstop - math::sqrt(prepared_0 - radius * radius);
-            let residual = prepared_0 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t22 = 2.0 * rod_z;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -2.0 * rod_x;
-            jacobian[1][lane] = -2.0 * rod_y;
-            jacobian[2][lane] = -t22;
-            jacobian[3][lane] = prepared_1 * t22;
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point`
-    ///
-    /// Data: `arm`, `scale`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `angle`, `endstop`.
-    ///
-    /// Once per sample: 3 operations (1 addition, 1 multiplication, 1 negation).
-    /// Residuals: 19 operations (9 additions, 7 multiplications, 3 functions).
-    /// With the Jacobian: 24 operations (9 additions, 11 multiplications, 1 negation, 3 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseRodsB;
-    impl Formulas for ClosureByPoseRodsB {
-        const SHAPE: Shape = Shape {
-            data: 2,
-            prepared: 2,
-            parameters: 12,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 4],
-            columns: &[0, 1, 2, 7],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[arm, scale] = data else { panic!("`data` must hold 2 numbers") };
-            let prepared_0 = arm * arm;
-            let prepared_1 = -(1.0 + scale);
-            prepared[0][lane] = prepared_0;
-            prepared[1][lane] = prepared_1;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let prepared_0 = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let &[x, y, z, _, _, _, _, q2, _, radius, angle,
-                endstop] = parameters else { panic!("`parameters` must hold 12 numbers") };
-            let (sin_angle, cos_angle) = math::sin_cos(angle);
-            let rod_x = x - radius * cos_angle;
-            let rod_y = y - radius * sin_angle;
-            let rod_z = z - q2 * prepared_1 - endstop - math::sqrt(prepared_0 - radius * radius);
-            let residual = prepared_0 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let prepared_0 = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let &[x, y, z, _, _, _, _, q2, _, radius, angle,
-                endstop] = parameters else { panic!("`parameters` must hold 12 numbers") };
-            let (sin_angle, cos_angle) = math::sin_cos(angle);
-            let rod_x = x - radius * cos_angle;
-            let rod_y = y - radius * sin_angle;
-            let rod_z = z - q2 * prepared_1 - endstop - math::sqrt(prepared_0 - radius * radius);
-            let residual = prepared_0 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t22 = 2.0 * rod_z;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -2.0 * rod_x;
-            jacobian[1][lane] = -2.0 * rod_y;
-            jacobian[2][lane] = -t22;
-            jacobian[3][lane] = prepared_1 * t22;
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point`
-    ///
-    /// Data: `arm_c`, `scale`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `endstop_c`.
-    ///
-    /// Once per sample: 5 operations (1 addition, 1 multiplication, 1 negation, 2 functions).
-    /// Residuals: 17 operations (9 additions, 7 multiplications, 1 function).
-    /// With the Jacobian: 22 operations (9 additions, 11 multiplications, 1 negation, 1 function).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseRodsC;
-    impl Formulas for ClosureByPoseRodsC {
-        const SHAPE: Shape = Shape {
-            data: 2,
-            prepared: 4,
-            parameters: 11,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 4],
-            columns: &[0, 1, 2, 8],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[arm_c, scale] = data else { panic!("`data` must hold 2 numbers") };
-            let (prepared_1, prepared_0) = math::sin_cos(1.5707963267948966);
-            let prepared_2 = arm_c * arm_c;
-            let prepared_3 = -(1.0 + scale);
-            prepared[0][lane] = prepared_0;
-            prepared[1][lane] = prepared_1;
+            let &[q, x, y, z, arm, scale] = data else { panic!("`data` must hold 6 numbers") };
+            let prepared_2 = arm * arm;
+            let t2 = 1.0 + scale;
+            let prepared_4 = z + q * t2;
+            let prepared_3 = -t2;
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
             prepared[2][lane] = prepared_2;
             prepared[3][lane] = prepared_3;
+            prepared[4][lane] = prepared_4;
         }
         #[inline(always)]
         fn value<S: Samples>(
@@ -5164,15 +4949,16 @@ pub mod basic {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let prepared_0 = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
             let prepared_2 = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let &[x, y, z, _, _, _, _, _, q3, radius,
-                endstop_c] = parameters else { panic!("`parameters` must hold 11 numbers") };
-            let rod_x = x - radius * prepared_0;
-            let rod_y = y - radius * prepared_1;
-            let rod_z = z - q3 * prepared_3 - endstop_c - math::sqrt(prepared_2 - radius * radius);
+            let prepared_4 = prepared[4][lane];
+            let &[radius, angle,
+                endstop] = parameters else { panic!("`parameters` must hold 3 numbers") };
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let rod_x = x - radius * cos_angle;
+            let rod_y = y - radius * sin_angle;
+            let rod_z = prepared_4 - endstop - math::sqrt(prepared_2 - radius * radius);
             let residual = prepared_2 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
@@ -5184,15 +4970,17 @@ pub mod basic {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let prepared_0 = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
             let prepared_2 = prepared[2][lane];
             let prepared_3 = prepared[3][lane];
-            let &[x, y, z, _, _, _, _, _, q3, radius,
-                endstop_c] = parameters else { panic!("`parameters` must hold 11 numbers") };
-            let rod_x = x - radius * prepared_0;
-            let rod_y = y - radius * prepared_1;
-            let rod_z = z - q3 * prepared_3 - endstop_c - math::sqrt(prepared_2 - radius * radius);
+            let prepared_4 = prepared[4][lane];
+            let &[radius, angle,
+                endstop] = parameters else { panic!("`parameters` must hold 3 numbers") };
+            let (sin_angle, cos_angle) = math::sin_cos(angle);
+            let rod_x = x - radius * cos_angle;
+            let rod_y = y - radius * sin_angle;
+            let rod_z = prepared_4 - endstop - math::sqrt(prepared_2 - radius * radius);
             let residual = prepared_2 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             let t20 = 2.0 * rod_z;
             residuals[0][lane] = residual;
@@ -5200,6 +4988,94 @@ pub mod basic {
             jacobian[1][lane] = -2.0 * rod_y;
             jacobian[2][lane] = -t20;
             jacobian[3][lane] = prepared_3 * t20;
+        }
+    }
+    /// `L² − ‖T − C(q)‖², T the point`
+    ///
+    /// Data: `q`, `x`, `y`, `z`, `arm_c`, `scale`.
+    ///
+    /// Parameters: `radius`, `endstop_c`.
+    ///
+    /// Once per sample: 7 operations (2 additions, 2 multiplications, 1 negation, 2 functions).
+    /// Residuals: 15 operations (8 additions, 6 multiplications, 1 function).
+    /// With the Jacobian: 20 operations (8 additions, 10 multiplications, 1 negation, 1 function).
+    #[derive(Debug, Clone, Copy)]
+    pub struct ClosureByPoseRodsC;
+    impl Formulas for ClosureByPoseRodsC {
+        const SHAPE: Shape = Shape {
+            data: 6,
+            prepared: 7,
+            parameters: 2,
+            residuals: 1,
+        };
+        const PATTERN: Pattern<'static> = Pattern {
+            row_starts: &[0, 4],
+            columns: &[0, 1, 2, 6],
+        };
+        #[inline(always)]
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
+            let &[q, x, y, z, arm_c, scale] = data else { panic!("`data` must hold 6 numbers") };
+            let (prepared_3, prepared_2) = math::sin_cos(1.5707963267948966);
+            let prepared_4 = arm_c * arm_c;
+            let t4 = 1.0 + scale;
+            let prepared_6 = z + q * t4;
+            let prepared_5 = -t4;
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = prepared_2;
+            prepared[3][lane] = prepared_3;
+            prepared[4][lane] = prepared_4;
+            prepared[5][lane] = prepared_5;
+            prepared[6][lane] = prepared_6;
+        }
+        #[inline(always)]
+        fn value<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+        ) {
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let prepared_2 = prepared[2][lane];
+            let prepared_3 = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let prepared_6 = prepared[6][lane];
+            let &[radius,
+                endstop_c] = parameters else { panic!("`parameters` must hold 2 numbers") };
+            let rod_x = x - radius * prepared_2;
+            let rod_y = y - radius * prepared_3;
+            let rod_z = prepared_6 - endstop_c - math::sqrt(prepared_4 - radius * radius);
+            let residual = prepared_4 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
+            residuals[0][lane] = residual;
+        }
+        #[inline(always)]
+        fn linearize<S: Samples>(
+            lane: usize,
+            prepared: &[S],
+            parameters: &[f64],
+            residuals: &mut [S],
+            jacobian: &mut [S],
+        ) {
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let prepared_2 = prepared[2][lane];
+            let prepared_3 = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let prepared_5 = prepared[5][lane];
+            let prepared_6 = prepared[6][lane];
+            let &[radius,
+                endstop_c] = parameters else { panic!("`parameters` must hold 2 numbers") };
+            let rod_x = x - radius * prepared_2;
+            let rod_y = y - radius * prepared_3;
+            let rod_z = prepared_6 - endstop_c - math::sqrt(prepared_4 - radius * radius);
+            let residual = prepared_4 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
+            let t18 = 2.0 * rod_z;
+            residuals[0][lane] = residual;
+            jacobian[0][lane] = -2.0 * rod_x;
+            jacobian[1][lane] = -2.0 * rod_y;
+            jacobian[2][lane] = -t18;
+            jacobian[3][lane] = prepared_5 * t18;
         }
     }
     /// `F·(C(q) + A(q)·m) + t − x; axial vector of F·A(q)·M·Rᵀ`

@@ -3,14 +3,12 @@
 // Operations once per sample / per residual / with the Jacobian:
 //   full::closure_rods_a: 4 / 22 / 42
 //   full::closure_rods_b: 0 / 57 / 153
-//   full::closure_by_pose_rods_a: 0 / 26 / 38
+//   full::closure_by_pose_rods_a: 6 / 22 / 33
 //   full::closure_by_pose_rods_b: 0 / 57 / 74
-//   full::closure_by_pose_rods_c: 0 / 57 / 74
 //   basic::closure_rods_a: 7 / 20 / 35
 //   basic::closure_rods_b: 16 / 42 / 79
-//   basic::closure_by_pose_rods_a: 1 / 25 / 37
-//   basic::closure_by_pose_rods_b: 9 / 48 / 65
-//   basic::closure_by_pose_rods_c: 9 / 48 / 65
+//   basic::closure_by_pose_rods_a: 8 / 20 / 31
+//   basic::closure_by_pose_rods_b: 14 / 44 / 61
 
 ///A rotary delta: three cranks on the base, whose rods hold a point.
 ///
@@ -312,21 +310,27 @@ pub mod full {
                 of: 0,
                 family: &ClosureByPoseRodsA,
                 parameters: &[0, 3, 6, 9],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(0), Input::Position(0), Input::Position(1), Input::Position(2),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 1,
                 family: &ClosureByPoseRodsB,
                 parameters: &[1, 3, 4, 7, 10],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 2,
-                family: &ClosureByPoseRodsC,
+                family: &ClosureByPoseRodsB,
                 parameters: &[2, 3, 5, 8, 11],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                ],
             },
         ],
     };
@@ -608,20 +612,20 @@ pub mod full {
     }
     /// `L² − ‖T − C(q)‖², T the point`
     ///
-    /// Data: none.
+    /// Data: `q`, `x`, `y`, `z`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `length`, `radius`, `upper_a`, `zero_a`.
+    /// Parameters: `length`, `radius`, `upper_a`, `zero_a`.
     ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 26 operations (12 additions, 10 multiplications, 4 functions).
-    /// With the Jacobian: 38 operations (15 additions, 19 multiplications, 4 functions).
+    /// Once per sample: 6 operations (1 addition, 2 multiplications, 1 negation, 2 functions).
+    /// Residuals: 22 operations (11 additions, 9 multiplications, 2 functions).
+    /// With the Jacobian: 33 operations (14 additions, 17 multiplications, 2 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct ClosureByPoseRodsA;
     impl Formulas for ClosureByPoseRodsA {
         const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 13,
+            data: 4,
+            prepared: 7,
+            parameters: 4,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
@@ -629,61 +633,83 @@ pub mod full {
             columns: &[0, 1, 2, 6],
         };
         #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
+            let &[q, x, y, z] = data else { panic!("`data` must hold 4 numbers") };
+            let (sin_q, prepared_3) = math::sin_cos(q);
+            let prepared_4 = prepared_3 - 1.0;
+            let prepared_5 = y * y;
+            let prepared_6 = y * -2.0;
+            let prepared_2 = -sin_q;
+            prepared[0][lane] = x;
+            prepared[1][lane] = z;
+            prepared[2][lane] = prepared_2;
+            prepared[3][lane] = prepared_3;
+            prepared[4][lane] = prepared_4;
+            prepared[5][lane] = prepared_5;
+            prepared[6][lane] = prepared_6;
         }
         #[inline(always)]
         fn value<S: Samples>(
             lane: usize,
-            _prepared: &[S],
+            prepared: &[S],
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let &[x, y, z, _, _, _, q1, _, _, length, radius, upper_a,
-                zero_a] = parameters else { panic!("`parameters` must hold 13 numbers") };
+            let x = prepared[0][lane];
+            let z = prepared[1][lane];
+            let prepared_2 = prepared[2][lane];
+            let prepared_4 = prepared[4][lane];
+            let prepared_5 = prepared[5][lane];
+            let &[length, radius, upper_a,
+                zero_a] = parameters else { panic!("`parameters` must hold 4 numbers") };
             let (sin_zero_a, cos_zero_a) = math::sin_cos(zero_a);
             let t3 = radius + upper_a * cos_zero_a;
             let t5 = upper_a * sin_zero_a;
-            let (sin_q1, cos_q1) = math::sin_cos(q1);
-            let t8 = t3 - radius;
-            let t9 = cos_q1 - 1.0;
-            let rod_x = t5 * sin_q1 + x - t3 - t8 * t9;
-            let rod_z = sin_q1 * t8 + t5 * t9 + z + t5;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - y * y;
+            let t6 = t3 - radius;
+            let rod_x = x - t5 * prepared_2 - t3 - t6 * prepared_4;
+            let rod_z = t5 * prepared_4 - prepared_2 * t6 + z + t5;
+            let residual = length * length - prepared_5 - rod_z * rod_z - rod_x * rod_x;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
         fn linearize<S: Samples>(
             lane: usize,
-            _prepared: &[S],
+            prepared: &[S],
             parameters: &[f64],
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let &[x, y, z, _, _, _, q1, _, _, length, radius, upper_a,
-                zero_a] = parameters else { panic!("`parameters` must hold 13 numbers") };
+            let x = prepared[0][lane];
+            let z = prepared[1][lane];
+            let prepared_2 = prepared[2][lane];
+            let prepared_3 = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let prepared_5 = prepared[5][lane];
+            let prepared_6 = prepared[6][lane];
+            let &[length, radius, upper_a,
+                zero_a] = parameters else { panic!("`parameters` must hold 4 numbers") };
             let (sin_zero_a, cos_zero_a) = math::sin_cos(zero_a);
             let t3 = radius + upper_a * cos_zero_a;
             let t5 = upper_a * sin_zero_a;
-            let (sin_q1, cos_q1) = math::sin_cos(q1);
-            let t8 = t3 - radius;
-            let t9 = cos_q1 - 1.0;
-            let rod_x = t5 * sin_q1 + x - t3 - t8 * t9;
-            let rod_z = sin_q1 * t8 + t5 * t9 + z + t5;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - y * y;
-            let t28 = -2.0 * rod_z;
-            let t29 = -2.0 * rod_x;
+            let t6 = t3 - radius;
+            let rod_x = x - t5 * prepared_2 - t3 - t6 * prepared_4;
+            let rod_z = t5 * prepared_4 - prepared_2 * t6 + z + t5;
+            let residual = length * length - prepared_5 - rod_z * rod_z - rod_x * rod_x;
+            let t23 = -2.0 * rod_z;
+            let t24 = -2.0 * rod_x;
             residuals[0][lane] = residual;
-            jacobian[0][lane] = t29;
-            jacobian[1][lane] = y * -2.0;
-            jacobian[2][lane] = t28;
-            jacobian[3][lane] = sin_q1 * (t8 * t29 - t5 * t28) + cos_q1 * (t8 * t28 + t5 * t29);
+            jacobian[0][lane] = t24;
+            jacobian[1][lane] = prepared_6;
+            jacobian[2][lane] = t23;
+            jacobian[3][lane] = prepared_2 * (t5 * t23 - t6 * t24)
+                + prepared_3 * (t6 * t23 + t5 * t24);
         }
     }
     /// `L² − ‖T − C(q)‖², T the point`
     ///
-    /// Data: none.
+    /// Data: `q`, `x`, `y`, `z`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `length`, `radius`, `angle`, `upper`, `zero`.
+    /// Parameters: `length`, `radius`, `angle`, `upper`, `zero`.
     ///
     /// Once per sample: 0 operations.
     /// Residuals: 57 operations (21 additions, 27 multiplications, 2 divisions, 7 functions).
@@ -692,27 +718,36 @@ pub mod full {
     pub struct ClosureByPoseRodsB;
     impl Formulas for ClosureByPoseRodsB {
         const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 14,
+            data: 4,
+            prepared: 4,
+            parameters: 5,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
             row_starts: &[0, 4],
-            columns: &[0, 1, 2, 7],
+            columns: &[0, 1, 2, 6],
         };
         #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
+            let &[q, x, y, z] = data else { panic!("`data` must hold 4 numbers") };
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = z;
+            prepared[3][lane] = q;
         }
         #[inline(always)]
         fn value<S: Samples>(
             lane: usize,
-            _prepared: &[S],
+            prepared: &[S],
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let &[x, y, z, _, _, _, _, q2, _, length, radius, angle, upper,
-                zero] = parameters else { panic!("`parameters` must hold 14 numbers") };
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let &[length, radius, angle, upper,
+                zero] = parameters else { panic!("`parameters` must hold 5 numbers") };
             let (sin_zero, cos_zero) = math::sin_cos(zero);
             let t3 = radius + upper * cos_zero;
             let (sin_angle, cos_angle) = math::sin_cos(angle);
@@ -722,7 +757,7 @@ pub mod full {
             let t15 = math::sqrt(sin_angle * sin_angle + cos_angle * cos_angle);
             let t16 = sin_angle / t15;
             let t17 = cos_angle / t15;
-            let angle_2 = q2 * t15;
+            let angle_2 = q * t15;
             let (t19, t20) = math::sin_cos(angle_2);
             let t21 = t5 - radius * cos_angle;
             let t22 = t7 - radius * sin_angle;
@@ -737,13 +772,17 @@ pub mod full {
         #[inline(always)]
         fn linearize<S: Samples>(
             lane: usize,
-            _prepared: &[S],
+            prepared: &[S],
             parameters: &[f64],
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let &[x, y, z, _, _, _, _, q2, _, length, radius, angle, upper,
-                zero] = parameters else { panic!("`parameters` must hold 14 numbers") };
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let &[length, radius, angle, upper,
+                zero] = parameters else { panic!("`parameters` must hold 5 numbers") };
             let (sin_zero, cos_zero) = math::sin_cos(zero);
             let t3 = radius + upper * cos_zero;
             let (sin_angle, cos_angle) = math::sin_cos(angle);
@@ -753,108 +792,7 @@ pub mod full {
             let t15 = math::sqrt(sin_angle * sin_angle + cos_angle * cos_angle);
             let t16 = sin_angle / t15;
             let t17 = cos_angle / t15;
-            let angle_2 = q2 * t15;
-            let (t19, t20) = math::sin_cos(angle_2);
-            let t21 = t5 - radius * cos_angle;
-            let t22 = t7 - radius * sin_angle;
-            let t25 = t17 * t22 - t16 * t21;
-            let t28 = t21 + t16 * t25;
-            let t29 = t22 - t17 * t25;
-            let t30 = t9 * t17;
-            let t31 = t9 * t16;
-            let t34 = t16 * t22 + t17 * t21;
-            let t35 = t20 - 1.0;
-            let rod_x = t19 * t30 + x - t5 - t28 * t35;
-            let rod_y = t19 * t31 + y - t7 - t29 * t35;
-            let rod_z = t19 * t34 + t9 * t35 + z + t9;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t58 = -2.0 * rod_z;
-            let t59 = -2.0 * rod_y;
-            let t60 = -2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = t60;
-            jacobian[1][lane] = t59;
-            jacobian[2][lane] = t58;
-            jacobian[3][lane] = t15
-                * (t19 * (t29 * t59 - t9 * t58 + t28 * t60)
-                + t20 * (t34 * t58 + t31 * t59 + t30 * t60));
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `length`, `radius`, `angle`, `upper`, `zero`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 57 operations (21 additions, 27 multiplications, 2 divisions, 7 functions).
-    /// With the Jacobian: 74 operations (26 additions, 39 multiplications, 2 divisions, 7 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseRodsC;
-    impl Formulas for ClosureByPoseRodsC {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 14,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 4],
-            columns: &[0, 1, 2, 8],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, z, _, _, _, _, _, q3, length, radius, angle, upper,
-                zero] = parameters else { panic!("`parameters` must hold 14 numbers") };
-            let (sin_zero, cos_zero) = math::sin_cos(zero);
-            let t3 = radius + upper * cos_zero;
-            let (sin_angle, cos_angle) = math::sin_cos(angle);
-            let t5 = t3 * cos_angle;
-            let t7 = t3 * sin_angle;
-            let t9 = upper * sin_zero;
-            let t15 = math::sqrt(sin_angle * sin_angle + cos_angle * cos_angle);
-            let t16 = sin_angle / t15;
-            let t17 = cos_angle / t15;
-            let angle_2 = q3 * t15;
-            let (t19, t20) = math::sin_cos(angle_2);
-            let t21 = t5 - radius * cos_angle;
-            let t22 = t7 - radius * sin_angle;
-            let t25 = t17 * t22 - t16 * t21;
-            let t35 = t20 - 1.0;
-            let rod_x = t19 * (t9 * t17) + x - t5 - (t21 + t16 * t25) * t35;
-            let rod_y = t19 * (t9 * t16) + y - t7 - (t22 - t17 * t25) * t35;
-            let rod_z = t19 * (t16 * t22 + t17 * t21) + t9 * t35 + z + t9;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, z, _, _, _, _, _, q3, length, radius, angle, upper,
-                zero] = parameters else { panic!("`parameters` must hold 14 numbers") };
-            let (sin_zero, cos_zero) = math::sin_cos(zero);
-            let t3 = radius + upper * cos_zero;
-            let (sin_angle, cos_angle) = math::sin_cos(angle);
-            let t5 = t3 * cos_angle;
-            let t7 = t3 * sin_angle;
-            let t9 = upper * sin_zero;
-            let t15 = math::sqrt(sin_angle * sin_angle + cos_angle * cos_angle);
-            let t16 = sin_angle / t15;
-            let t17 = cos_angle / t15;
-            let angle_2 = q3 * t15;
+            let angle_2 = q * t15;
             let (t19, t20) = math::sin_cos(angle_2);
             let t21 = t5 - radius * cos_angle;
             let t22 = t7 - radius * sin_angle;
@@ -1055,21 +993,30 @@ pub mod basic {
                 of: 0,
                 family: &ClosureByPoseRodsA,
                 parameters: &[3, 9],
-                inputs: &[Input::Held(0), Input::Held(6)],
+                inputs: &[
+                    Input::Command(0), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Held(0), Input::Held(6),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 1,
                 family: &ClosureByPoseRodsB,
                 parameters: &[3, 10],
-                inputs: &[Input::Held(1), Input::Held(4), Input::Held(7)],
+                inputs: &[
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Held(1), Input::Held(4), Input::Held(7),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 2,
-                family: &ClosureByPoseRodsC,
+                family: &ClosureByPoseRodsB,
                 parameters: &[3, 11],
-                inputs: &[Input::Held(2), Input::Held(5), Input::Held(8)],
+                inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Held(2), Input::Held(5), Input::Held(8),
+                ],
             },
         ],
     };
@@ -1356,20 +1303,20 @@ pub mod basic {
     }
     /// `L² − ‖T − C(q)‖², T the point`
     ///
-    /// Data: `length`, `upper_a`.
+    /// Data: `q`, `x`, `y`, `z`, `length`, `upper_a`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `zero_a`.
+    /// Parameters: `radius`, `zero_a`.
     ///
-    /// Once per sample: 1 operations (1 multiplication).
-    /// Residuals: 25 operations (12 additions, 9 multiplications, 4 functions).
-    /// With the Jacobian: 37 operations (15 additions, 18 multiplications, 4 functions).
+    /// Once per sample: 8 operations (2 additions, 3 multiplications, 1 negation, 2 functions).
+    /// Residuals: 20 operations (10 additions, 8 multiplications, 2 functions).
+    /// With the Jacobian: 31 operations (13 additions, 16 multiplications, 2 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct ClosureByPoseRodsA;
     impl Formulas for ClosureByPoseRodsA {
         const SHAPE: Shape = Shape {
-            data: 2,
-            prepared: 2,
-            parameters: 11,
+            data: 6,
+            prepared: 8,
+            parameters: 2,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
@@ -1378,10 +1325,20 @@ pub mod basic {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[length, upper_a] = data else { panic!("`data` must hold 2 numbers") };
-            let prepared_1 = length * length;
-            prepared[0][lane] = upper_a;
-            prepared[1][lane] = prepared_1;
+            let &[q, x, y, z, length, upper_a] = data else { panic!("`data` must hold 6 numbers") };
+            let (sin_q, prepared_4) = math::sin_cos(q);
+            let prepared_5 = prepared_4 - 1.0;
+            let prepared_6 = y * -2.0;
+            let prepared_7 = length * length - y * y;
+            let prepared_3 = -sin_q;
+            prepared[0][lane] = x;
+            prepared[1][lane] = z;
+            prepared[2][lane] = upper_a;
+            prepared[3][lane] = prepared_3;
+            prepared[4][lane] = prepared_4;
+            prepared[5][lane] = prepared_5;
+            prepared[6][lane] = prepared_6;
+            prepared[7][lane] = prepared_7;
         }
         #[inline(always)]
         fn value<S: Samples>(
@@ -1390,19 +1347,20 @@ pub mod basic {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let upper_a = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let &[x, y, z, _, _, _, q1, _, _, radius,
-                zero_a] = parameters else { panic!("`parameters` must hold 11 numbers") };
+            let x = prepared[0][lane];
+            let z = prepared[1][lane];
+            let upper_a = prepared[2][lane];
+            let prepared_3 = prepared[3][lane];
+            let prepared_5 = prepared[5][lane];
+            let prepared_7 = prepared[7][lane];
+            let &[radius, zero_a] = parameters else { panic!("`parameters` must hold 2 numbers") };
             let (sin_zero_a, cos_zero_a) = math::sin_cos(zero_a);
             let t3 = radius + upper_a * cos_zero_a;
             let t5 = upper_a * sin_zero_a;
-            let (sin_q1, cos_q1) = math::sin_cos(q1);
-            let t8 = t3 - radius;
-            let t9 = cos_q1 - 1.0;
-            let rod_x = t5 * sin_q1 + x - t3 - t8 * t9;
-            let rod_z = sin_q1 * t8 + t5 * t9 + z + t5;
-            let residual = prepared_1 - rod_z * rod_z - rod_x * rod_x - y * y;
+            let t6 = t3 - radius;
+            let rod_x = x - t5 * prepared_3 - t3 - t6 * prepared_5;
+            let rod_z = t5 * prepared_5 - prepared_3 * t6 + z + t5;
+            let residual = prepared_7 - rod_z * rod_z - rod_x * rod_x;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -1413,65 +1371,80 @@ pub mod basic {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let upper_a = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let &[x, y, z, _, _, _, q1, _, _, radius,
-                zero_a] = parameters else { panic!("`parameters` must hold 11 numbers") };
+            let x = prepared[0][lane];
+            let z = prepared[1][lane];
+            let upper_a = prepared[2][lane];
+            let prepared_3 = prepared[3][lane];
+            let prepared_4 = prepared[4][lane];
+            let prepared_5 = prepared[5][lane];
+            let prepared_6 = prepared[6][lane];
+            let prepared_7 = prepared[7][lane];
+            let &[radius, zero_a] = parameters else { panic!("`parameters` must hold 2 numbers") };
             let (sin_zero_a, cos_zero_a) = math::sin_cos(zero_a);
             let t3 = radius + upper_a * cos_zero_a;
             let t5 = upper_a * sin_zero_a;
-            let (sin_q1, cos_q1) = math::sin_cos(q1);
-            let t8 = t3 - radius;
-            let t9 = cos_q1 - 1.0;
-            let rod_x = t5 * sin_q1 + x - t3 - t8 * t9;
-            let rod_z = sin_q1 * t8 + t5 * t9 + z + t5;
-            let residual = prepared_1 - rod_z * rod_z - rod_x * rod_x - y * y;
-            let t27 = -2.0 * rod_z;
-            let t28 = -2.0 * rod_x;
+            let t6 = t3 - radius;
+            let rod_x = x - t5 * prepared_3 - t3 - t6 * prepared_5;
+            let rod_z = t5 * prepared_5 - prepared_3 * t6 + z + t5;
+            let residual = prepared_7 - rod_z * rod_z - rod_x * rod_x;
+            let t21 = -2.0 * rod_z;
+            let t22 = -2.0 * rod_x;
             residuals[0][lane] = residual;
-            jacobian[0][lane] = t28;
-            jacobian[1][lane] = y * -2.0;
-            jacobian[2][lane] = t27;
-            jacobian[3][lane] = sin_q1 * (t8 * t28 - t5 * t27) + cos_q1 * (t8 * t27 + t5 * t28);
+            jacobian[0][lane] = t22;
+            jacobian[1][lane] = prepared_6;
+            jacobian[2][lane] = t21;
+            jacobian[3][lane] = prepared_3 * (t5 * t21 - t6 * t22)
+                + prepared_4 * (t6 * t21 + t5 * t22);
         }
     }
     /// `L² − ‖T − C(q)‖², T the point`
     ///
-    /// Data: `length`, `angle`, `upper`.
+    /// Data: `q`, `x`, `y`, `z`, `length`, `angle`, `upper`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `zero`.
+    /// Parameters: `radius`, `zero`.
     ///
-    /// Once per sample: 9 operations (1 addition, 3 multiplications, 2 divisions, 3 functions).
-    /// Residuals: 48 operations (20 additions, 24 multiplications, 4 functions).
-    /// With the Jacobian: 65 operations (25 additions, 36 multiplications, 4 functions).
+    /// Once per sample: 14 operations (2 additions, 4 multiplications, 2 divisions, 1 negation, 5 functions).
+    /// Residuals: 44 operations (19 additions, 23 multiplications, 2 functions).
+    /// With the Jacobian: 61 operations (24 additions, 35 multiplications, 2 functions).
     #[derive(Debug, Clone, Copy)]
     pub struct ClosureByPoseRodsB;
     impl Formulas for ClosureByPoseRodsB {
         const SHAPE: Shape = Shape {
-            data: 3,
-            prepared: 7,
-            parameters: 11,
+            data: 7,
+            prepared: 13,
+            parameters: 2,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
             row_starts: &[0, 4],
-            columns: &[0, 1, 2, 7],
+            columns: &[0, 1, 2, 6],
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[length, angle, upper] = data else { panic!("`data` must hold 3 numbers") };
-            let (prepared_2, prepared_1) = math::sin_cos(angle);
-            let prepared_3 = math::sqrt(prepared_2 * prepared_2 + prepared_1 * prepared_1);
-            let prepared_4 = prepared_2 / prepared_3;
-            let prepared_5 = prepared_1 / prepared_3;
-            let prepared_6 = length * length;
-            prepared[0][lane] = upper;
-            prepared[1][lane] = prepared_1;
-            prepared[2][lane] = prepared_2;
-            prepared[3][lane] = prepared_3;
+            let &[q, x, y, z, length, angle,
+                upper] = data else { panic!("`data` must hold 7 numbers") };
+            let (prepared_5, prepared_4) = math::sin_cos(angle);
+            let t6 = math::sqrt(prepared_5 * prepared_5 + prepared_4 * prepared_4);
+            let prepared_7 = prepared_5 / t6;
+            let prepared_8 = prepared_4 / t6;
+            let angle_2 = q * t6;
+            let (prepared_9, prepared_10) = math::sin_cos(angle_2);
+            let prepared_11 = prepared_10 - 1.0;
+            let prepared_12 = length * length;
+            let prepared_6 = -t6;
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = z;
+            prepared[3][lane] = upper;
             prepared[4][lane] = prepared_4;
             prepared[5][lane] = prepared_5;
             prepared[6][lane] = prepared_6;
+            prepared[7][lane] = prepared_7;
+            prepared[8][lane] = prepared_8;
+            prepared[9][lane] = prepared_9;
+            prepared[10][lane] = prepared_10;
+            prepared[11][lane] = prepared_11;
+            prepared[12][lane] = prepared_12;
         }
         #[inline(always)]
         fn value<S: Samples>(
@@ -1480,30 +1453,33 @@ pub mod basic {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let upper = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let prepared_2 = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let upper = prepared[3][lane];
             let prepared_4 = prepared[4][lane];
             let prepared_5 = prepared[5][lane];
-            let prepared_6 = prepared[6][lane];
-            let &[x, y, z, _, _, _, _, q2, _, radius,
-                zero] = parameters else { panic!("`parameters` must hold 11 numbers") };
+            let prepared_7 = prepared[7][lane];
+            let prepared_8 = prepared[8][lane];
+            let prepared_9 = prepared[9][lane];
+            let prepared_11 = prepared[11][lane];
+            let prepared_12 = prepared[12][lane];
+            let &[radius, zero] = parameters else { panic!("`parameters` must hold 2 numbers") };
             let (sin_zero, cos_zero) = math::sin_cos(zero);
             let t3 = radius + upper * cos_zero;
-            let t4 = t3 * prepared_1;
-            let t5 = t3 * prepared_2;
+            let t4 = t3 * prepared_4;
+            let t5 = t3 * prepared_5;
             let t7 = upper * sin_zero;
-            let angle = q2 * prepared_3;
-            let (t11, t12) = math::sin_cos(angle);
-            let t13 = t4 - radius * prepared_1;
-            let t14 = t5 - radius * prepared_2;
-            let t17 = prepared_5 * t14 - prepared_4 * t13;
-            let t27 = t12 - 1.0;
-            let rod_x = t11 * (t7 * prepared_5) + x - t4 - (t13 + prepared_4 * t17) * t27;
-            let rod_y = t11 * (t7 * prepared_4) + y - t5 - (t14 - prepared_5 * t17) * t27;
-            let rod_z = t11 * (prepared_4 * t14 + prepared_5 * t13) + t7 * t27 + z + t7;
-            let residual = prepared_6 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
+            let t10 = t4 - radius * prepared_4;
+            let t11 = t5 - radius * prepared_5;
+            let t14 = prepared_8 * t11 - prepared_7 * t10;
+            let rod_x = prepared_9 * (t7 * prepared_8) + x - t4
+                - (t10 + prepared_7 * t14) * prepared_11;
+            let rod_y = prepared_9 * (t7 * prepared_7) + y - t5
+                - (t11 - prepared_8 * t14) * prepared_11;
+            let rod_z = prepared_9 * (prepared_7 * t11 + prepared_8 * t10) + t7 * prepared_11 + z
+                + t7;
+            let residual = prepared_12 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
@@ -1514,165 +1490,47 @@ pub mod basic {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let upper = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let prepared_2 = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let upper = prepared[3][lane];
             let prepared_4 = prepared[4][lane];
             let prepared_5 = prepared[5][lane];
             let prepared_6 = prepared[6][lane];
-            let &[x, y, z, _, _, _, _, q2, _, radius,
-                zero] = parameters else { panic!("`parameters` must hold 11 numbers") };
+            let prepared_7 = prepared[7][lane];
+            let prepared_8 = prepared[8][lane];
+            let prepared_9 = prepared[9][lane];
+            let prepared_10 = prepared[10][lane];
+            let prepared_11 = prepared[11][lane];
+            let prepared_12 = prepared[12][lane];
+            let &[radius, zero] = parameters else { panic!("`parameters` must hold 2 numbers") };
             let (sin_zero, cos_zero) = math::sin_cos(zero);
             let t3 = radius + upper * cos_zero;
-            let t4 = t3 * prepared_1;
-            let t5 = t3 * prepared_2;
+            let t4 = t3 * prepared_4;
+            let t5 = t3 * prepared_5;
             let t7 = upper * sin_zero;
-            let angle = q2 * prepared_3;
-            let (t11, t12) = math::sin_cos(angle);
-            let t13 = t4 - radius * prepared_1;
-            let t14 = t5 - radius * prepared_2;
-            let t17 = prepared_5 * t14 - prepared_4 * t13;
-            let t20 = t13 + prepared_4 * t17;
-            let t21 = t14 - prepared_5 * t17;
-            let t22 = t7 * prepared_5;
-            let t23 = t7 * prepared_4;
-            let t26 = prepared_4 * t14 + prepared_5 * t13;
-            let t27 = t12 - 1.0;
-            let rod_x = t11 * t22 + x - t4 - t20 * t27;
-            let rod_y = t11 * t23 + y - t5 - t21 * t27;
-            let rod_z = t11 * t26 + t7 * t27 + z + t7;
-            let residual = prepared_6 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t49 = -2.0 * rod_z;
-            let t50 = -2.0 * rod_y;
-            let t51 = -2.0 * rod_x;
+            let t10 = t4 - radius * prepared_4;
+            let t11 = t5 - radius * prepared_5;
+            let t14 = prepared_8 * t11 - prepared_7 * t10;
+            let t17 = t10 + prepared_7 * t14;
+            let t18 = t11 - prepared_8 * t14;
+            let t19 = t7 * prepared_8;
+            let t20 = t7 * prepared_7;
+            let t23 = prepared_7 * t11 + prepared_8 * t10;
+            let rod_x = prepared_9 * t19 + x - t4 - t17 * prepared_11;
+            let rod_y = prepared_9 * t20 + y - t5 - t18 * prepared_11;
+            let rod_z = prepared_9 * t23 + t7 * prepared_11 + z + t7;
+            let residual = prepared_12 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
+            let t45 = -2.0 * rod_z;
+            let t46 = -2.0 * rod_y;
+            let t47 = -2.0 * rod_x;
             residuals[0][lane] = residual;
-            jacobian[0][lane] = t51;
-            jacobian[1][lane] = t50;
-            jacobian[2][lane] = t49;
-            jacobian[3][lane] = prepared_3
-                * (t11 * (t21 * t50 - t7 * t49 + t20 * t51)
-                + t12 * (t26 * t49 + t23 * t50 + t22 * t51));
-        }
-    }
-    /// `L² − ‖T − C(q)‖², T the point`
-    ///
-    /// Data: `length`, `angle`, `upper`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `radius`, `zero`.
-    ///
-    /// Once per sample: 9 operations (1 addition, 3 multiplications, 2 divisions, 3 functions).
-    /// Residuals: 48 operations (20 additions, 24 multiplications, 4 functions).
-    /// With the Jacobian: 65 operations (25 additions, 36 multiplications, 4 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseRodsC;
-    impl Formulas for ClosureByPoseRodsC {
-        const SHAPE: Shape = Shape {
-            data: 3,
-            prepared: 7,
-            parameters: 11,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 4],
-            columns: &[0, 1, 2, 8],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[length, angle, upper] = data else { panic!("`data` must hold 3 numbers") };
-            let (prepared_2, prepared_1) = math::sin_cos(angle);
-            let prepared_3 = math::sqrt(prepared_2 * prepared_2 + prepared_1 * prepared_1);
-            let prepared_4 = prepared_2 / prepared_3;
-            let prepared_5 = prepared_1 / prepared_3;
-            let prepared_6 = length * length;
-            prepared[0][lane] = upper;
-            prepared[1][lane] = prepared_1;
-            prepared[2][lane] = prepared_2;
-            prepared[3][lane] = prepared_3;
-            prepared[4][lane] = prepared_4;
-            prepared[5][lane] = prepared_5;
-            prepared[6][lane] = prepared_6;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let upper = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let prepared_2 = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let prepared_5 = prepared[5][lane];
-            let prepared_6 = prepared[6][lane];
-            let &[x, y, z, _, _, _, _, _, q3, radius,
-                zero] = parameters else { panic!("`parameters` must hold 11 numbers") };
-            let (sin_zero, cos_zero) = math::sin_cos(zero);
-            let t3 = radius + upper * cos_zero;
-            let t4 = t3 * prepared_1;
-            let t5 = t3 * prepared_2;
-            let t7 = upper * sin_zero;
-            let angle = q3 * prepared_3;
-            let (t11, t12) = math::sin_cos(angle);
-            let t13 = t4 - radius * prepared_1;
-            let t14 = t5 - radius * prepared_2;
-            let t17 = prepared_5 * t14 - prepared_4 * t13;
-            let t27 = t12 - 1.0;
-            let rod_x = t11 * (t7 * prepared_5) + x - t4 - (t13 + prepared_4 * t17) * t27;
-            let rod_y = t11 * (t7 * prepared_4) + y - t5 - (t14 - prepared_5 * t17) * t27;
-            let rod_z = t11 * (prepared_4 * t14 + prepared_5 * t13) + t7 * t27 + z + t7;
-            let residual = prepared_6 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let upper = prepared[0][lane];
-            let prepared_1 = prepared[1][lane];
-            let prepared_2 = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let prepared_5 = prepared[5][lane];
-            let prepared_6 = prepared[6][lane];
-            let &[x, y, z, _, _, _, _, _, q3, radius,
-                zero] = parameters else { panic!("`parameters` must hold 11 numbers") };
-            let (sin_zero, cos_zero) = math::sin_cos(zero);
-            let t3 = radius + upper * cos_zero;
-            let t4 = t3 * prepared_1;
-            let t5 = t3 * prepared_2;
-            let t7 = upper * sin_zero;
-            let angle = q3 * prepared_3;
-            let (t11, t12) = math::sin_cos(angle);
-            let t13 = t4 - radius * prepared_1;
-            let t14 = t5 - radius * prepared_2;
-            let t17 = prepared_5 * t14 - prepared_4 * t13;
-            let t20 = t13 + prepared_4 * t17;
-            let t21 = t14 - prepared_5 * t17;
-            let t22 = t7 * prepared_5;
-            let t23 = t7 * prepared_4;
-            let t26 = prepared_4 * t14 + prepared_5 * t13;
-            let t27 = t12 - 1.0;
-            let rod_x = t11 * t22 + x - t4 - t20 * t27;
-            let rod_y = t11 * t23 + y - t5 - t21 * t27;
-            let rod_z = t11 * t26 + t7 * t27 + z + t7;
-            let residual = prepared_6 - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t49 = -2.0 * rod_z;
-            let t50 = -2.0 * rod_y;
-            let t51 = -2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = t51;
-            jacobian[1][lane] = t50;
-            jacobian[2][lane] = t49;
-            jacobian[3][lane] = prepared_3
-                * (t11 * (t21 * t50 - t7 * t49 + t20 * t51)
-                + t12 * (t26 * t49 + t23 * t50 + t22 * t51));
+            jacobian[0][lane] = t47;
+            jacobian[1][lane] = t46;
+            jacobian[2][lane] = t45;
+            jacobian[3][lane] = prepared_6
+                * (prepared_9 * (t7 * t45 - t18 * t46 - t17 * t47)
+                - prepared_10 * (t23 * t45 + t20 * t46 + t19 * t47));
         }
     }
 }

@@ -2,19 +2,9 @@
 //
 // Operations once per sample / per residual / with the Jacobian:
 //   full::closure: 25 / 76 / 182
-//   full::closure_by_pose_rod1: 0 / 85 / 112
-//   full::closure_by_pose_rod2: 0 / 85 / 112
-//   full::closure_by_pose_rod3: 0 / 85 / 112
-//   full::closure_by_pose_rod4: 0 / 85 / 112
-//   full::closure_by_pose_rod5: 0 / 85 / 112
-//   full::closure_by_pose_rod6: 0 / 85 / 112
+//   full::closure_by_pose: 0 / 76 / 102
 //   rods::closure: 38 / 63 / 114
-//   rods::closure_by_pose_rod1: 9 / 76 / 103
-//   rods::closure_by_pose_rod2: 9 / 76 / 103
-//   rods::closure_by_pose_rod3: 9 / 76 / 103
-//   rods::closure_by_pose_rod4: 9 / 76 / 103
-//   rods::closure_by_pose_rod5: 9 / 76 / 103
-//   rods::closure_by_pose_rod6: 9 / 76 / 103
+//   rods::closure_by_pose: 13 / 63 / 89
 
 ///A hexapod with servo motors: six cranks on the base, each with a rod to the plate.
 ///
@@ -753,44 +743,74 @@ pub mod full {
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 0,
-                family: &ClosureByPoseRod1,
+                family: &ClosureByPose,
                 parameters: &[0, 1, 2, 3, 4, 5, 6, 42, 43, 44, 45, 46, 47],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(0), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 1,
-                family: &ClosureByPoseRod2,
+                family: &ClosureByPose,
                 parameters: &[7, 8, 9, 10, 11, 12, 13, 48, 49, 50, 51, 52, 53],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 2,
-                family: &ClosureByPoseRod3,
+                family: &ClosureByPose,
                 parameters: &[14, 15, 16, 17, 18, 19, 20, 54, 55, 56, 57, 58, 59],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 3,
-                family: &ClosureByPoseRod4,
+                family: &ClosureByPose,
                 parameters: &[21, 22, 23, 24, 25, 26, 27, 60, 61, 62, 63, 64, 65],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(3), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 4,
-                family: &ClosureByPoseRod5,
+                family: &ClosureByPose,
                 parameters: &[28, 29, 30, 31, 32, 33, 34, 66, 67, 68, 69, 70, 71],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(4), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 5,
-                family: &ClosureByPoseRod6,
+                family: &ClosureByPose,
                 parameters: &[35, 36, 37, 38, 39, 40, 41, 72, 73, 74, 75, 76, 77],
-                inputs: &[],
+                inputs: &[
+                    Input::Command(5), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8),
+                ],
             },
         ],
     };
@@ -1166,22 +1186,22 @@ pub mod full {
             jacobian[12][lane] = t174 + t164 + t174;
         }
     }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
+    /// `L² − ‖T + R·P − C(q)‖²`
     ///
-    /// Data: none.
+    /// Data: `q`, `x`, `y`, `z`, `r_xx`, `r_xy`, `r_xz`, `r_yx`, `r_yy`, `r_yz`, `r_zx`, `r_zy`, `r_zz`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `crank_centre_x`, `crank_centre_y`, `crank_centre_z`, `crank_axis_x`, `crank_axis_y`, `crank_axis_z`.
+    /// Parameters: `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `crank_centre_x`, `crank_centre_y`, `crank_centre_z`, `crank_axis_x`, `crank_axis_y`, `crank_axis_z`.
     ///
     /// Once per sample: 0 operations.
-    /// Residuals: 85 operations (35 additions, 38 multiplications, 3 divisions, 9 functions).
-    /// With the Jacobian: 112 operations (43 additions, 56 multiplications, 3 divisions, 1 negation, 9 functions).
+    /// Residuals: 76 operations (35 additions, 35 multiplications, 3 divisions, 3 functions).
+    /// With the Jacobian: 102 operations (43 additions, 53 multiplications, 3 divisions, 3 functions).
     #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseRod1;
-    impl Formulas for ClosureByPoseRod1 {
+    pub struct ClosureByPose;
+    impl Formulas for ClosureByPose {
         const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 25,
+            data: 13,
+            prepared: 13,
+            parameters: 13,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
@@ -1189,719 +1209,133 @@ pub mod full {
             columns: &[0, 1, 2, 3, 4, 5, 6],
         };
         #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
+        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
+            let &[q, x, y, z, r_xx, r_xy, r_xz, r_yx, r_yy, r_yz, r_zx, r_zy,
+                r_zz] = data else { panic!("`data` must hold 13 numbers") };
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = z;
+            prepared[3][lane] = q;
+            prepared[4][lane] = r_xx;
+            prepared[5][lane] = r_xy;
+            prepared[6][lane] = r_xz;
+            prepared[7][lane] = r_yx;
+            prepared[8][lane] = r_yy;
+            prepared[9][lane] = r_yz;
+            prepared[10][lane] = r_zx;
+            prepared[11][lane] = r_zy;
+            prepared[12][lane] = r_zz;
         }
         #[inline(always)]
         fn value<S: Samples>(
             lane: usize,
-            _prepared: &[S],
+            prepared: &[S],
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let &[x, y, z, alpha, beta, gamma, q1, _, _, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-                crank_centre_x, crank_centre_y, crank_centre_z, crank_axis_x, crank_axis_y,
-                crank_axis_z] = parameters else { panic!("`parameters` must hold 25 numbers") };
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let r_xx = prepared[4][lane];
+            let r_xy = prepared[5][lane];
+            let r_xz = prepared[6][lane];
+            let r_yx = prepared[7][lane];
+            let r_yy = prepared[8][lane];
+            let r_yz = prepared[9][lane];
+            let r_zx = prepared[10][lane];
+            let r_zy = prepared[11][lane];
+            let r_zz = prepared[12][lane];
+            let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
+                track_offset_y, track_offset_z, crank_centre_x, crank_centre_y, crank_centre_z,
+                crank_axis_x, crank_axis_y,
+                crank_axis_z] = parameters else { panic!("`parameters` must hold 13 numbers") };
             let t4 = track_offset_x - crank_centre_x;
             let t5 = track_offset_y - crank_centre_y;
             let t6 = track_offset_z - crank_centre_z;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t14 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t15 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t22 = plate_joint_z * sin_beta + t14 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t31 =
+            let t19 =
                 math::sqrt(crank_axis_y * crank_axis_y + crank_axis_x * crank_axis_x
                 + crank_axis_z * crank_axis_z);
-            let t32 = crank_axis_x / t31;
-            let t33 = crank_axis_y / t31;
-            let t34 = crank_axis_z / t31;
-            let angle = q1 * t31;
-            let (t36, t37) = math::sin_cos(angle);
-            let t42 = t5 * t33 + t4 * t32 + t6 * t34;
-            let t58 = t37 - 1.0;
-            let rod_x = t22 * cos_alpha - t15 * sin_alpha + x - t36 * (t6 * t33 - t5 * t34)
-                - track_offset_x - (t4 - t32 * t42) * t58;
-            let rod_y = t22 * sin_alpha + t15 * cos_alpha + y - t36 * (t4 * t34 - t6 * t32)
-                - track_offset_y - (t5 - t33 * t42) * t58;
-            let rod_z = plate_joint_z * cos_beta - t14 * sin_beta + z - t36 * (t5 * t32 - t4 * t33)
-                - track_offset_z - (t6 - t34 * t42) * t58;
+            let t20 = crank_axis_x / t19;
+            let t21 = crank_axis_y / t19;
+            let t22 = crank_axis_z / t19;
+            let angle = q * t19;
+            let (t24, t25) = math::sin_cos(angle);
+            let t30 = t5 * t21 + t4 * t20 + t6 * t22;
+            let t46 = t25 - 1.0;
+            let rod_x = plate_joint_y * r_xy + plate_joint_x * r_xx + plate_joint_z * r_xz + x
+                - track_offset_x - (t4 - t20 * t30) * t46 - t24 * (t6 * t21 - t5 * t22);
+            let rod_y = plate_joint_y * r_yy + plate_joint_x * r_yx + plate_joint_z * r_yz + y
+                - track_offset_y - (t5 - t21 * t30) * t46 - t24 * (t4 * t22 - t6 * t20);
+            let rod_z = plate_joint_y * r_zy + plate_joint_x * r_zx + plate_joint_z * r_zz + z
+                - track_offset_z - (t6 - t22 * t30) * t46 - t24 * (t5 * t20 - t4 * t21);
             let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
         #[inline(always)]
         fn linearize<S: Samples>(
             lane: usize,
-            _prepared: &[S],
+            prepared: &[S],
             parameters: &[f64],
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let &[x, y, z, alpha, beta, gamma, q1, _, _, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-                crank_centre_x, crank_centre_y, crank_centre_z, crank_axis_x, crank_axis_y,
-                crank_axis_z] = parameters else { panic!("`parameters` must hold 25 numbers") };
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let q = prepared[3][lane];
+            let r_xx = prepared[4][lane];
+            let r_xy = prepared[5][lane];
+            let r_xz = prepared[6][lane];
+            let r_yx = prepared[7][lane];
+            let r_yy = prepared[8][lane];
+            let r_yz = prepared[9][lane];
+            let r_zx = prepared[10][lane];
+            let r_zy = prepared[11][lane];
+            let r_zz = prepared[12][lane];
+            let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
+                track_offset_y, track_offset_z, crank_centre_x, crank_centre_y, crank_centre_z,
+                crank_axis_x, crank_axis_y,
+                crank_axis_z] = parameters else { panic!("`parameters` must hold 13 numbers") };
             let t4 = track_offset_x - crank_centre_x;
             let t5 = track_offset_y - crank_centre_y;
             let t6 = track_offset_z - crank_centre_z;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t14 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t15 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t22 = t14 * sin_beta - plate_joint_z * cos_beta;
-            let t23 = plate_joint_z * sin_beta + t14 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t30 = t15 * sin_alpha - t23 * cos_alpha;
-            let t31 = t23 * sin_alpha + t15 * cos_alpha;
-            let t34 =
+            let t19 =
                 math::sqrt(crank_axis_y * crank_axis_y + crank_axis_x * crank_axis_x
                 + crank_axis_z * crank_axis_z);
-            let t35 = crank_axis_x / t34;
-            let t36 = crank_axis_y / t34;
-            let t37 = crank_axis_z / t34;
-            let angle = q1 * t34;
-            let (t39, t40) = math::sin_cos(angle);
-            let t45 = t5 * t36 + t4 * t35 + t6 * t37;
-            let t49 = t4 - t35 * t45;
-            let t50 = t5 - t36 * t45;
-            let t51 = t6 - t37 * t45;
-            let t54 = t6 * t36 - t5 * t37;
-            let t57 = t4 * t37 - t6 * t35;
-            let t60 = t5 * t35 - t4 * t36;
-            let t61 = t40 - 1.0;
-            let rod_x = x - t30 - t39 * t54 - track_offset_x - t49 * t61;
-            let rod_y = t31 + y - t39 * t57 - track_offset_y - t50 * t61;
-            let rod_z = z - t22 - t39 * t60 - track_offset_z - t51 * t61;
+            let t20 = crank_axis_x / t19;
+            let t21 = crank_axis_y / t19;
+            let t22 = crank_axis_z / t19;
+            let angle = q * t19;
+            let (t24, t25) = math::sin_cos(angle);
+            let t30 = t5 * t21 + t4 * t20 + t6 * t22;
+            let t34 = t20 * t30 - t4;
+            let t35 = t5 - t21 * t30;
+            let t36 = t6 - t22 * t30;
+            let t39 = t6 * t21 - t5 * t22;
+            let t42 = t4 * t22 - t6 * t20;
+            let t45 = t4 * t21 - t5 * t20;
+            let t46 = t25 - 1.0;
+            let t54 = plate_joint_y * r_xy + plate_joint_x * r_xx + plate_joint_z * r_xz;
+            let t56 = plate_joint_y * r_yy + plate_joint_x * r_yx + plate_joint_z * r_yz;
+            let t58 = plate_joint_y * r_zy + plate_joint_x * r_zx + plate_joint_z * r_zz;
+            let rod_x = t54 + x - track_offset_x + t34 * t46 - t24 * t39;
+            let rod_y = t56 + y - track_offset_y - t35 * t46 - t24 * t42;
+            let rod_z = t58 + z - track_offset_z - t36 * t46 + t24 * t45;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t86 = -2.0 * rod_z;
-            let t87 = -2.0 * rod_y;
-            let t88 = 2.0 * rod_x;
+            let t77 = -2.0 * rod_z;
+            let t78 = -2.0 * rod_y;
+            let t79 = -2.0 * rod_x;
             residuals[0][lane] = residual;
-            jacobian[0][lane] = -t88;
-            jacobian[1][lane] = t87;
-            jacobian[2][lane] = t86;
-            jacobian[3][lane] = t31 * t86 + t22 * t87;
-            jacobian[4][lane] = t30 * t86 + t22 * t88;
-            jacobian[5][lane] = t31 * t88 - t30 * t87;
-            jacobian[6][lane] = t34
-                * (t40 * (t54 * t88 - t60 * t86 - t57 * t87)
-                - t39 * (t49 * t88 - t51 * t86 - t50 * t87));
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `crank_centre_x`, `crank_centre_y`, `crank_centre_z`, `crank_axis_x`, `crank_axis_y`, `crank_axis_z`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 85 operations (35 additions, 38 multiplications, 3 divisions, 9 functions).
-    /// With the Jacobian: 112 operations (43 additions, 56 multiplications, 3 divisions, 1 negation, 9 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseRod2;
-    impl Formulas for ClosureByPoseRod2 {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 25,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 7],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, q2, _, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-                crank_centre_x, crank_centre_y, crank_centre_z, crank_axis_x, crank_axis_y,
-                crank_axis_z] = parameters else { panic!("`parameters` must hold 25 numbers") };
-            let t4 = track_offset_x - crank_centre_x;
-            let t5 = track_offset_y - crank_centre_y;
-            let t6 = track_offset_z - crank_centre_z;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t14 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t15 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t22 = plate_joint_z * sin_beta + t14 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t31 =
-                math::sqrt(crank_axis_y * crank_axis_y + crank_axis_x * crank_axis_x
-                + crank_axis_z * crank_axis_z);
-            let t32 = crank_axis_x / t31;
-            let t33 = crank_axis_y / t31;
-            let t34 = crank_axis_z / t31;
-            let angle = q2 * t31;
-            let (t36, t37) = math::sin_cos(angle);
-            let t42 = t5 * t33 + t4 * t32 + t6 * t34;
-            let t58 = t37 - 1.0;
-            let rod_x = t22 * cos_alpha - t15 * sin_alpha + x - t36 * (t6 * t33 - t5 * t34)
-                - track_offset_x - (t4 - t32 * t42) * t58;
-            let rod_y = t22 * sin_alpha + t15 * cos_alpha + y - t36 * (t4 * t34 - t6 * t32)
-                - track_offset_y - (t5 - t33 * t42) * t58;
-            let rod_z = plate_joint_z * cos_beta - t14 * sin_beta + z - t36 * (t5 * t32 - t4 * t33)
-                - track_offset_z - (t6 - t34 * t42) * t58;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, q2, _, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-                crank_centre_x, crank_centre_y, crank_centre_z, crank_axis_x, crank_axis_y,
-                crank_axis_z] = parameters else { panic!("`parameters` must hold 25 numbers") };
-            let t4 = track_offset_x - crank_centre_x;
-            let t5 = track_offset_y - crank_centre_y;
-            let t6 = track_offset_z - crank_centre_z;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t14 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t15 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t22 = t14 * sin_beta - plate_joint_z * cos_beta;
-            let t23 = plate_joint_z * sin_beta + t14 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t30 = t15 * sin_alpha - t23 * cos_alpha;
-            let t31 = t23 * sin_alpha + t15 * cos_alpha;
-            let t34 =
-                math::sqrt(crank_axis_y * crank_axis_y + crank_axis_x * crank_axis_x
-                + crank_axis_z * crank_axis_z);
-            let t35 = crank_axis_x / t34;
-            let t36 = crank_axis_y / t34;
-            let t37 = crank_axis_z / t34;
-            let angle = q2 * t34;
-            let (t39, t40) = math::sin_cos(angle);
-            let t45 = t5 * t36 + t4 * t35 + t6 * t37;
-            let t49 = t4 - t35 * t45;
-            let t50 = t5 - t36 * t45;
-            let t51 = t6 - t37 * t45;
-            let t54 = t6 * t36 - t5 * t37;
-            let t57 = t4 * t37 - t6 * t35;
-            let t60 = t5 * t35 - t4 * t36;
-            let t61 = t40 - 1.0;
-            let rod_x = x - t30 - t39 * t54 - track_offset_x - t49 * t61;
-            let rod_y = t31 + y - t39 * t57 - track_offset_y - t50 * t61;
-            let rod_z = z - t22 - t39 * t60 - track_offset_z - t51 * t61;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t86 = -2.0 * rod_z;
-            let t87 = -2.0 * rod_y;
-            let t88 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t88;
-            jacobian[1][lane] = t87;
-            jacobian[2][lane] = t86;
-            jacobian[3][lane] = t31 * t86 + t22 * t87;
-            jacobian[4][lane] = t30 * t86 + t22 * t88;
-            jacobian[5][lane] = t31 * t88 - t30 * t87;
-            jacobian[6][lane] = t34
-                * (t40 * (t54 * t88 - t60 * t86 - t57 * t87)
-                - t39 * (t49 * t88 - t51 * t86 - t50 * t87));
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `crank_centre_x`, `crank_centre_y`, `crank_centre_z`, `crank_axis_x`, `crank_axis_y`, `crank_axis_z`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 85 operations (35 additions, 38 multiplications, 3 divisions, 9 functions).
-    /// With the Jacobian: 112 operations (43 additions, 56 multiplications, 3 divisions, 1 negation, 9 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseRod3;
-    impl Formulas for ClosureByPoseRod3 {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 25,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 8],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, q3, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-                crank_centre_x, crank_centre_y, crank_centre_z, crank_axis_x, crank_axis_y,
-                crank_axis_z] = parameters else { panic!("`parameters` must hold 25 numbers") };
-            let t4 = track_offset_x - crank_centre_x;
-            let t5 = track_offset_y - crank_centre_y;
-            let t6 = track_offset_z - crank_centre_z;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t14 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t15 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t22 = plate_joint_z * sin_beta + t14 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t31 =
-                math::sqrt(crank_axis_y * crank_axis_y + crank_axis_x * crank_axis_x
-                + crank_axis_z * crank_axis_z);
-            let t32 = crank_axis_x / t31;
-            let t33 = crank_axis_y / t31;
-            let t34 = crank_axis_z / t31;
-            let angle = q3 * t31;
-            let (t36, t37) = math::sin_cos(angle);
-            let t42 = t5 * t33 + t4 * t32 + t6 * t34;
-            let t58 = t37 - 1.0;
-            let rod_x = t22 * cos_alpha - t15 * sin_alpha + x - t36 * (t6 * t33 - t5 * t34)
-                - track_offset_x - (t4 - t32 * t42) * t58;
-            let rod_y = t22 * sin_alpha + t15 * cos_alpha + y - t36 * (t4 * t34 - t6 * t32)
-                - track_offset_y - (t5 - t33 * t42) * t58;
-            let rod_z = plate_joint_z * cos_beta - t14 * sin_beta + z - t36 * (t5 * t32 - t4 * t33)
-                - track_offset_z - (t6 - t34 * t42) * t58;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, q3, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-                crank_centre_x, crank_centre_y, crank_centre_z, crank_axis_x, crank_axis_y,
-                crank_axis_z] = parameters else { panic!("`parameters` must hold 25 numbers") };
-            let t4 = track_offset_x - crank_centre_x;
-            let t5 = track_offset_y - crank_centre_y;
-            let t6 = track_offset_z - crank_centre_z;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t14 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t15 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t22 = t14 * sin_beta - plate_joint_z * cos_beta;
-            let t23 = plate_joint_z * sin_beta + t14 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t30 = t15 * sin_alpha - t23 * cos_alpha;
-            let t31 = t23 * sin_alpha + t15 * cos_alpha;
-            let t34 =
-                math::sqrt(crank_axis_y * crank_axis_y + crank_axis_x * crank_axis_x
-                + crank_axis_z * crank_axis_z);
-            let t35 = crank_axis_x / t34;
-            let t36 = crank_axis_y / t34;
-            let t37 = crank_axis_z / t34;
-            let angle = q3 * t34;
-            let (t39, t40) = math::sin_cos(angle);
-            let t45 = t5 * t36 + t4 * t35 + t6 * t37;
-            let t49 = t4 - t35 * t45;
-            let t50 = t5 - t36 * t45;
-            let t51 = t6 - t37 * t45;
-            let t54 = t6 * t36 - t5 * t37;
-            let t57 = t4 * t37 - t6 * t35;
-            let t60 = t5 * t35 - t4 * t36;
-            let t61 = t40 - 1.0;
-            let rod_x = x - t30 - t39 * t54 - track_offset_x - t49 * t61;
-            let rod_y = t31 + y - t39 * t57 - track_offset_y - t50 * t61;
-            let rod_z = z - t22 - t39 * t60 - track_offset_z - t51 * t61;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t86 = -2.0 * rod_z;
-            let t87 = -2.0 * rod_y;
-            let t88 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t88;
-            jacobian[1][lane] = t87;
-            jacobian[2][lane] = t86;
-            jacobian[3][lane] = t31 * t86 + t22 * t87;
-            jacobian[4][lane] = t30 * t86 + t22 * t88;
-            jacobian[5][lane] = t31 * t88 - t30 * t87;
-            jacobian[6][lane] = t34
-                * (t40 * (t54 * t88 - t60 * t86 - t57 * t87)
-                - t39 * (t49 * t88 - t51 * t86 - t50 * t87));
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `crank_centre_x`, `crank_centre_y`, `crank_centre_z`, `crank_axis_x`, `crank_axis_y`, `crank_axis_z`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 85 operations (35 additions, 38 multiplications, 3 divisions, 9 functions).
-    /// With the Jacobian: 112 operations (43 additions, 56 multiplications, 3 divisions, 1 negation, 9 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseRod4;
-    impl Formulas for ClosureByPoseRod4 {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 25,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 9],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, _, q4, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-                crank_centre_x, crank_centre_y, crank_centre_z, crank_axis_x, crank_axis_y,
-                crank_axis_z] = parameters else { panic!("`parameters` must hold 25 numbers") };
-            let t4 = track_offset_x - crank_centre_x;
-            let t5 = track_offset_y - crank_centre_y;
-            let t6 = track_offset_z - crank_centre_z;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t14 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t15 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t22 = plate_joint_z * sin_beta + t14 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t31 =
-                math::sqrt(crank_axis_y * crank_axis_y + crank_axis_x * crank_axis_x
-                + crank_axis_z * crank_axis_z);
-            let t32 = crank_axis_x / t31;
-            let t33 = crank_axis_y / t31;
-            let t34 = crank_axis_z / t31;
-            let angle = q4 * t31;
-            let (t36, t37) = math::sin_cos(angle);
-            let t42 = t5 * t33 + t4 * t32 + t6 * t34;
-            let t58 = t37 - 1.0;
-            let rod_x = t22 * cos_alpha - t15 * sin_alpha + x - t36 * (t6 * t33 - t5 * t34)
-                - track_offset_x - (t4 - t32 * t42) * t58;
-            let rod_y = t22 * sin_alpha + t15 * cos_alpha + y - t36 * (t4 * t34 - t6 * t32)
-                - track_offset_y - (t5 - t33 * t42) * t58;
-            let rod_z = plate_joint_z * cos_beta - t14 * sin_beta + z - t36 * (t5 * t32 - t4 * t33)
-                - track_offset_z - (t6 - t34 * t42) * t58;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, _, q4, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-                crank_centre_x, crank_centre_y, crank_centre_z, crank_axis_x, crank_axis_y,
-                crank_axis_z] = parameters else { panic!("`parameters` must hold 25 numbers") };
-            let t4 = track_offset_x - crank_centre_x;
-            let t5 = track_offset_y - crank_centre_y;
-            let t6 = track_offset_z - crank_centre_z;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t14 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t15 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t22 = t14 * sin_beta - plate_joint_z * cos_beta;
-            let t23 = plate_joint_z * sin_beta + t14 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t30 = t15 * sin_alpha - t23 * cos_alpha;
-            let t31 = t23 * sin_alpha + t15 * cos_alpha;
-            let t34 =
-                math::sqrt(crank_axis_y * crank_axis_y + crank_axis_x * crank_axis_x
-                + crank_axis_z * crank_axis_z);
-            let t35 = crank_axis_x / t34;
-            let t36 = crank_axis_y / t34;
-            let t37 = crank_axis_z / t34;
-            let angle = q4 * t34;
-            let (t39, t40) = math::sin_cos(angle);
-            let t45 = t5 * t36 + t4 * t35 + t6 * t37;
-            let t49 = t4 - t35 * t45;
-            let t50 = t5 - t36 * t45;
-            let t51 = t6 - t37 * t45;
-            let t54 = t6 * t36 - t5 * t37;
-            let t57 = t4 * t37 - t6 * t35;
-            let t60 = t5 * t35 - t4 * t36;
-            let t61 = t40 - 1.0;
-            let rod_x = x - t30 - t39 * t54 - track_offset_x - t49 * t61;
-            let rod_y = t31 + y - t39 * t57 - track_offset_y - t50 * t61;
-            let rod_z = z - t22 - t39 * t60 - track_offset_z - t51 * t61;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t86 = -2.0 * rod_z;
-            let t87 = -2.0 * rod_y;
-            let t88 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t88;
-            jacobian[1][lane] = t87;
-            jacobian[2][lane] = t86;
-            jacobian[3][lane] = t31 * t86 + t22 * t87;
-            jacobian[4][lane] = t30 * t86 + t22 * t88;
-            jacobian[5][lane] = t31 * t88 - t30 * t87;
-            jacobian[6][lane] = t34
-                * (t40 * (t54 * t88 - t60 * t86 - t57 * t87)
-                - t39 * (t49 * t88 - t51 * t86 - t50 * t87));
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `crank_centre_x`, `crank_centre_y`, `crank_centre_z`, `crank_axis_x`, `crank_axis_y`, `crank_axis_z`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 85 operations (35 additions, 38 multiplications, 3 divisions, 9 functions).
-    /// With the Jacobian: 112 operations (43 additions, 56 multiplications, 3 divisions, 1 negation, 9 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseRod5;
-    impl Formulas for ClosureByPoseRod5 {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 25,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 10],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, _, _, q5, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-                crank_centre_x, crank_centre_y, crank_centre_z, crank_axis_x, crank_axis_y,
-                crank_axis_z] = parameters else { panic!("`parameters` must hold 25 numbers") };
-            let t4 = track_offset_x - crank_centre_x;
-            let t5 = track_offset_y - crank_centre_y;
-            let t6 = track_offset_z - crank_centre_z;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t14 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t15 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t22 = plate_joint_z * sin_beta + t14 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t31 =
-                math::sqrt(crank_axis_y * crank_axis_y + crank_axis_x * crank_axis_x
-                + crank_axis_z * crank_axis_z);
-            let t32 = crank_axis_x / t31;
-            let t33 = crank_axis_y / t31;
-            let t34 = crank_axis_z / t31;
-            let angle = q5 * t31;
-            let (t36, t37) = math::sin_cos(angle);
-            let t42 = t5 * t33 + t4 * t32 + t6 * t34;
-            let t58 = t37 - 1.0;
-            let rod_x = t22 * cos_alpha - t15 * sin_alpha + x - t36 * (t6 * t33 - t5 * t34)
-                - track_offset_x - (t4 - t32 * t42) * t58;
-            let rod_y = t22 * sin_alpha + t15 * cos_alpha + y - t36 * (t4 * t34 - t6 * t32)
-                - track_offset_y - (t5 - t33 * t42) * t58;
-            let rod_z = plate_joint_z * cos_beta - t14 * sin_beta + z - t36 * (t5 * t32 - t4 * t33)
-                - track_offset_z - (t6 - t34 * t42) * t58;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, _, _, q5, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-                crank_centre_x, crank_centre_y, crank_centre_z, crank_axis_x, crank_axis_y,
-                crank_axis_z] = parameters else { panic!("`parameters` must hold 25 numbers") };
-            let t4 = track_offset_x - crank_centre_x;
-            let t5 = track_offset_y - crank_centre_y;
-            let t6 = track_offset_z - crank_centre_z;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t14 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t15 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t22 = t14 * sin_beta - plate_joint_z * cos_beta;
-            let t23 = plate_joint_z * sin_beta + t14 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t30 = t15 * sin_alpha - t23 * cos_alpha;
-            let t31 = t23 * sin_alpha + t15 * cos_alpha;
-            let t34 =
-                math::sqrt(crank_axis_y * crank_axis_y + crank_axis_x * crank_axis_x
-                + crank_axis_z * crank_axis_z);
-            let t35 = crank_axis_x / t34;
-            let t36 = crank_axis_y / t34;
-            let t37 = crank_axis_z / t34;
-            let angle = q5 * t34;
-            let (t39, t40) = math::sin_cos(angle);
-            let t45 = t5 * t36 + t4 * t35 + t6 * t37;
-            let t49 = t4 - t35 * t45;
-            let t50 = t5 - t36 * t45;
-            let t51 = t6 - t37 * t45;
-            let t54 = t6 * t36 - t5 * t37;
-            let t57 = t4 * t37 - t6 * t35;
-            let t60 = t5 * t35 - t4 * t36;
-            let t61 = t40 - 1.0;
-            let rod_x = x - t30 - t39 * t54 - track_offset_x - t49 * t61;
-            let rod_y = t31 + y - t39 * t57 - track_offset_y - t50 * t61;
-            let rod_z = z - t22 - t39 * t60 - track_offset_z - t51 * t61;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t86 = -2.0 * rod_z;
-            let t87 = -2.0 * rod_y;
-            let t88 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t88;
-            jacobian[1][lane] = t87;
-            jacobian[2][lane] = t86;
-            jacobian[3][lane] = t31 * t86 + t22 * t87;
-            jacobian[4][lane] = t30 * t86 + t22 * t88;
-            jacobian[5][lane] = t31 * t88 - t30 * t87;
-            jacobian[6][lane] = t34
-                * (t40 * (t54 * t88 - t60 * t86 - t57 * t87)
-                - t39 * (t49 * t88 - t51 * t86 - t50 * t87));
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: none.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`, `crank_centre_x`, `crank_centre_y`, `crank_centre_z`, `crank_axis_x`, `crank_axis_y`, `crank_axis_z`.
-    ///
-    /// Once per sample: 0 operations.
-    /// Residuals: 85 operations (35 additions, 38 multiplications, 3 divisions, 9 functions).
-    /// With the Jacobian: 112 operations (43 additions, 56 multiplications, 3 divisions, 1 negation, 9 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseRod6;
-    impl Formulas for ClosureByPoseRod6 {
-        const SHAPE: Shape = Shape {
-            data: 0,
-            prepared: 0,
-            parameters: 25,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 11],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(_lane: usize, _data: &[f64], _prepared: &mut [S]) {
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, _, _, _, q6, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-                crank_centre_x, crank_centre_y, crank_centre_z, crank_axis_x, crank_axis_y,
-                crank_axis_z] = parameters else { panic!("`parameters` must hold 25 numbers") };
-            let t4 = track_offset_x - crank_centre_x;
-            let t5 = track_offset_y - crank_centre_y;
-            let t6 = track_offset_z - crank_centre_z;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t14 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t15 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t22 = plate_joint_z * sin_beta + t14 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t31 =
-                math::sqrt(crank_axis_y * crank_axis_y + crank_axis_x * crank_axis_x
-                + crank_axis_z * crank_axis_z);
-            let t32 = crank_axis_x / t31;
-            let t33 = crank_axis_y / t31;
-            let t34 = crank_axis_z / t31;
-            let angle = q6 * t31;
-            let (t36, t37) = math::sin_cos(angle);
-            let t42 = t5 * t33 + t4 * t32 + t6 * t34;
-            let t58 = t37 - 1.0;
-            let rod_x = t22 * cos_alpha - t15 * sin_alpha + x - t36 * (t6 * t33 - t5 * t34)
-                - track_offset_x - (t4 - t32 * t42) * t58;
-            let rod_y = t22 * sin_alpha + t15 * cos_alpha + y - t36 * (t4 * t34 - t6 * t32)
-                - track_offset_y - (t5 - t33 * t42) * t58;
-            let rod_z = plate_joint_z * cos_beta - t14 * sin_beta + z - t36 * (t5 * t32 - t4 * t33)
-                - track_offset_z - (t6 - t34 * t42) * t58;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            _prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let &[x, y, z, alpha, beta, gamma, _, _, _, _, _, q6, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y, track_offset_z,
-                crank_centre_x, crank_centre_y, crank_centre_z, crank_axis_x, crank_axis_y,
-                crank_axis_z] = parameters else { panic!("`parameters` must hold 25 numbers") };
-            let t4 = track_offset_x - crank_centre_x;
-            let t5 = track_offset_y - crank_centre_y;
-            let t6 = track_offset_z - crank_centre_z;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t14 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t15 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t22 = t14 * sin_beta - plate_joint_z * cos_beta;
-            let t23 = plate_joint_z * sin_beta + t14 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t30 = t15 * sin_alpha - t23 * cos_alpha;
-            let t31 = t23 * sin_alpha + t15 * cos_alpha;
-            let t34 =
-                math::sqrt(crank_axis_y * crank_axis_y + crank_axis_x * crank_axis_x
-                + crank_axis_z * crank_axis_z);
-            let t35 = crank_axis_x / t34;
-            let t36 = crank_axis_y / t34;
-            let t37 = crank_axis_z / t34;
-            let angle = q6 * t34;
-            let (t39, t40) = math::sin_cos(angle);
-            let t45 = t5 * t36 + t4 * t35 + t6 * t37;
-            let t49 = t4 - t35 * t45;
-            let t50 = t5 - t36 * t45;
-            let t51 = t6 - t37 * t45;
-            let t54 = t6 * t36 - t5 * t37;
-            let t57 = t4 * t37 - t6 * t35;
-            let t60 = t5 * t35 - t4 * t36;
-            let t61 = t40 - 1.0;
-            let rod_x = x - t30 - t39 * t54 - track_offset_x - t49 * t61;
-            let rod_y = t31 + y - t39 * t57 - track_offset_y - t50 * t61;
-            let rod_z = z - t22 - t39 * t60 - track_offset_z - t51 * t61;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t86 = -2.0 * rod_z;
-            let t87 = -2.0 * rod_y;
-            let t88 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t88;
-            jacobian[1][lane] = t87;
-            jacobian[2][lane] = t86;
-            jacobian[3][lane] = t31 * t86 + t22 * t87;
-            jacobian[4][lane] = t30 * t86 + t22 * t88;
-            jacobian[5][lane] = t31 * t88 - t30 * t87;
-            jacobian[6][lane] = t34
-                * (t40 * (t54 * t88 - t60 * t86 - t57 * t87)
-                - t39 * (t49 * t88 - t51 * t86 - t50 * t87));
+            jacobian[0][lane] = t79;
+            jacobian[1][lane] = t78;
+            jacobian[2][lane] = t77;
+            jacobian[3][lane] = t56 * t77 - t58 * t78;
+            jacobian[4][lane] = t58 * t79 - t54 * t77;
+            jacobian[5][lane] = t54 * t78 - t56 * t79;
+            jacobian[6][lane] = t19
+                * (t25 * (t45 * t77 - t42 * t78 - t39 * t79)
+                - t24 * (t34 * t79 - t36 * t77 - t35 * t78));
         }
     }
 }
@@ -2478,61 +1912,79 @@ pub mod rods {
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 0,
-                family: &ClosureByPoseRod1,
+                family: &ClosureByPose,
                 parameters: &[0, 1, 2, 3, 4, 5, 6],
                 inputs: &[
-                    Input::Held(42), Input::Held(43), Input::Held(44), Input::Held(45),
-                    Input::Held(46), Input::Held(47),
+                    Input::Command(0), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8), Input::Held(42), Input::Held(43), Input::Held(44),
+                    Input::Held(45), Input::Held(46), Input::Held(47),
                 ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 1,
-                family: &ClosureByPoseRod2,
+                family: &ClosureByPose,
                 parameters: &[7, 8, 9, 10, 11, 12, 13],
                 inputs: &[
-                    Input::Held(48), Input::Held(49), Input::Held(50), Input::Held(51),
-                    Input::Held(52), Input::Held(53),
+                    Input::Command(1), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8), Input::Held(48), Input::Held(49), Input::Held(50),
+                    Input::Held(51), Input::Held(52), Input::Held(53),
                 ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 2,
-                family: &ClosureByPoseRod3,
+                family: &ClosureByPose,
                 parameters: &[14, 15, 16, 17, 18, 19, 20],
                 inputs: &[
-                    Input::Held(54), Input::Held(55), Input::Held(56), Input::Held(57),
-                    Input::Held(58), Input::Held(59),
+                    Input::Command(2), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8), Input::Held(54), Input::Held(55), Input::Held(56),
+                    Input::Held(57), Input::Held(58), Input::Held(59),
                 ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 3,
-                family: &ClosureByPoseRod4,
+                family: &ClosureByPose,
                 parameters: &[21, 22, 23, 24, 25, 26, 27],
                 inputs: &[
-                    Input::Held(60), Input::Held(61), Input::Held(62), Input::Held(63),
-                    Input::Held(64), Input::Held(65),
+                    Input::Command(3), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8), Input::Held(60), Input::Held(61), Input::Held(62),
+                    Input::Held(63), Input::Held(64), Input::Held(65),
                 ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 4,
-                family: &ClosureByPoseRod5,
+                family: &ClosureByPose,
                 parameters: &[28, 29, 30, 31, 32, 33, 34],
                 inputs: &[
-                    Input::Held(66), Input::Held(67), Input::Held(68), Input::Held(69),
-                    Input::Held(70), Input::Held(71),
+                    Input::Command(4), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8), Input::Held(66), Input::Held(67), Input::Held(68),
+                    Input::Held(69), Input::Held(70), Input::Held(71),
                 ],
             },
             Instance {
                 kind: ResidualKind::ClosureByPose,
                 of: 5,
-                family: &ClosureByPoseRod6,
+                family: &ClosureByPose,
                 parameters: &[35, 36, 37, 38, 39, 40, 41],
                 inputs: &[
-                    Input::Held(72), Input::Held(73), Input::Held(74), Input::Held(75),
-                    Input::Held(76), Input::Held(77),
+                    Input::Command(5), Input::Position(0), Input::Position(1), Input::Position(2),
+                    Input::Rotation(0), Input::Rotation(1), Input::Rotation(2), Input::Rotation(3),
+                    Input::Rotation(4), Input::Rotation(5), Input::Rotation(6), Input::Rotation(7),
+                    Input::Rotation(8), Input::Held(72), Input::Held(73), Input::Held(74),
+                    Input::Held(75), Input::Held(76), Input::Held(77),
                 ],
             },
         ],
@@ -2903,22 +2355,22 @@ pub mod rods {
             jacobian[6][lane] = prepared_7 * t89 - prepared_8 * t99 - prepared_6 * t88 + t48 + t53;
         }
     }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
+    /// `L² − ‖T + R·P − C(q)‖²`
     ///
-    /// Data: `crank_centre_x`, `crank_centre_y`, `crank_centre_z`, `crank_axis_x`, `crank_axis_y`, `crank_axis_z`.
+    /// Data: `q`, `x`, `y`, `z`, `r_xx`, `r_xy`, `r_xz`, `r_yx`, `r_yy`, `r_yz`, `r_zx`, `r_zy`, `r_zz`, `crank_centre_x`, `crank_centre_y`, `crank_centre_z`, `crank_axis_x`, `crank_axis_y`, `crank_axis_z`.
     ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
+    /// Parameters: `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
     ///
-    /// Once per sample: 9 operations (2 additions, 3 multiplications, 3 divisions, 1 function).
-    /// Residuals: 76 operations (33 additions, 35 multiplications, 8 functions).
-    /// With the Jacobian: 103 operations (41 additions, 53 multiplications, 1 negation, 8 functions).
+    /// Once per sample: 13 operations (3 additions, 4 multiplications, 3 divisions, 3 functions).
+    /// Residuals: 63 operations (32 additions, 31 multiplications).
+    /// With the Jacobian: 89 operations (40 additions, 49 multiplications).
     #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseRod1;
-    impl Formulas for ClosureByPoseRod1 {
+    pub struct ClosureByPose;
+    impl Formulas for ClosureByPose {
         const SHAPE: Shape = Shape {
-            data: 6,
-            prepared: 7,
-            parameters: 19,
+            data: 19,
+            prepared: 22,
+            parameters: 7,
             residuals: 1,
         };
         const PATTERN: Pattern<'static> = Pattern {
@@ -2927,21 +2379,40 @@ pub mod rods {
         };
         #[inline(always)]
         fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[crank_centre_x, crank_centre_y, crank_centre_z, crank_axis_x, crank_axis_y,
-                crank_axis_z] = data else { panic!("`data` must hold 6 numbers") };
-            let prepared_3 =
+            let &[q, x, y, z, r_xx, r_xy, r_xz, r_yx, r_yy, r_yz, r_zx, r_zy, r_zz, crank_centre_x,
+                crank_centre_y, crank_centre_z, crank_axis_x, crank_axis_y,
+                crank_axis_z] = data else { panic!("`data` must hold 19 numbers") };
+            let prepared_6 =
                 math::sqrt(crank_axis_z * crank_axis_z + crank_axis_x * crank_axis_x
                 + crank_axis_y * crank_axis_y);
-            let prepared_4 = crank_axis_x / prepared_3;
-            let prepared_5 = crank_axis_y / prepared_3;
-            let prepared_6 = crank_axis_z / prepared_3;
-            prepared[0][lane] = crank_centre_x;
-            prepared[1][lane] = crank_centre_y;
-            prepared[2][lane] = crank_centre_z;
-            prepared[3][lane] = prepared_3;
-            prepared[4][lane] = prepared_4;
-            prepared[5][lane] = prepared_5;
+            let prepared_7 = crank_axis_x / prepared_6;
+            let prepared_8 = crank_axis_y / prepared_6;
+            let prepared_9 = crank_axis_z / prepared_6;
+            let angle = q * prepared_6;
+            let (prepared_10, prepared_11) = math::sin_cos(angle);
+            let prepared_12 = prepared_11 - 1.0;
+            prepared[0][lane] = x;
+            prepared[1][lane] = y;
+            prepared[2][lane] = z;
+            prepared[3][lane] = crank_centre_x;
+            prepared[4][lane] = crank_centre_y;
+            prepared[5][lane] = crank_centre_z;
             prepared[6][lane] = prepared_6;
+            prepared[7][lane] = prepared_7;
+            prepared[8][lane] = prepared_8;
+            prepared[9][lane] = prepared_9;
+            prepared[10][lane] = prepared_10;
+            prepared[11][lane] = prepared_11;
+            prepared[12][lane] = prepared_12;
+            prepared[13][lane] = r_xx;
+            prepared[14][lane] = r_xy;
+            prepared[15][lane] = r_xz;
+            prepared[16][lane] = r_yx;
+            prepared[17][lane] = r_yy;
+            prepared[18][lane] = r_yz;
+            prepared[19][lane] = r_zx;
+            prepared[20][lane] = r_zy;
+            prepared[21][lane] = r_zz;
         }
         #[inline(always)]
         fn value<S: Samples>(
@@ -2950,38 +2421,42 @@ pub mod rods {
             parameters: &[f64],
             residuals: &mut [S],
         ) {
-            let crank_centre_x = prepared[0][lane];
-            let crank_centre_y = prepared[1][lane];
-            let crank_centre_z = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let prepared_5 = prepared[5][lane];
-            let prepared_6 = prepared[6][lane];
-            let &[x, y, z, alpha, beta, gamma, q1, _, _, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let angle = q1 * prepared_3;
-            let (t2, t3) = math::sin_cos(angle);
-            let t4 = track_offset_x - crank_centre_x;
-            let t5 = track_offset_y - crank_centre_y;
-            let t6 = track_offset_z - crank_centre_z;
-            let t19 = t3 - 1.0;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t30 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t31 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t38 = plate_joint_z * sin_beta + t30 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t46 = prepared_5 * t5 + prepared_4 * t4 + prepared_6 * t6;
-            let rod_x = t38 * cos_alpha - t31 * sin_alpha + x
-                - t2 * (prepared_5 * t6 - prepared_6 * t5) - track_offset_x
-                - t19 * (t4 - prepared_4 * t46);
-            let rod_y = t38 * sin_alpha + t31 * cos_alpha + y
-                - t2 * (prepared_6 * t4 - prepared_4 * t6) - track_offset_y
-                - t19 * (t5 - prepared_5 * t46);
-            let rod_z = plate_joint_z * cos_beta - t30 * sin_beta + z
-                - t2 * (prepared_4 * t5 - prepared_5 * t4) - track_offset_z
-                - t19 * (t6 - prepared_6 * t46);
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let crank_centre_x = prepared[3][lane];
+            let crank_centre_y = prepared[4][lane];
+            let crank_centre_z = prepared[5][lane];
+            let prepared_7 = prepared[7][lane];
+            let prepared_8 = prepared[8][lane];
+            let prepared_9 = prepared[9][lane];
+            let prepared_10 = prepared[10][lane];
+            let prepared_12 = prepared[12][lane];
+            let r_xx = prepared[13][lane];
+            let r_xy = prepared[14][lane];
+            let r_xz = prepared[15][lane];
+            let r_yx = prepared[16][lane];
+            let r_yy = prepared[17][lane];
+            let r_yz = prepared[18][lane];
+            let r_zx = prepared[19][lane];
+            let r_zy = prepared[20][lane];
+            let r_zz = prepared[21][lane];
+            let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
+                track_offset_y,
+                track_offset_z] = parameters else { panic!("`parameters` must hold 7 numbers") };
+            let t1 = track_offset_x - crank_centre_x;
+            let t2 = track_offset_y - crank_centre_y;
+            let t3 = track_offset_z - crank_centre_z;
+            let t30 = prepared_8 * t2 + prepared_7 * t1 + prepared_9 * t3;
+            let rod_x = plate_joint_y * r_xy + plate_joint_x * r_xx + plate_joint_z * r_xz + x
+                - track_offset_x - prepared_12 * (t1 - prepared_7 * t30)
+                - prepared_10 * (prepared_8 * t3 - prepared_9 * t2);
+            let rod_y = plate_joint_y * r_yy + plate_joint_x * r_yx + plate_joint_z * r_yz + y
+                - track_offset_y - prepared_12 * (t2 - prepared_8 * t30)
+                - prepared_10 * (prepared_9 * t1 - prepared_7 * t3);
+            let rod_z = plate_joint_y * r_zy + plate_joint_x * r_zx + plate_joint_z * r_zz + z
+                - track_offset_z - prepared_12 * (t3 - prepared_9 * t30)
+                - prepared_10 * (prepared_7 * t2 - prepared_8 * t1);
             let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
             residuals[0][lane] = residual;
         }
@@ -2993,760 +2468,61 @@ pub mod rods {
             residuals: &mut [S],
             jacobian: &mut [S],
         ) {
-            let crank_centre_x = prepared[0][lane];
-            let crank_centre_y = prepared[1][lane];
-            let crank_centre_z = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let prepared_5 = prepared[5][lane];
+            let x = prepared[0][lane];
+            let y = prepared[1][lane];
+            let z = prepared[2][lane];
+            let crank_centre_x = prepared[3][lane];
+            let crank_centre_y = prepared[4][lane];
+            let crank_centre_z = prepared[5][lane];
             let prepared_6 = prepared[6][lane];
-            let &[x, y, z, alpha, beta, gamma, q1, _, _, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let angle = q1 * prepared_3;
-            let (t2, t3) = math::sin_cos(angle);
-            let t4 = track_offset_x - crank_centre_x;
-            let t5 = track_offset_y - crank_centre_y;
-            let t6 = track_offset_z - crank_centre_z;
-            let t12 = prepared_5 * t6 - prepared_6 * t5;
-            let t15 = prepared_6 * t4 - prepared_4 * t6;
-            let t18 = prepared_4 * t5 - prepared_5 * t4;
-            let t19 = t3 - 1.0;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t30 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t31 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t38 = t30 * sin_beta - plate_joint_z * cos_beta;
-            let t39 = plate_joint_z * sin_beta + t30 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t46 = t31 * sin_alpha - t39 * cos_alpha;
-            let t47 = t39 * sin_alpha + t31 * cos_alpha;
-            let t49 = prepared_5 * t5 + prepared_4 * t4 + prepared_6 * t6;
-            let t53 = t4 - prepared_4 * t49;
-            let t54 = t5 - prepared_5 * t49;
-            let t55 = t6 - prepared_6 * t49;
-            let rod_x = x - t46 - t2 * t12 - track_offset_x - t19 * t53;
-            let rod_y = t47 + y - t2 * t15 - track_offset_y - t19 * t54;
-            let rod_z = z - t38 - t2 * t18 - track_offset_z - t19 * t55;
+            let prepared_7 = prepared[7][lane];
+            let prepared_8 = prepared[8][lane];
+            let prepared_9 = prepared[9][lane];
+            let prepared_10 = prepared[10][lane];
+            let prepared_11 = prepared[11][lane];
+            let prepared_12 = prepared[12][lane];
+            let r_xx = prepared[13][lane];
+            let r_xy = prepared[14][lane];
+            let r_xz = prepared[15][lane];
+            let r_yx = prepared[16][lane];
+            let r_yy = prepared[17][lane];
+            let r_yz = prepared[18][lane];
+            let r_zx = prepared[19][lane];
+            let r_zy = prepared[20][lane];
+            let r_zz = prepared[21][lane];
+            let &[length, plate_joint_x, plate_joint_y, plate_joint_z, track_offset_x,
+                track_offset_y,
+                track_offset_z] = parameters else { panic!("`parameters` must hold 7 numbers") };
+            let t1 = track_offset_x - crank_centre_x;
+            let t2 = track_offset_y - crank_centre_y;
+            let t3 = track_offset_z - crank_centre_z;
+            let t9 = prepared_8 * t3 - prepared_9 * t2;
+            let t12 = prepared_9 * t1 - prepared_7 * t3;
+            let t15 = prepared_8 * t1 - prepared_7 * t2;
+            let t30 = prepared_8 * t2 + prepared_7 * t1 + prepared_9 * t3;
+            let t34 = prepared_7 * t30 - t1;
+            let t35 = t2 - prepared_8 * t30;
+            let t36 = t3 - prepared_9 * t30;
+            let t41 = plate_joint_y * r_xy + plate_joint_x * r_xx + plate_joint_z * r_xz;
+            let t43 = plate_joint_y * r_yy + plate_joint_x * r_yx + plate_joint_z * r_yz;
+            let t45 = plate_joint_y * r_zy + plate_joint_x * r_zx + plate_joint_z * r_zz;
+            let rod_x = t41 + x - track_offset_x + prepared_12 * t34 - prepared_10 * t9;
+            let rod_y = t43 + y - track_offset_y - prepared_12 * t35 - prepared_10 * t12;
+            let rod_z = t45 + z - track_offset_z - prepared_12 * t36 + prepared_10 * t15;
             let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t77 = -2.0 * rod_z;
-            let t78 = -2.0 * rod_y;
-            let t79 = 2.0 * rod_x;
+            let t64 = -2.0 * rod_z;
+            let t65 = -2.0 * rod_y;
+            let t66 = -2.0 * rod_x;
             residuals[0][lane] = residual;
-            jacobian[0][lane] = -t79;
-            jacobian[1][lane] = t78;
-            jacobian[2][lane] = t77;
-            jacobian[3][lane] = t47 * t77 + t38 * t78;
-            jacobian[4][lane] = t46 * t77 + t38 * t79;
-            jacobian[5][lane] = t47 * t79 - t46 * t78;
-            jacobian[6][lane] = prepared_3
-                * (t3 * (t12 * t79 - t18 * t77 - t15 * t78)
-                - t2 * (t53 * t79 - t55 * t77 - t54 * t78));
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: `crank_centre_x`, `crank_centre_y`, `crank_centre_z`, `crank_axis_x`, `crank_axis_y`, `crank_axis_z`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
-    ///
-    /// Once per sample: 9 operations (2 additions, 3 multiplications, 3 divisions, 1 function).
-    /// Residuals: 76 operations (33 additions, 35 multiplications, 8 functions).
-    /// With the Jacobian: 103 operations (41 additions, 53 multiplications, 1 negation, 8 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseRod2;
-    impl Formulas for ClosureByPoseRod2 {
-        const SHAPE: Shape = Shape {
-            data: 6,
-            prepared: 7,
-            parameters: 19,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 7],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[crank_centre_x, crank_centre_y, crank_centre_z, crank_axis_x, crank_axis_y,
-                crank_axis_z] = data else { panic!("`data` must hold 6 numbers") };
-            let prepared_3 =
-                math::sqrt(crank_axis_z * crank_axis_z + crank_axis_x * crank_axis_x
-                + crank_axis_y * crank_axis_y);
-            let prepared_4 = crank_axis_x / prepared_3;
-            let prepared_5 = crank_axis_y / prepared_3;
-            let prepared_6 = crank_axis_z / prepared_3;
-            prepared[0][lane] = crank_centre_x;
-            prepared[1][lane] = crank_centre_y;
-            prepared[2][lane] = crank_centre_z;
-            prepared[3][lane] = prepared_3;
-            prepared[4][lane] = prepared_4;
-            prepared[5][lane] = prepared_5;
-            prepared[6][lane] = prepared_6;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let crank_centre_x = prepared[0][lane];
-            let crank_centre_y = prepared[1][lane];
-            let crank_centre_z = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let prepared_5 = prepared[5][lane];
-            let prepared_6 = prepared[6][lane];
-            let &[x, y, z, alpha, beta, gamma, _, q2, _, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let angle = q2 * prepared_3;
-            let (t2, t3) = math::sin_cos(angle);
-            let t4 = track_offset_x - crank_centre_x;
-            let t5 = track_offset_y - crank_centre_y;
-            let t6 = track_offset_z - crank_centre_z;
-            let t19 = t3 - 1.0;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t30 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t31 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t38 = plate_joint_z * sin_beta + t30 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t46 = prepared_5 * t5 + prepared_4 * t4 + prepared_6 * t6;
-            let rod_x = t38 * cos_alpha - t31 * sin_alpha + x
-                - t2 * (prepared_5 * t6 - prepared_6 * t5) - track_offset_x
-                - t19 * (t4 - prepared_4 * t46);
-            let rod_y = t38 * sin_alpha + t31 * cos_alpha + y
-                - t2 * (prepared_6 * t4 - prepared_4 * t6) - track_offset_y
-                - t19 * (t5 - prepared_5 * t46);
-            let rod_z = plate_joint_z * cos_beta - t30 * sin_beta + z
-                - t2 * (prepared_4 * t5 - prepared_5 * t4) - track_offset_z
-                - t19 * (t6 - prepared_6 * t46);
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let crank_centre_x = prepared[0][lane];
-            let crank_centre_y = prepared[1][lane];
-            let crank_centre_z = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let prepared_5 = prepared[5][lane];
-            let prepared_6 = prepared[6][lane];
-            let &[x, y, z, alpha, beta, gamma, _, q2, _, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let angle = q2 * prepared_3;
-            let (t2, t3) = math::sin_cos(angle);
-            let t4 = track_offset_x - crank_centre_x;
-            let t5 = track_offset_y - crank_centre_y;
-            let t6 = track_offset_z - crank_centre_z;
-            let t12 = prepared_5 * t6 - prepared_6 * t5;
-            let t15 = prepared_6 * t4 - prepared_4 * t6;
-            let t18 = prepared_4 * t5 - prepared_5 * t4;
-            let t19 = t3 - 1.0;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t30 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t31 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t38 = t30 * sin_beta - plate_joint_z * cos_beta;
-            let t39 = plate_joint_z * sin_beta + t30 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t46 = t31 * sin_alpha - t39 * cos_alpha;
-            let t47 = t39 * sin_alpha + t31 * cos_alpha;
-            let t49 = prepared_5 * t5 + prepared_4 * t4 + prepared_6 * t6;
-            let t53 = t4 - prepared_4 * t49;
-            let t54 = t5 - prepared_5 * t49;
-            let t55 = t6 - prepared_6 * t49;
-            let rod_x = x - t46 - t2 * t12 - track_offset_x - t19 * t53;
-            let rod_y = t47 + y - t2 * t15 - track_offset_y - t19 * t54;
-            let rod_z = z - t38 - t2 * t18 - track_offset_z - t19 * t55;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t77 = -2.0 * rod_z;
-            let t78 = -2.0 * rod_y;
-            let t79 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t79;
-            jacobian[1][lane] = t78;
-            jacobian[2][lane] = t77;
-            jacobian[3][lane] = t47 * t77 + t38 * t78;
-            jacobian[4][lane] = t46 * t77 + t38 * t79;
-            jacobian[5][lane] = t47 * t79 - t46 * t78;
-            jacobian[6][lane] = prepared_3
-                * (t3 * (t12 * t79 - t18 * t77 - t15 * t78)
-                - t2 * (t53 * t79 - t55 * t77 - t54 * t78));
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: `crank_centre_x`, `crank_centre_y`, `crank_centre_z`, `crank_axis_x`, `crank_axis_y`, `crank_axis_z`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
-    ///
-    /// Once per sample: 9 operations (2 additions, 3 multiplications, 3 divisions, 1 function).
-    /// Residuals: 76 operations (33 additions, 35 multiplications, 8 functions).
-    /// With the Jacobian: 103 operations (41 additions, 53 multiplications, 1 negation, 8 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseRod3;
-    impl Formulas for ClosureByPoseRod3 {
-        const SHAPE: Shape = Shape {
-            data: 6,
-            prepared: 7,
-            parameters: 19,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 8],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[crank_centre_x, crank_centre_y, crank_centre_z, crank_axis_x, crank_axis_y,
-                crank_axis_z] = data else { panic!("`data` must hold 6 numbers") };
-            let prepared_3 =
-                math::sqrt(crank_axis_z * crank_axis_z + crank_axis_x * crank_axis_x
-                + crank_axis_y * crank_axis_y);
-            let prepared_4 = crank_axis_x / prepared_3;
-            let prepared_5 = crank_axis_y / prepared_3;
-            let prepared_6 = crank_axis_z / prepared_3;
-            prepared[0][lane] = crank_centre_x;
-            prepared[1][lane] = crank_centre_y;
-            prepared[2][lane] = crank_centre_z;
-            prepared[3][lane] = prepared_3;
-            prepared[4][lane] = prepared_4;
-            prepared[5][lane] = prepared_5;
-            prepared[6][lane] = prepared_6;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let crank_centre_x = prepared[0][lane];
-            let crank_centre_y = prepared[1][lane];
-            let crank_centre_z = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let prepared_5 = prepared[5][lane];
-            let prepared_6 = prepared[6][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, q3, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let angle = q3 * prepared_3;
-            let (t2, t3) = math::sin_cos(angle);
-            let t4 = track_offset_x - crank_centre_x;
-            let t5 = track_offset_y - crank_centre_y;
-            let t6 = track_offset_z - crank_centre_z;
-            let t19 = t3 - 1.0;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t30 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t31 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t38 = plate_joint_z * sin_beta + t30 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t46 = prepared_5 * t5 + prepared_4 * t4 + prepared_6 * t6;
-            let rod_x = t38 * cos_alpha - t31 * sin_alpha + x
-                - t2 * (prepared_5 * t6 - prepared_6 * t5) - track_offset_x
-                - t19 * (t4 - prepared_4 * t46);
-            let rod_y = t38 * sin_alpha + t31 * cos_alpha + y
-                - t2 * (prepared_6 * t4 - prepared_4 * t6) - track_offset_y
-                - t19 * (t5 - prepared_5 * t46);
-            let rod_z = plate_joint_z * cos_beta - t30 * sin_beta + z
-                - t2 * (prepared_4 * t5 - prepared_5 * t4) - track_offset_z
-                - t19 * (t6 - prepared_6 * t46);
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let crank_centre_x = prepared[0][lane];
-            let crank_centre_y = prepared[1][lane];
-            let crank_centre_z = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let prepared_5 = prepared[5][lane];
-            let prepared_6 = prepared[6][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, q3, _, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let angle = q3 * prepared_3;
-            let (t2, t3) = math::sin_cos(angle);
-            let t4 = track_offset_x - crank_centre_x;
-            let t5 = track_offset_y - crank_centre_y;
-            let t6 = track_offset_z - crank_centre_z;
-            let t12 = prepared_5 * t6 - prepared_6 * t5;
-            let t15 = prepared_6 * t4 - prepared_4 * t6;
-            let t18 = prepared_4 * t5 - prepared_5 * t4;
-            let t19 = t3 - 1.0;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t30 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t31 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t38 = t30 * sin_beta - plate_joint_z * cos_beta;
-            let t39 = plate_joint_z * sin_beta + t30 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t46 = t31 * sin_alpha - t39 * cos_alpha;
-            let t47 = t39 * sin_alpha + t31 * cos_alpha;
-            let t49 = prepared_5 * t5 + prepared_4 * t4 + prepared_6 * t6;
-            let t53 = t4 - prepared_4 * t49;
-            let t54 = t5 - prepared_5 * t49;
-            let t55 = t6 - prepared_6 * t49;
-            let rod_x = x - t46 - t2 * t12 - track_offset_x - t19 * t53;
-            let rod_y = t47 + y - t2 * t15 - track_offset_y - t19 * t54;
-            let rod_z = z - t38 - t2 * t18 - track_offset_z - t19 * t55;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t77 = -2.0 * rod_z;
-            let t78 = -2.0 * rod_y;
-            let t79 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t79;
-            jacobian[1][lane] = t78;
-            jacobian[2][lane] = t77;
-            jacobian[3][lane] = t47 * t77 + t38 * t78;
-            jacobian[4][lane] = t46 * t77 + t38 * t79;
-            jacobian[5][lane] = t47 * t79 - t46 * t78;
-            jacobian[6][lane] = prepared_3
-                * (t3 * (t12 * t79 - t18 * t77 - t15 * t78)
-                - t2 * (t53 * t79 - t55 * t77 - t54 * t78));
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: `crank_centre_x`, `crank_centre_y`, `crank_centre_z`, `crank_axis_x`, `crank_axis_y`, `crank_axis_z`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
-    ///
-    /// Once per sample: 9 operations (2 additions, 3 multiplications, 3 divisions, 1 function).
-    /// Residuals: 76 operations (33 additions, 35 multiplications, 8 functions).
-    /// With the Jacobian: 103 operations (41 additions, 53 multiplications, 1 negation, 8 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseRod4;
-    impl Formulas for ClosureByPoseRod4 {
-        const SHAPE: Shape = Shape {
-            data: 6,
-            prepared: 7,
-            parameters: 19,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 9],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[crank_centre_x, crank_centre_y, crank_centre_z, crank_axis_x, crank_axis_y,
-                crank_axis_z] = data else { panic!("`data` must hold 6 numbers") };
-            let prepared_3 =
-                math::sqrt(crank_axis_z * crank_axis_z + crank_axis_x * crank_axis_x
-                + crank_axis_y * crank_axis_y);
-            let prepared_4 = crank_axis_x / prepared_3;
-            let prepared_5 = crank_axis_y / prepared_3;
-            let prepared_6 = crank_axis_z / prepared_3;
-            prepared[0][lane] = crank_centre_x;
-            prepared[1][lane] = crank_centre_y;
-            prepared[2][lane] = crank_centre_z;
-            prepared[3][lane] = prepared_3;
-            prepared[4][lane] = prepared_4;
-            prepared[5][lane] = prepared_5;
-            prepared[6][lane] = prepared_6;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let crank_centre_x = prepared[0][lane];
-            let crank_centre_y = prepared[1][lane];
-            let crank_centre_z = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let prepared_5 = prepared[5][lane];
-            let prepared_6 = prepared[6][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, _, q4, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let angle = q4 * prepared_3;
-            let (t2, t3) = math::sin_cos(angle);
-            let t4 = track_offset_x - crank_centre_x;
-            let t5 = track_offset_y - crank_centre_y;
-            let t6 = track_offset_z - crank_centre_z;
-            let t19 = t3 - 1.0;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t30 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t31 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t38 = plate_joint_z * sin_beta + t30 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t46 = prepared_5 * t5 + prepared_4 * t4 + prepared_6 * t6;
-            let rod_x = t38 * cos_alpha - t31 * sin_alpha + x
-                - t2 * (prepared_5 * t6 - prepared_6 * t5) - track_offset_x
-                - t19 * (t4 - prepared_4 * t46);
-            let rod_y = t38 * sin_alpha + t31 * cos_alpha + y
-                - t2 * (prepared_6 * t4 - prepared_4 * t6) - track_offset_y
-                - t19 * (t5 - prepared_5 * t46);
-            let rod_z = plate_joint_z * cos_beta - t30 * sin_beta + z
-                - t2 * (prepared_4 * t5 - prepared_5 * t4) - track_offset_z
-                - t19 * (t6 - prepared_6 * t46);
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let crank_centre_x = prepared[0][lane];
-            let crank_centre_y = prepared[1][lane];
-            let crank_centre_z = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let prepared_5 = prepared[5][lane];
-            let prepared_6 = prepared[6][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, _, q4, _, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let angle = q4 * prepared_3;
-            let (t2, t3) = math::sin_cos(angle);
-            let t4 = track_offset_x - crank_centre_x;
-            let t5 = track_offset_y - crank_centre_y;
-            let t6 = track_offset_z - crank_centre_z;
-            let t12 = prepared_5 * t6 - prepared_6 * t5;
-            let t15 = prepared_6 * t4 - prepared_4 * t6;
-            let t18 = prepared_4 * t5 - prepared_5 * t4;
-            let t19 = t3 - 1.0;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t30 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t31 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t38 = t30 * sin_beta - plate_joint_z * cos_beta;
-            let t39 = plate_joint_z * sin_beta + t30 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t46 = t31 * sin_alpha - t39 * cos_alpha;
-            let t47 = t39 * sin_alpha + t31 * cos_alpha;
-            let t49 = prepared_5 * t5 + prepared_4 * t4 + prepared_6 * t6;
-            let t53 = t4 - prepared_4 * t49;
-            let t54 = t5 - prepared_5 * t49;
-            let t55 = t6 - prepared_6 * t49;
-            let rod_x = x - t46 - t2 * t12 - track_offset_x - t19 * t53;
-            let rod_y = t47 + y - t2 * t15 - track_offset_y - t19 * t54;
-            let rod_z = z - t38 - t2 * t18 - track_offset_z - t19 * t55;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t77 = -2.0 * rod_z;
-            let t78 = -2.0 * rod_y;
-            let t79 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t79;
-            jacobian[1][lane] = t78;
-            jacobian[2][lane] = t77;
-            jacobian[3][lane] = t47 * t77 + t38 * t78;
-            jacobian[4][lane] = t46 * t77 + t38 * t79;
-            jacobian[5][lane] = t47 * t79 - t46 * t78;
-            jacobian[6][lane] = prepared_3
-                * (t3 * (t12 * t79 - t18 * t77 - t15 * t78)
-                - t2 * (t53 * t79 - t55 * t77 - t54 * t78));
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: `crank_centre_x`, `crank_centre_y`, `crank_centre_z`, `crank_axis_x`, `crank_axis_y`, `crank_axis_z`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
-    ///
-    /// Once per sample: 9 operations (2 additions, 3 multiplications, 3 divisions, 1 function).
-    /// Residuals: 76 operations (33 additions, 35 multiplications, 8 functions).
-    /// With the Jacobian: 103 operations (41 additions, 53 multiplications, 1 negation, 8 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseRod5;
-    impl Formulas for ClosureByPoseRod5 {
-        const SHAPE: Shape = Shape {
-            data: 6,
-            prepared: 7,
-            parameters: 19,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 10],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[crank_centre_x, crank_centre_y, crank_centre_z, crank_axis_x, crank_axis_y,
-                crank_axis_z] = data else { panic!("`data` must hold 6 numbers") };
-            let prepared_3 =
-                math::sqrt(crank_axis_z * crank_axis_z + crank_axis_x * crank_axis_x
-                + crank_axis_y * crank_axis_y);
-            let prepared_4 = crank_axis_x / prepared_3;
-            let prepared_5 = crank_axis_y / prepared_3;
-            let prepared_6 = crank_axis_z / prepared_3;
-            prepared[0][lane] = crank_centre_x;
-            prepared[1][lane] = crank_centre_y;
-            prepared[2][lane] = crank_centre_z;
-            prepared[3][lane] = prepared_3;
-            prepared[4][lane] = prepared_4;
-            prepared[5][lane] = prepared_5;
-            prepared[6][lane] = prepared_6;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let crank_centre_x = prepared[0][lane];
-            let crank_centre_y = prepared[1][lane];
-            let crank_centre_z = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let prepared_5 = prepared[5][lane];
-            let prepared_6 = prepared[6][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, _, _, q5, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let angle = q5 * prepared_3;
-            let (t2, t3) = math::sin_cos(angle);
-            let t4 = track_offset_x - crank_centre_x;
-            let t5 = track_offset_y - crank_centre_y;
-            let t6 = track_offset_z - crank_centre_z;
-            let t19 = t3 - 1.0;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t30 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t31 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t38 = plate_joint_z * sin_beta + t30 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t46 = prepared_5 * t5 + prepared_4 * t4 + prepared_6 * t6;
-            let rod_x = t38 * cos_alpha - t31 * sin_alpha + x
-                - t2 * (prepared_5 * t6 - prepared_6 * t5) - track_offset_x
-                - t19 * (t4 - prepared_4 * t46);
-            let rod_y = t38 * sin_alpha + t31 * cos_alpha + y
-                - t2 * (prepared_6 * t4 - prepared_4 * t6) - track_offset_y
-                - t19 * (t5 - prepared_5 * t46);
-            let rod_z = plate_joint_z * cos_beta - t30 * sin_beta + z
-                - t2 * (prepared_4 * t5 - prepared_5 * t4) - track_offset_z
-                - t19 * (t6 - prepared_6 * t46);
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let crank_centre_x = prepared[0][lane];
-            let crank_centre_y = prepared[1][lane];
-            let crank_centre_z = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let prepared_5 = prepared[5][lane];
-            let prepared_6 = prepared[6][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, _, _, q5, _, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let angle = q5 * prepared_3;
-            let (t2, t3) = math::sin_cos(angle);
-            let t4 = track_offset_x - crank_centre_x;
-            let t5 = track_offset_y - crank_centre_y;
-            let t6 = track_offset_z - crank_centre_z;
-            let t12 = prepared_5 * t6 - prepared_6 * t5;
-            let t15 = prepared_6 * t4 - prepared_4 * t6;
-            let t18 = prepared_4 * t5 - prepared_5 * t4;
-            let t19 = t3 - 1.0;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t30 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t31 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t38 = t30 * sin_beta - plate_joint_z * cos_beta;
-            let t39 = plate_joint_z * sin_beta + t30 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t46 = t31 * sin_alpha - t39 * cos_alpha;
-            let t47 = t39 * sin_alpha + t31 * cos_alpha;
-            let t49 = prepared_5 * t5 + prepared_4 * t4 + prepared_6 * t6;
-            let t53 = t4 - prepared_4 * t49;
-            let t54 = t5 - prepared_5 * t49;
-            let t55 = t6 - prepared_6 * t49;
-            let rod_x = x - t46 - t2 * t12 - track_offset_x - t19 * t53;
-            let rod_y = t47 + y - t2 * t15 - track_offset_y - t19 * t54;
-            let rod_z = z - t38 - t2 * t18 - track_offset_z - t19 * t55;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t77 = -2.0 * rod_z;
-            let t78 = -2.0 * rod_y;
-            let t79 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t79;
-            jacobian[1][lane] = t78;
-            jacobian[2][lane] = t77;
-            jacobian[3][lane] = t47 * t77 + t38 * t78;
-            jacobian[4][lane] = t46 * t77 + t38 * t79;
-            jacobian[5][lane] = t47 * t79 - t46 * t78;
-            jacobian[6][lane] = prepared_3
-                * (t3 * (t12 * t79 - t18 * t77 - t15 * t78)
-                - t2 * (t53 * t79 - t55 * t77 - t54 * t78));
-        }
-    }
-    /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
-    ///
-    /// Data: `crank_centre_x`, `crank_centre_y`, `crank_centre_z`, `crank_axis_x`, `crank_axis_y`, `crank_axis_z`.
-    ///
-    /// Parameters: `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `q1`, `q2`, `q3`, `q4`, `q5`, `q6`, `length`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.
-    ///
-    /// Once per sample: 9 operations (2 additions, 3 multiplications, 3 divisions, 1 function).
-    /// Residuals: 76 operations (33 additions, 35 multiplications, 8 functions).
-    /// With the Jacobian: 103 operations (41 additions, 53 multiplications, 1 negation, 8 functions).
-    #[derive(Debug, Clone, Copy)]
-    pub struct ClosureByPoseRod6;
-    impl Formulas for ClosureByPoseRod6 {
-        const SHAPE: Shape = Shape {
-            data: 6,
-            prepared: 7,
-            parameters: 19,
-            residuals: 1,
-        };
-        const PATTERN: Pattern<'static> = Pattern {
-            row_starts: &[0, 7],
-            columns: &[0, 1, 2, 3, 4, 5, 11],
-        };
-        #[inline(always)]
-        fn prepare<S: Samples>(lane: usize, data: &[f64], prepared: &mut [S]) {
-            let &[crank_centre_x, crank_centre_y, crank_centre_z, crank_axis_x, crank_axis_y,
-                crank_axis_z] = data else { panic!("`data` must hold 6 numbers") };
-            let prepared_3 =
-                math::sqrt(crank_axis_z * crank_axis_z + crank_axis_x * crank_axis_x
-                + crank_axis_y * crank_axis_y);
-            let prepared_4 = crank_axis_x / prepared_3;
-            let prepared_5 = crank_axis_y / prepared_3;
-            let prepared_6 = crank_axis_z / prepared_3;
-            prepared[0][lane] = crank_centre_x;
-            prepared[1][lane] = crank_centre_y;
-            prepared[2][lane] = crank_centre_z;
-            prepared[3][lane] = prepared_3;
-            prepared[4][lane] = prepared_4;
-            prepared[5][lane] = prepared_5;
-            prepared[6][lane] = prepared_6;
-        }
-        #[inline(always)]
-        fn value<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-        ) {
-            let crank_centre_x = prepared[0][lane];
-            let crank_centre_y = prepared[1][lane];
-            let crank_centre_z = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let prepared_5 = prepared[5][lane];
-            let prepared_6 = prepared[6][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, _, _, _, q6, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let angle = q6 * prepared_3;
-            let (t2, t3) = math::sin_cos(angle);
-            let t4 = track_offset_x - crank_centre_x;
-            let t5 = track_offset_y - crank_centre_y;
-            let t6 = track_offset_z - crank_centre_z;
-            let t19 = t3 - 1.0;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t30 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t31 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t38 = plate_joint_z * sin_beta + t30 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t46 = prepared_5 * t5 + prepared_4 * t4 + prepared_6 * t6;
-            let rod_x = t38 * cos_alpha - t31 * sin_alpha + x
-                - t2 * (prepared_5 * t6 - prepared_6 * t5) - track_offset_x
-                - t19 * (t4 - prepared_4 * t46);
-            let rod_y = t38 * sin_alpha + t31 * cos_alpha + y
-                - t2 * (prepared_6 * t4 - prepared_4 * t6) - track_offset_y
-                - t19 * (t5 - prepared_5 * t46);
-            let rod_z = plate_joint_z * cos_beta - t30 * sin_beta + z
-                - t2 * (prepared_4 * t5 - prepared_5 * t4) - track_offset_z
-                - t19 * (t6 - prepared_6 * t46);
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            residuals[0][lane] = residual;
-        }
-        #[inline(always)]
-        fn linearize<S: Samples>(
-            lane: usize,
-            prepared: &[S],
-            parameters: &[f64],
-            residuals: &mut [S],
-            jacobian: &mut [S],
-        ) {
-            let crank_centre_x = prepared[0][lane];
-            let crank_centre_y = prepared[1][lane];
-            let crank_centre_z = prepared[2][lane];
-            let prepared_3 = prepared[3][lane];
-            let prepared_4 = prepared[4][lane];
-            let prepared_5 = prepared[5][lane];
-            let prepared_6 = prepared[6][lane];
-            let &[x, y, z, alpha, beta, gamma, _, _, _, _, _, q6, length, plate_joint_x,
-                plate_joint_y, plate_joint_z, track_offset_x, track_offset_y,
-                track_offset_z] = parameters else { panic!("`parameters` must hold 19 numbers") };
-            let angle = q6 * prepared_3;
-            let (t2, t3) = math::sin_cos(angle);
-            let t4 = track_offset_x - crank_centre_x;
-            let t5 = track_offset_y - crank_centre_y;
-            let t6 = track_offset_z - crank_centre_z;
-            let t12 = prepared_5 * t6 - prepared_6 * t5;
-            let t15 = prepared_6 * t4 - prepared_4 * t6;
-            let t18 = prepared_4 * t5 - prepared_5 * t4;
-            let t19 = t3 - 1.0;
-            let (sin_gamma, cos_gamma) = math::sin_cos(gamma);
-            let t30 = plate_joint_x * cos_gamma - plate_joint_y * sin_gamma;
-            let t31 = plate_joint_x * sin_gamma + plate_joint_y * cos_gamma;
-            let (sin_beta, cos_beta) = math::sin_cos(beta);
-            let t38 = t30 * sin_beta - plate_joint_z * cos_beta;
-            let t39 = plate_joint_z * sin_beta + t30 * cos_beta;
-            let (sin_alpha, cos_alpha) = math::sin_cos(alpha);
-            let t46 = t31 * sin_alpha - t39 * cos_alpha;
-            let t47 = t39 * sin_alpha + t31 * cos_alpha;
-            let t49 = prepared_5 * t5 + prepared_4 * t4 + prepared_6 * t6;
-            let t53 = t4 - prepared_4 * t49;
-            let t54 = t5 - prepared_5 * t49;
-            let t55 = t6 - prepared_6 * t49;
-            let rod_x = x - t46 - t2 * t12 - track_offset_x - t19 * t53;
-            let rod_y = t47 + y - t2 * t15 - track_offset_y - t19 * t54;
-            let rod_z = z - t38 - t2 * t18 - track_offset_z - t19 * t55;
-            let residual = length * length - rod_z * rod_z - rod_x * rod_x - rod_y * rod_y;
-            let t77 = -2.0 * rod_z;
-            let t78 = -2.0 * rod_y;
-            let t79 = 2.0 * rod_x;
-            residuals[0][lane] = residual;
-            jacobian[0][lane] = -t79;
-            jacobian[1][lane] = t78;
-            jacobian[2][lane] = t77;
-            jacobian[3][lane] = t47 * t77 + t38 * t78;
-            jacobian[4][lane] = t46 * t77 + t38 * t79;
-            jacobian[5][lane] = t47 * t79 - t46 * t78;
-            jacobian[6][lane] = prepared_3
-                * (t3 * (t12 * t79 - t18 * t77 - t15 * t78)
-                - t2 * (t53 * t79 - t55 * t77 - t54 * t78));
+            jacobian[0][lane] = t66;
+            jacobian[1][lane] = t65;
+            jacobian[2][lane] = t64;
+            jacobian[3][lane] = t43 * t64 - t45 * t65;
+            jacobian[4][lane] = t45 * t66 - t41 * t64;
+            jacobian[5][lane] = t41 * t65 - t43 * t66;
+            jacobian[6][lane] = prepared_6
+                * (prepared_11 * (t15 * t64 - t12 * t65 - t9 * t66)
+                - prepared_10 * (t34 * t66 - t36 * t64 - t35 * t65));
         }
     }
 }

@@ -1,0 +1,58 @@
+//! Forward kinematics of many samples at once, beside that of single ones.
+
+use tau::Robot;
+use tau::kinematics::{Pose, Sample};
+
+use crate::kinematics::{described, difference, nominal};
+use crate::support::Random;
+
+/// Samples side by side: every standard robot about its reference, exact ones and those with more links than hold the
+/// plate, with a block that is partly filled, and starts that lead nowhere or to a singular pose.
+#[test]
+fn many_samples_are_solved_as_single_ones() {
+    let mut random = Random(5);
+    for (name, robot) in tau_generated::ROBOTS {
+        let robot = Robot::from(robot);
+        let machine = match name {
+            "gantry_tau" => nominal("Full"),
+            _ => described(&robot.description, &robot.variants[0].name),
+        };
+        let stated = machine.surroundings.reference.clone();
+        let stated = stated.expect("a standard robot has a reference");
+        let commands: Vec<Vec<f64>> = (0..21)
+            .map(|_| {
+                stated
+                    .commands_m
+                    .iter()
+                    .map(|q| q + 0.01 * random.uniform())
+                    .collect()
+            })
+            .collect();
+        let mut starts: Vec<Sample<'_>> = (commands.iter())
+            .map(|commands| Sample::new(Pose::from(&stated), commands))
+            .collect();
+        let far = vec![1e3; stated.commands_m.len()];
+        let short = [0.0];
+        starts[3].commands_m = &far;
+        starts[10].commands_m = &short;
+        for (lane, (found, start)) in machine
+            .forward_each(&starts)
+            .iter()
+            .zip(&starts)
+            .enumerate()
+        {
+            match (found, machine.forward_fitted(start)) {
+                (Ok(found), Ok(single)) => {
+                    let off = difference(&found.pose, &single.pose);
+                    assert!(off < 1e-10, "{name} {lane}: {off}");
+                    assert!(
+                        (found.mismatch_m - single.mismatch_m).abs() < 1e-12,
+                        "{name} {lane}"
+                    );
+                    assert_eq!(found.commands_m, start.commands_m);
+                }
+                (found, single) => assert_eq!(found.clone().err(), single.err(), "{name} {lane}"),
+            }
+        }
+    }
+}
