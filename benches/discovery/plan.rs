@@ -2,6 +2,7 @@
 
 use tau::simulation::{Noise, Tails};
 use tau_codegen::language::Model;
+use tau_codegen::language::model::Effect;
 use tau_robot::effects::places;
 
 use crate::hidden::UNLISTED;
@@ -135,9 +136,15 @@ impl Plan {
 /// Noise of a trial by its number.
 type OfIndex = fn(usize) -> Noise;
 
+/// Effects of the catalogue that the machine can have somewhere.
+pub(crate) fn possible(model: &Model) -> impl Iterator<Item = &Effect> {
+    let effects = model.effects.iter();
+    effects.filter(|effect| !places(model, effect).is_empty())
+}
+
 fn kinds(section: Section, model: &Model) -> Vec<(String, Subject, OfIndex)> {
     let stated: OfIndex = |_| Noise::default();
-    let names = model.effects.iter().map(|effect| effect.name.clone());
+    let names = possible(model).map(|effect| effect.name.clone());
     match section {
         Section::Nulls => regimes()
             .into_iter()

@@ -18,7 +18,7 @@ use tau_codegen::language::{Model, check_text, effects_from_text};
 use crate::answer::{Found, Named, True};
 use crate::hidden::Hidden;
 use crate::noncentrality::{Base, signal};
-use crate::plan::{Case, Section, Subject};
+use crate::plan::{Case, Section, Subject, possible};
 use crate::random::Random;
 use crate::scoring::{Verdict, oracle_power, searching_oracle_power};
 
@@ -305,9 +305,10 @@ impl Laboratory {
                 Some(vec![sized(Hidden::unlisted(&self.robot, name, random))?])
             }
             Subject::Several(count) => {
+                let effects: Vec<_> = possible(&self.model).collect();
                 let mut all: Vec<(Hidden, Sized)> = Vec::new();
                 for _ in 0..DRAWINGS * count {
-                    let name = &random.choose(&self.model.effects).name;
+                    let name = &random.choose(&effects).name;
                     if all.len() == *count || all.iter().any(|(other, _)| other.name == *name) {
                         continue;
                     }
