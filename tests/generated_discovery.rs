@@ -252,19 +252,9 @@ fn code_of_what_was_found_agrees_bit_for_bit_with_the_model_at_run_time() {
     for (index, instance) in variant.instances.iter().enumerate() {
         let every = samples_of(&machine, instance, &folder, &outcome.poses);
         assert!(every.len() >= 28, "{:?} {}", instance.kind, instance.of);
-        for (number, data) in every.iter().enumerate() {
-            let mut parameters = Vec::new();
-            if instance.kind == ResidualKind::ClosureByPose {
-                let measured = &folder.tcp_poses[outcome.poses[number]];
-                parameters.extend(measured.position_m);
-                parameters.extend(measured.angles_rad);
-                parameters.extend(&measured.commands_m);
-            }
-            let own = instance
-                .parameters
-                .iter()
-                .map(|&index| machine.values[index]);
-            parameters.extend(own);
+        for data in &every {
+            let parameters = instance.parameters.iter();
+            let parameters: Vec<f64> = parameters.map(|&index| machine.values[index]).collect();
             let _ = writeln!(samples, "{index} {};{}", bits(data), bits(&parameters));
             expected.push(answer(instance, data, &parameters));
         }

@@ -79,7 +79,8 @@ pub(super) enum Command {
 /// Checks what the models assume, calibrates every variant without effects on one part of the poses,
 /// compares them on the other part, and computes how much each parameter matters. Prints Tables I, II and
 /// III, and searches for the physical effects that `Full` lacks, as `tau discover` does. Writes an HTML
-/// report, the figures (SVG) and the numbers (JSON).
+/// report, the figures (SVG) and the numbers (JSON). Where poses were not measured, variants are compared by
+/// the errors of measurements that were held out.
 #[derive(Debug, Default, Args)]
 #[command(after_help = "\
 Examples:
@@ -157,12 +158,13 @@ pub(super) struct Calibrate {
     pub(super) json: Json,
 }
 
-/// Compare predicted with measured poses
+/// Compare predicted with measured poses, or with what was measured in their place
 ///
 /// Predicts poses from their commands with the parameters of --robot, and prints the errors of position
 /// (µm) and orientation (mrad, a rotation vector). Give the robot.toml that `tau calibrate` wrote: of the
 /// folder that it was calibrated on it is compared at the poses that took no part, of another folder at all.
-/// That of the folder holds nominal values, which are compared at the validation poses.
+/// That of the folder holds nominal values, which are compared at the validation poses. Where poses were not
+/// measured, heights, distances or readings are compared in the same way, the parameters held.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

@@ -84,6 +84,7 @@ pub(super) fn run(
                     .iter()
                     .map(|pose| pose.position_m)
                     .collect(),
+                rows: unknown.map(|unknown| unknown.rows.clone()),
                 record: session.record(&stamp()),
             };
             let page = report::html::discovery_page(discovery, &setting, &robot.name, &folder.name);

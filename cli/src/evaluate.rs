@@ -1,6 +1,7 @@
 //! `tau evaluate`.
 
 use serde_json::json;
+use tau::Session;
 use tau::evaluation::{evaluate_knowing, without_outliers};
 use tau::weighing::Treatment;
 use tau_report as report;
@@ -18,10 +19,13 @@ pub(super) fn run(
         resolve::with_variant(&arguments.input, &arguments.variant),
         Target::resolve(&arguments.json, &Kept::from(&arguments.input)),
     )?;
-    let session = session.comparing_poses()?.outliers(Treatment {
+    let session = session.placing_poses()?.outliers(Treatment {
         keep_outliers: arguments.outliers.keep_outliers,
         ..Treatment::default()
     });
+    if session.has_no_poses() {
+        return unknown_poses(arguments, &session, target, console);
+    }
     let counts = session.poses()?.counts;
     let asked = resolve::asked_split(&arguments.input)?;
     let (poses, basis) = session.unseen(asked)?;
@@ -53,6 +57,36 @@ pub(super) fn run(
             value["evaluated_on"] = json!(report::json::basis(basis));
             value["position_um_without_outliers"] = json!(without.map(report::json::summary));
             value["fit"] = report::trust::json::verdict(&verdict);
+            (value, target)
+        }),
+        ..Outcome::default()
+    };
+    Ok(outcome.judged(&verdict, arguments.force.force))
+}
+
+/// The same where poses were not measured.
+fn unknown_poses(
+    arguments: &arguments::Evaluate,
+    session: &Session,
+    target: Option<Target>,
+    console: &Console<'_>,
+) -> Result<Outcome, Failure> {
+    let (rows, basis) = session.unseen_rows(resolve::asked_split(&arguments.input)?)?;
+    let variant = arguments.variant.name.as_str();
+    let found = session.evaluate_unknown_poses(variant, &rows)?;
+    let verdict = found.verdict();
+    let (robot, folder) = (session.robot(), &session.folder().name);
+    let title = format!("{}, {variant}, {folder}", robot.name);
+    let said = report::held_errors::terminal(&found, robot, basis, console.width);
+    let outcome = Outcome {
+        summary: format!("{title}\n\n{said}"),
+        remarks: session.remarks_for(variant)?,
+        json: target.map(|target| {
+            let mut value = report::held_errors::json(&found, robot);
+            value["variant"] = json!(variant);
+            value["robot"] = json!(robot.name);
+            value["folder"] = json!(folder);
+            value["evaluated_on"] = json!(report::json::basis(basis));
             (value, target)
         }),
         ..Outcome::default()

@@ -21,7 +21,7 @@ pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result
     );
     let (session, (target, ())) = both(resolve::session(&arguments.input), outputs)?;
     let session = session
-        .comparing_poses()?
+        .placing_poses()?
         .outliers(resolve::treatment(&arguments.outliers));
 
     let bar = Bar::new(console);

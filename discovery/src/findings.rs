@@ -325,7 +325,8 @@ fn far_from_drawing(fit: &Fit) -> Vec<String> {
 
 fn remarks(search: &Search<'_>, whiteness: Option<&Whiteness>) -> Vec<String> {
     let mut remarks = Vec::new();
-    let has_carts = Shape::from(search.input.robot).has_carts();
+    // Without measured poses, no set of the tracker takes part.
+    let takes_sets = search.input.unknown.is_none() && Shape::from(search.input.robot).has_carts();
     for (set, what) in [
         (
             2,
@@ -336,7 +337,7 @@ fn remarks(search: &Search<'_>, whiteness: Option<&Whiteness>) -> Vec<String> {
             "set 3 (`cart_positions.csv`) is missing: it would show the carts under load, and errors along the tracks at many commands",
         ),
     ] {
-        if has_carts && !search.bench.samples.iter().any(|sample| sample.set == set) {
+        if takes_sets && !search.bench.samples.iter().any(|sample| sample.set == set) {
             remarks.push(what.to_owned());
         }
     }

@@ -142,6 +142,14 @@ impl ErrorOf {
         }
     }
 
+    /// What did not take part in the search, of which the error is shown.
+    pub fn held_out(self) -> &'static str {
+        match self {
+            Self::Position => "the validation poses",
+            Self::Measurements => "the measurements that were held out",
+        }
+    }
+
     /// The same as a title.
     pub fn title(self) -> &'static str {
         match self {

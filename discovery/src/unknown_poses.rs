@@ -21,6 +21,8 @@ pub struct OfUnknownPoses {
     pub folder: Folder,
     /// Those that calibrate, and those that are held out.
     pub division: Division,
+    /// Rows that calibrate, and those that are held out.
+    pub rows: RowDivision,
     /// The calibration of the discovered variant.
     pub fitted: UnknownPoses,
 }
@@ -35,14 +37,15 @@ impl fmt::Debug for OfUnknownPoses {
 }
 
 impl OfUnknownPoses {
-    /// Numbers of poses.
+    /// Numbers of poses by whether their own measurements calibrate.
     pub fn counts(&self) -> PoseCounts {
-        let total = self.folder.tcp_poses.len();
+        let rows = &self.rows;
+        let total = rows.calibration.union(&rows.validation).count();
         PoseCounts {
             total,
             in_range: total,
-            calibration: self.division.calibration.len(),
-            validation: self.division.validation.len(),
+            calibration: rows.calibration.len(),
+            validation: rows.validation.len(),
         }
     }
 }
@@ -128,6 +131,7 @@ pub(super) fn search(
         outcome.unknown = Some(OfUnknownPoses {
             folder: estimated,
             division,
+            rows,
             fitted,
         });
         return Ok(outcome);

@@ -1,14 +1,18 @@
 //! Errors of predicted poses: Table I and Figure 8 of the paper.
 
 use rayon::prelude::*;
-use tau_kinematics::{Machine, Sample};
+use tau_kinematics::{Machine, Reached, Sample};
 use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot_file::Noise;
 
 use crate::calibration::{Combination, Error, LinkResult, ParameterEstimate};
 use crate::trust::Verdict;
 use crate::uncertainty::{PoseUncertainty, Uncertainty};
+use crate::unknown_poses::HeldErrors;
 use crate::weighing::Outlier;
+
+/// Poses that a thread predicts at once.
+const AT_ONCE: usize = 64;
 
 /// Mean, largest and root-mean-square of a length, in µm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -122,6 +126,29 @@ pub struct VariantResult {
     pub fit: Option<Verdict>,
     /// Outliers among the validation poses, where that was asked.
     pub validation_outliers: Vec<Outlier>,
+    /// Errors of measurements that were held out, where poses were not measured; then there are no errors of poses.
+    pub held: Option<HeldErrors>,
+}
+
+impl VariantResult {
+    /// Position error (µm), or, where poses were not measured, that of lengths which were held out.
+    pub fn error_um(&self) -> Summary {
+        let Some(held) = &self.held else {
+            return self.position_um;
+        };
+        let lengths = held
+            .errors
+            .iter()
+            .filter(|own| own.expected.is_some() && own.is_length);
+        let errors: Vec<f64> = lengths.map(|own| 1e6 * own.error.abs()).collect();
+        let mean =
+            |of: &dyn Fn(&f64) -> f64| errors.iter().map(of).sum::<f64>() / errors.len() as f64;
+        Summary {
+            mean: mean(&|error| *error),
+            max: errors.iter().copied().fold(f64::NAN, f64::max),
+            rms: mean(&|error| error * error).sqrt(),
+        }
+    }
 }
 
 /// Errors of the predicted poses.
@@ -185,12 +212,18 @@ pub fn evaluate_knowing(
         .filter_map(|&pose| folder.tcp_poses.get(pose))
         .collect();
     // The first of several errors is told, whichever thread comes across one first.
+    let reached = measured.par_chunks(AT_ONCE).flat_map_iter(|measured| {
+        let samples: Vec<Sample<'_>> = measured.iter().map(|&own| own.into()).collect();
+        machine.forward_each(&samples)
+    });
+    let reached: Vec<Result<Reached, tau_kinematics::Error>> = reached.collect();
     let errors: Vec<Result<PoseError, Error>> = measured
         .par_iter()
-        .map(|&measured| {
+        .zip(reached)
+        .map(|(&measured, reached)| {
             let sample = Sample::from(measured);
             let fail = |error| Error::at_pose(measured.pose, machine.explained(error, &sample));
-            let predicted = machine.forward_fitted(&sample).map_err(fail)?.pose;
+            let predicted = reached.map_err(fail)?.pose;
             let sigma = known.map(|(uncertainty, noise)| {
                 let of_pose = uncertainty.pose(machine, &sample.at(predicted))?;
                 Ok(ErrorSigma::new(&of_pose, noise, machine))

@@ -118,6 +118,19 @@ impl Uncertainty {
         })
     }
 
+    /// Rows of F of some parameters, given by index; zero where one is known exactly.
+    pub(crate) fn factor_of(&self, parameters: &[usize]) -> DMatrix<f64> {
+        let mut factor = DMatrix::zeros(parameters.len(), self.columns);
+        for (row, &index) in parameters.iter().enumerate() {
+            if let Some(own) = self.rows.get(index).copied().flatten() {
+                for (column, entry) in self.factor[own].iter().enumerate() {
+                    factor[(row, column)] = *entry;
+                }
+            }
+        }
+        factor
+    }
+
     /// Largest [distance](PoseUncertainty::distance_m) of a machine's predicted positions at poses of a folder, given by
     /// index (m): at the evenly spread part of them that takes part where there are thousands.
     ///

@@ -1,5 +1,7 @@
 //! Findings of the study, in plain sentences.
 
+use std::collections::BTreeSet;
+
 use tau::assumptions::TrackLinearity;
 use tau::evaluation::VariantResult;
 use tau::measurements::PoseCounts;
@@ -7,6 +9,7 @@ use tau::robot::Architecture;
 use tau::sensitivity::{Sensitivity, Turn};
 use tau::study::results::Study;
 use tau::trust::Verdict;
+use tau::unknown_poses::RowDivision;
 
 use super::number::{fixed, general, largest, shared_decimals};
 
@@ -37,13 +40,13 @@ pub(super) fn brackets(variant: &VariantResult) -> String {
     )
 }
 
-/// The variant with the smallest mean position error.
+/// The variant with the smallest mean error.
 pub(super) fn best(study: &Study) -> Option<&VariantResult> {
     study
         .variants
         .iter()
-        .filter(|variant| variant.position_um.mean.is_finite())
-        .min_by(|a, b| a.position_um.mean.total_cmp(&b.position_um.mean))
+        .filter(|variant| variant.error_um().mean.is_finite())
+        .min_by(|a, b| a.error_um().mean.total_cmp(&b.error_um().mean))
 }
 
 /// Selection of poses, with its reason: set 2 decides on the range, or without it the robot file.
@@ -103,6 +106,29 @@ pub(super) fn held_out(poses: PoseCounts) -> bool {
     poses.calibration + poses.validation <= poses.in_range
 }
 
+/// Division of measurements that tell no poses.
+pub(super) fn rows(rows: &RowDivision) -> String {
+    let poses = rows.calibration.union(&rows.validation).count();
+    let mut text = format!("Something was measured of {poses} poses, none of which is known.");
+    if !rows.is_disjoint() {
+        text += " All measurements calibrate, and the errors below are those of the fit.";
+        return text;
+    }
+    text += &format!(
+        " The measurements of {} of them calibrate, those of {} validate",
+        rows.calibration.len(),
+        rows.validation.len()
+    );
+    let [own, other] = [&rows.distances, &rows.held_out_distances].map(BTreeSet::len);
+    if own + other > 0 {
+        text += &format!(
+            "; of the distances between poses {own} calibrate and {other} validate, whatever else was measured there"
+        );
+    }
+    text += ".";
+    text
+}
+
 /// The stated noise.
 pub(super) fn noise((position, rotation): (f64, f64)) -> String {
     format!(
@@ -115,50 +141,55 @@ pub(super) fn noise((position, rotation): (f64, f64)) -> String {
 /// The best variant, against the first one.
 pub(super) fn comparison(study: &Study) -> Option<String> {
     let best = best(study)?;
+    let (error, of) = if study.rows.is_some() {
+        ("error of lengths that were held out", "row")
+    } else {
+        ("position error", "pose")
+    };
     let first = study.variants.first()?;
     if study.variants.len() == 1 {
         return Some(format!(
-            "The position error of {} is {} µm in the mean and {} µm at most.",
+            "The {error} of {} is {} µm in the mean and {} µm at most.",
             best.name,
-            general(best.position_um.mean, 3),
-            general(best.position_um.max, 3)
+            general(best.error_um().mean, 3),
+            general(best.error_um().max, 3)
         ));
     }
     let decimals = shared_decimals(
         study
             .variants
             .iter()
-            .flat_map(|variant| [variant.position_um.mean, variant.position_um.max]),
+            .flat_map(|variant| [variant.error_um().mean, variant.error_um().max]),
     );
     let number = |value: f64| fixed(value, decimals);
-    let gain = match first.position_um.mean {
-        mean if first.name != best.name && mean > 0.0 => format!(
+    let gain = match first.error_um().mean {
+        mean if first.name != best.name && best.error_um().mean < 0.995 * mean => format!(
             " {} has {} and {} µm, so the mean falls by {} %.",
             first.name,
             number(mean),
-            number(first.position_um.max),
-            fixed(100.0 * (1.0 - best.position_um.mean / mean), 0)
+            number(first.error_um().max),
+            fixed(100.0 * (1.0 - best.error_um().mean / mean), 0)
         ),
         _ => String::new(),
     };
     let smallest_max = study
         .variants
         .iter()
-        .filter(|variant| variant.position_um.max.is_finite())
-        .min_by(|a, b| a.position_um.max.total_cmp(&b.position_um.max))
+        .filter(|variant| variant.error_um().max.is_finite())
+        .min_by(|a, b| a.error_um().max.total_cmp(&b.error_um().max))
         .filter(|other| other.name != best.name)
         .map_or_else(String::new, |other| {
-            let max = number(other.position_um.max);
+            let max = number(other.error_um().max);
             format!(
-                " The smallest error of a worst pose is that of {}, {max} µm.",
+                " The smallest error of a worst {of} is that of {}, {max} µm.",
                 other.name
             )
         });
     Some(format!(
-        "{} has the smallest position error: mean {} µm, largest {} µm.{gain}{smallest_max}",
+        "{} has the smallest {error}: mean {} µm, largest {} µm.{gain}{smallest_max}",
         best.name,
-        number(best.position_um.mean),
-        number(best.position_um.max)
+        number(best.error_um().mean),
+        number(best.error_um().max)
     ))
 }
 

@@ -68,6 +68,8 @@ pub(super) fn study() -> Study {
         check: None,
         sensitivity: Some(sensitivity(&mut numbers)),
         discovery: None,
+        rows: None,
+        placed_m: vec![],
         layout: Some(layout()),
         remarks: vec![
             "55 of 176 poses leave the range of set 2 and are dropped.".to_owned(),
@@ -236,6 +238,7 @@ fn variant(numbers: &mut Numbers, name: &str, size: f64, full: bool) -> VariantR
         termination: "the cost no longer falls".to_owned(),
         fit: None,
         validation_outliers: vec![],
+        held: None,
     }
 }
 

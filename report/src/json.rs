@@ -14,6 +14,7 @@ use tau::session::Basis;
 use tau::study::results::Study;
 use tau::trust::Verdict;
 
+use super::held_errors;
 use super::trust::json as trust;
 
 /// Version of the fields: raised where one changes its meaning or goes, not where one is added.
@@ -45,6 +46,7 @@ pub fn study(study: &Study) -> Value {
         "robot": study.robot,
         "folder": study.folder,
         "noise": { "position_m": study.noise.0, "rotation_rad": study.noise.1 },
+        "of": if study.rows.is_some() { "measurements" } else { "poses" },
         "poses": poses(study.poses),
         "variants": variants,
         "variant_order": order,
@@ -123,6 +125,7 @@ pub fn variant(variant: &VariantResult) -> Value {
         "position_um_without_outliers": without.map(summary),
         "validation_outliers": variant.validation_outliers.iter().map(trust::outlier).collect::<Vec<_>>(),
         "orientation_rad": variant.orientation_rad_max_abs.map(|max_abs| json!({ "max_abs": max_abs })),
+        "held_out": variant.held.as_ref().map(held_errors::of_variant),
         "links": links,
         "iterations": variant.iterations,
         "termination": variant.termination,

@@ -13,6 +13,7 @@ mod first_page;
 #[cfg(test)]
 mod fixture;
 mod gauge;
+pub mod held_errors;
 pub mod html;
 pub mod json;
 mod machine;

@@ -12,6 +12,7 @@ use super::figures::Figure;
 use super::findings;
 use super::number::general;
 use super::tables;
+use super::trust::tables as verdict_tables;
 
 /// Correlations listed for each variant.
 const CORRELATIONS: usize = 10;
@@ -24,7 +25,11 @@ pub(super) fn of_study(
 ) -> (Vec<Section>, Vec<Section>) {
     let mut evidence = vec![Section::new(
         "errors",
-        "Errors at the validation poses",
+        if study.rows.is_some() {
+            "Errors of what was held out"
+        } else {
+            "Errors at the validation poses"
+        },
         errors(study, figures),
     )];
     evidence.extend(study.fit().map(|(variant, _)| {
@@ -35,15 +40,23 @@ pub(super) fn of_study(
         )
     }));
     evidence.push(lacking(study, figures, record));
-    let mut appendices = vec![
-        Section::new("method", "How the figures were obtained", method(study)),
-        Section::new(
+    let mut appendices = vec![Section::new(
+        "method",
+        "How the figures were obtained",
+        method(study),
+    )];
+    if study.rows.is_none() {
+        appendices.push(Section::new(
             "assumptions",
             "What the models assume",
             assumptions(study, figures),
-        ),
-        Section::new("geometry", "Calibrated geometry", geometry(study)),
-    ];
+        ));
+    }
+    appendices.push(Section::new(
+        "geometry",
+        "Calibrated geometry",
+        geometry(study),
+    ));
     if study.sensitivity.is_some() {
         appendices.push(Section::new(
             "sensitivity",
@@ -60,9 +73,22 @@ pub(super) fn of_study(
 
 fn errors(study: &Study, figures: &[Figure]) -> Markup {
     html! {
-        p { (findings::poses(study.poses, findings::has_cart_poses(study), study.architecture)) " " (findings::noise(study.noise)) }
+        @if let Some(rows) = &study.rows {
+            p { (findings::rows(rows)) }
+        } @else {
+            p { (findings::poses(study.poses, findings::has_cart_poses(study), study.architecture)) " " (findings::noise(study.noise)) }
+        }
         @if study.variants.is_empty() {
             p { "No variant was calibrated." }
+        } @else if study.rows.is_some() {
+            p {
+                "Each calibrated model, its parameters held, is compared with the measurements that were held out; poses follow \
+                 the drives and these measurements, and so do places of targets, surfaces and balls as far as the robot file \
+                 leaves them open. What is expected follows from the noise and from the covariance of the parameters. What \
+                 poses and places follow whatever the machine is can't be judged, and is left out."
+            }
+            @if let Some(comparison) = findings::comparison(study) { p { (comparison) } }
+            (table(&tables::errors(study), "wide"))
         } @else {
             p {
                 "Each calibrated model predicts the pose of the plate from the commands of a validation pose; the error \
@@ -103,10 +129,10 @@ fn residuals(variant: &VariantResult) -> Markup {
                 (general(fit.widening(), 3)) " times as large."
             }
         }
-        @if let Some(files) = tables::by_file(fit) { (table(&files, "")) }
+        @if let Some(files) = verdict_tables::by_file(fit) { (table(&files, "")) }
         div.columns {
-            @if let Some(worst) = tables::worst(fit) { (table(&worst, "compact")) }
-            @if let Some(pulls) = tables::pulls(fit) { (table(&pulls, "compact")) }
+            @if let Some(worst) = verdict_tables::worst(fit) { (table(&worst, "compact")) }
+            @if let Some(pulls) = verdict_tables::pulls(fit) { (table(&pulls, "compact")) }
         }
     }
 }
@@ -144,7 +170,26 @@ fn lacking(study: &Study, figures: &[Figure], record: &Record) -> Section {
     }
 }
 
+/// From measurements that tell less than a pose to parameters.
+fn method_of_measurements(study: &Study) -> Markup {
+    html! {
+        p {
+            "The pose of the plate behind every reading is unknown. The closure of each link, with the noise of its drive, and each \
+             measured quantity are residuals of that pose and of the parameters; poses are eliminated one by one, and the \
+             parameters minimise the sum of the squared residuals over their noise plus the sum of "
+            span.formula { "((value − nominal) / tolerance)" sup { "2" } }
+            ". Where drives are exact, closures hold to a hundredth of the smallest noise of a length. Nominal values and tolerances \
+             (one standard deviation) are those of the robot file."
+        }
+        @if let Some(rows) = &study.rows { p { (findings::rows(rows)) } }
+        @if !study.variants.is_empty() { (table(&tables::solver(study), "")) }
+    }
+}
+
 fn method(study: &Study) -> Markup {
+    if study.rows.is_some() {
+        return method_of_measurements(study);
+    }
     let has_carts = study.architecture.carts > 0;
     let has_driven = study.architecture.driven_lengths > 0;
     html! {
@@ -239,8 +284,11 @@ fn assumptions(study: &Study, figures: &[Figure]) -> Markup {
 fn geometry(study: &Study) -> Markup {
     html! {
         p {
-            "Lengths and coordinates in the measurement frame of set 1 at " var { "q" } " = 0; the plate joint in TCP coordinates. \
-             The cost is the sum of squared residuals " var { "r" } " over the calibration poses, without weights or priors."
+            "Lengths and coordinates in the measurement frame" @if study.rows.is_none() { " of set 1" } " at " var { "q" }
+            " = 0; the plate joint in TCP coordinates."
+            @if study.rows.is_none() {
+                " The cost is the sum of squared residuals " var { "r" } " over the calibration poses, without weights or priors."
+            }
         }
         @for variant in &study.variants {
             (table(&tables::geometry(variant, study.architecture), "wide compact"))

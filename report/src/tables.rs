@@ -6,9 +6,9 @@ use tau::evaluation::VariantResult;
 use tau::robot::Architecture;
 use tau::sensitivity::{ParameterSensitivity, Sensitivity, Turn};
 use tau::study::results::Study;
-use tau::trust::{FileFit, Verdict};
 
 use super::findings;
+use super::held_errors;
 use super::number::{
     concise, decimals, fixed, general, largest, rms, scientific, shared_decimals, with_sigma,
 };
@@ -21,8 +21,11 @@ fn three(value: Option<[f64; 3]>, decimals: usize) -> [Cell; 3] {
     )
 }
 
-/// Table I: position and orientation errors of each variant at the validation poses.
+/// Errors of each variant: Table I, or, where poses were not measured, those of measurements that were held out.
 pub(super) fn errors(study: &Study) -> Table {
+    if study.rows.is_some() {
+        return held_errors::table(study);
+    }
     let positions = study.variants.iter().flat_map(|variant| {
         let position = variant.position_um;
         [position.mean, position.max, position.rms]
@@ -139,7 +142,10 @@ pub(super) fn geometry(variant: &VariantResult, of: Architecture) -> Table {
         (false, true) => groups.push(("Track rotation (rad)", &["x", "y", "z"])),
         _ => groups.push(("Track direction v", &["x", "y", "z"])),
     }
-    groups.push(("Cost (m⁴)", &["Σ r²"]));
+    let cost = any(|link| link.cost_m4.is_finite());
+    if cost {
+        groups.push(("Cost (m⁴)", &["Σ r²"]));
+    }
     let widening = findings::widening(variant);
     let lengths = Digits::of(links.iter().map(|link| link.sigma.length_m), widening);
     let joints = Digits::of(
@@ -171,7 +177,9 @@ pub(super) fn geometry(variant: &VariantResult, of: Architecture) -> Table {
                 let track = link.track_direction.or(link.track_rotation_rad);
                 row.extend(tracks.three(track, sigma.track));
             }
-            row.push(Cell::Number(scientific(link.cost_m4, 3)));
+            if cost {
+                row.push(Cell::Number(scientific(link.cost_m4, 3)));
+            }
             row
         })
         .collect();
@@ -293,58 +301,6 @@ pub(super) fn sensitivity(sensitivity: &Sensitivity, of: Architecture) -> Vec<Ta
             }
         })
         .collect()
-}
-
-/// Residuals by file against the noise.
-pub(super) fn by_file(fit: &Verdict) -> Option<Table> {
-    let row = |file: &FileFit| {
-        let (factor, unit) = match file.unit {
-            "m" => (1e6, "µm"),
-            _ => (1e6, "µrad"),
-        };
-        vec![
-            text(file.file),
-            text(file.kind),
-            Cell::Number(file.rows.to_string()),
-            Cell::Number(general(factor * file.rms, 3)),
-            Cell::Number(general(factor * file.expected_rms, 3)),
-            text(unit),
-            number(file.rms / file.expected_rms, 2),
-        ]
-    };
-    let rows: Vec<_> = fit.by_file.iter().map(row).collect();
-    (!rows.is_empty()).then(|| Table {
-        title: "Residuals by file, against what the stated noise would show".to_owned(),
-        columns: columns(&[
-            ("", &["File", "Residuals", "Number"]),
-            ("Root mean square", &["found", "expected", "unit", "ratio"]),
-        ]),
-        rows,
-    })
-}
-
-/// The poses that are met worst.
-pub(super) fn worst(fit: &Verdict) -> Option<Table> {
-    let rows: Vec<_> = (fit.worst.iter())
-        .map(|pose| vec![text(&pose.pose.to_string()), number(pose.sigmas, 1)])
-        .collect();
-    (!rows.is_empty()).then(|| Table {
-        title: "Poses met worst".to_owned(),
-        columns: columns(&[("", &["Pose", "residuals / noise"])]),
-        rows,
-    })
-}
-
-/// The parameters furthest from nominal.
-pub(super) fn pulls(fit: &Verdict) -> Option<Table> {
-    let rows: Vec<_> = (fit.pulls.iter())
-        .map(|pull| vec![text(&pull.parameter), number(pull.tolerances, 2)])
-        .collect();
-    (!rows.is_empty()).then(|| Table {
-        title: "Parameters furthest from nominal".to_owned(),
-        columns: columns(&[("", &["Parameter", "change / tolerance"])]),
-        rows,
-    })
 }
 
 /// End of the solver for each variant.

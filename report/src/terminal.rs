@@ -25,12 +25,16 @@ pub fn study(study: &Study, width: usize) -> String {
     screen.line(&format!("{}, {}", study.robot, study.folder));
     screen.gap();
     let has_cart_poses = findings::has_cart_poses(study);
-    screen.say(&findings::poses(
-        study.poses,
-        has_cart_poses,
-        study.architecture,
-    ));
-    screen.say(&findings::noise(study.noise));
+    if let Some(rows) = &study.rows {
+        screen.say(&findings::rows(rows));
+    } else {
+        screen.say(&findings::poses(
+            study.poses,
+            has_cart_poses,
+            study.architecture,
+        ));
+        screen.say(&findings::noise(study.noise));
+    }
     for remark in &study.remarks {
         screen.say(remark);
     }
@@ -49,11 +53,13 @@ pub fn study(study: &Study, width: usize) -> String {
         sensitivities(&mut screen, found, study.architecture);
         screen.gap();
     }
-    screen.line("Assumptions");
-    for sentence in findings::assumptions(study) {
-        screen.say_within("  ", &sentence);
+    if study.rows.is_none() {
+        screen.line("Assumptions");
+        for sentence in findings::assumptions(study) {
+            screen.say_within("  ", &sentence);
+        }
+        screen.gap();
     }
-    screen.gap();
     screen.line("What the data determine");
     for variant in &study.variants {
         determined(&mut screen, variant);
@@ -158,7 +164,7 @@ pub fn variant(
         &result.validation_outliers,
     );
     if let Some(fit) = &result.fit {
-        trust::line(&mut screen, fit);
+        super::trust::line(&mut screen, fit);
     }
     screen.gap();
     geometry(&mut screen, result, of);

@@ -112,7 +112,7 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
         }
     }
     screen.gap();
-    trust::terminal::line(&mut screen, &found.verdict());
+    trust::line(&mut screen, &found.verdict());
     screen.into_text()
 }
 
@@ -124,7 +124,7 @@ fn link(found: &UnknownPoses, row: &GrossRow) -> Option<String> {
 }
 
 /// Unit of the noise of a kind of measurement: that of drives is theirs, rad where all of them turn.
-fn unit_of(robot: &Robot, kind: &Kind) -> &'static str {
+pub(crate) fn unit_of(robot: &Robot, kind: &Kind) -> &'static str {
     let turn = (0..robot.commands).all(|command| robot.is_angle(command));
     if kind.quantity == "closure" && turn {
         "rad"
@@ -133,7 +133,7 @@ fn unit_of(robot: &Robot, kind: &Kind) -> &'static str {
     }
 }
 
-fn length(value: f64, unit: &str) -> String {
+pub(crate) fn length(value: f64, unit: &str) -> String {
     match unit {
         "m" => format!("{} µm", general(1e6 * value, 3)),
         unit => format!("{} {unit}", general(value, 3)),

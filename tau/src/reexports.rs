@@ -73,8 +73,9 @@ pub mod trust {
 /// Calibration from any measurements: the true pose behind every sample is unknown.
 pub mod unknown_poses {
     pub use tau_estimation::unknown_poses::{
-        Freedom, GrossRow, HeldOut, HeldOutKind, Kind, KindFit, Object, ObjectEstimate, Rank,
-        RowDivision, RowPlace, UnknownPoses, calibrate, rank,
+        Freedom, GrossRow, HeldErrors, HeldOut, HeldOutKind, JudgedRows, Kind, KindErrors, KindFit,
+        Moved, Object, ObjectEstimate, PlaceEstimate, Rank, RowDivision, RowError, RowPlace,
+        UnknownPoses, calibrate, evaluate, rank,
     };
 }
 

@@ -514,7 +514,10 @@ fn lacks(effect: &Effect, model: &Model, file: &RobotFile, folder: &Folder) -> V
 
 fn missing(robot: &Robot, folder: &Folder, effects: &[Sight]) -> Vec<Gap> {
     let mut missing = Vec::new();
-    let has_carts = Shape::from(robot).has_carts();
+    // Where nothing tells poses, sets 2 and 3 take no part.
+    let tells_poses =
+        !folder.tcp_poses.is_empty() || folder.rows_of(PlateKind::Position).next().is_some();
+    let has_carts = Shape::from(robot).has_carts() && (tells_poses || !folder.has_partial_poses());
     if has_carts && folder.cart_poses.is_empty() {
         let is_piecewise = |variant: &&Variant| {
             let mut tracks = variant.tracks.iter();

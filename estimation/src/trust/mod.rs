@@ -33,7 +33,7 @@ pub use verdict::{
 /// Chance that a test calls consistent input inconsistent, the same as that at which errors in variables begin to
 /// estimate noise. Two tests decide, of residuals and of parameters, so that at most one clean folder in five hundred
 /// is called so.
-const LEVEL: f64 = 1e-3;
+pub(crate) const LEVEL: f64 = 1e-3;
 /// A parameter so many tolerances from nominal is a mistake and no part out of tolerance: halfway, by factors, between
 /// the ten of a bad part and the hundred of a slipped digit or unit.
 const ABSURD_TOLERANCES: f64 = 30.0;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use nalgebra::{Cholesky, DMatrix, Vector3};
 use rayon::prelude::*;
-use tau_kinematics::{Machine, Pose};
+use tau_kinematics::{Closures, Machine, Pose};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Conditions, DISTANCES, Folder, PlateKind, PlateRow, TCP_POSES};
 use tau_robot::robot::{Instance, ResidualKind};
@@ -19,7 +19,7 @@ use super::objects::{Object, ObjectUnknown, collect_objects};
 use super::quantity::{Measured, Quantity, base};
 use super::rows::{DRIVES, Kind, LINKS, RowPlace, Rows};
 use crate::calibration::error::Error;
-use crate::problem::{CLOSURE_SHARE, POSE_UNKNOWNS, TruePose, by_pose, gradient};
+use crate::problem::{CLOSURE_SHARE, POSE_UNKNOWNS, TruePose, by_pose};
 use crate::samples::Sample;
 
 /// A step of Newton's method (m, rad) that moves a pose by less than a sketch leaves open of it.
@@ -289,7 +289,7 @@ impl<'a> Assembly<'a> {
     }
 
     /// The residuals of chosen rows about the poses' bases; `used` are the indices in the variant of its parameters
-    /// among the shared unknowns, empty to be told them.
+    /// among the shared unknowns.
     pub(super) fn rows(
         &self,
         machine: &Machine,
@@ -461,18 +461,11 @@ impl<'a> Assembly<'a> {
         used: &[usize],
         chosen: &Chosen<'_>,
     ) -> Result<Rows, Error> {
-        let closures: Vec<(Instance, Instance)> =
-            (machine.variant.instances_of(ResidualKind::Closure))
-                .filter_map(|closure| Some((closure.clone(), by_pose(machine, closure)?.clone())))
-                .collect();
+        let closures = closures_of(machine);
         let count = closures.len();
-        let family = Arc::new(TruePose::new(&closures, machine.robot.commands));
+        let family = Arc::new(TruePose::new(&closures));
         let place = |index: &usize| used.binary_search(index).unwrap_or_default();
-        let parameters = if used.is_empty() {
-            family.parameters().to_vec()
-        } else {
-            family.parameters().iter().map(place).collect()
-        };
+        let parameters = family.parameters().iter().map(place).collect();
         let sigmas = drive_sigmas(self.file, machine.robot.commands);
         let are_lengths = self.file.noise_of_links().is_some();
         let inner = Arc::clone(&family) as Arc<dyn ResidualFamily>;
@@ -491,11 +484,9 @@ impl<'a> Assembly<'a> {
                 filled.map_err(|missing| sample.lacks_in(reading.place.file, missing))?;
                 rows.own
                     .extend((0..POSE_UNKNOWNS).map(|axis| POSE_UNKNOWNS * index + axis));
-                let slopes = closures.iter().map(|(_, by_pose)| {
-                    let [x, y, z, ..] = gradient(machine, by_pose, &sample)?;
-                    Ok((x * x + y * y + z * z).sqrt())
-                });
-                let slopes = slopes.collect::<Result<Vec<f64>, Error>>()?;
+                let view = sample.view();
+                let failed = |error| Error::at_pose(sample.number, machine.explained(error, &view));
+                let by_pose = machine.closures(&view).map_err(failed)?;
                 let is_gross = |link: usize| {
                     chosen.left_out.contains(&RowPlace {
                         drive: Some(link),
@@ -506,11 +497,11 @@ impl<'a> Assembly<'a> {
                     (_, true) => 0.0,
                     (Some(_), _) => 1.0,
                     _ if are_lengths => 1.0,
-                    (None, _) => slopes[link].recip(),
+                    (None, _) => by_pose.slopes[link].recip(),
                 };
                 rows.weights.extend((0..count).map(weight));
                 if let Some(sigmas) = &sigmas {
-                    rows.data.extend(factor(machine, &sample, &slopes, sigmas)?);
+                    rows.data.extend(factor(&by_pose, sample.number, sigmas)?);
                 }
                 rows.places.push(reading.place);
             }
@@ -519,17 +510,22 @@ impl<'a> Assembly<'a> {
     }
 }
 
-/// Inverse Cholesky factor, by rows, of the covariance that the noise of the drives gives the closures (m²) of a sample.
-fn factor(
-    machine: &Machine,
-    sample: &Sample,
-    slopes: &[f64],
-    sigmas: &[f64],
-) -> Result<Vec<f64>, Error> {
-    let view = sample.view();
-    let failed = |error| Error::at_pose(sample.number, machine.explained(error, &view));
-    let closures = machine.closures(&view).map_err(failed)?;
-    let count = slopes.len();
+/// Indices in the variant of its parameters that the closures depend on, ascending.
+pub(super) fn used(machine: &Machine) -> Vec<usize> {
+    TruePose::new(&closures_of(machine)).parameters().to_vec()
+}
+
+/// Closures by parameters, each with that by pose.
+fn closures_of(machine: &Machine) -> Vec<(Instance, Instance)> {
+    let closures = machine.variant.instances_of(ResidualKind::Closure);
+    closures
+        .filter_map(|closure| Some((closure.clone(), by_pose(machine, closure)?.clone())))
+        .collect()
+}
+
+/// Inverse Cholesky factor, by rows, of the covariance that the noise of the drives gives the closures (m²) of a pose.
+fn factor(closures: &Closures, pose: u32, sigmas: &[f64]) -> Result<Vec<f64>, Error> {
+    let count = closures.slopes.len();
     let by_drives = DMatrix::from_fn(count, sigmas.len(), |row, command| {
         closures.jacobian[(row, POSE_UNKNOWNS + command)] * sigmas[command]
     });
@@ -543,14 +539,11 @@ fn factor(
     let inverse =
         lower.and_then(|lower| lower.solve_lower_triangular(&DMatrix::identity(count, count)));
     let inverse = inverse.ok_or_else(|| {
-        let message = format!(
-            "pose {}: the closures do not depend on the drives",
-            sample.number
-        );
+        let message = format!("pose {pose}: the closures do not depend on the drives");
         InputError::whole("readings.csv", message)
     })?;
     let scaled = DMatrix::from_fn(count, count, |row, column| {
-        inverse[(row, column)] / slopes[column]
+        inverse[(row, column)] / closures.slopes[column]
     });
     Ok(scaled.transpose().as_slice().to_vec())
 }

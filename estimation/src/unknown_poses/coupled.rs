@@ -48,6 +48,32 @@ impl Coupled {
     fn split<'a>(&self, prepared: &'a [f64]) -> (&'a [f64], &'a [f64]) {
         prepared.split_at(self.inner.shape().prepared)
     }
+
+    /// What many samples prepared for the inner family, one after the other, and the factor of each.
+    fn split_all<'a>(&self, prepared: &'a [f64]) -> (Vec<f64>, impl Iterator<Item = &'a [f64]>) {
+        let own = self.inner.shape().prepared;
+        let samples = prepared.chunks_exact(self.shape().prepared);
+        let inner = samples.clone().flat_map(|sample| &sample[..own]);
+        let inner = inner.copied().collect();
+        (inner, samples.map(move |sample| &sample[own..]))
+    }
+
+    /// Derivatives of the coupled residuals, from those of the inner family.
+    fn couple_entries(&self, factor: &[f64], entries: &[f64], jacobian: &mut [f64]) {
+        let pattern = self.inner.pattern();
+        let rows = self.places.len();
+        jacobian.fill(0.0);
+        for (row, places) in self.places.iter().enumerate() {
+            let of_row = &mut jacobian[self.row_starts[row] as usize..];
+            for (k, places) in places.iter().enumerate() {
+                let weight = factor[row * rows + k];
+                let entries = &entries[pattern.row_starts[k] as usize..];
+                for (&place, entry) in places.iter().zip(entries) {
+                    of_row[place] += weight * entry;
+                }
+            }
+        }
+    }
 }
 
 impl ResidualFamily for Coupled {
@@ -79,13 +105,7 @@ impl ResidualFamily for Coupled {
     fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
         let (own, factor) = self.split(prepared);
         self.inner.value(own, parameters, residuals);
-        let rows = residuals.len();
-        // From the last row on, so that those before are still as they were.
-        for row in (0..rows).rev() {
-            residuals[row] = (0..=row)
-                .map(|k| factor[row * rows + k] * residuals[k])
-                .sum();
-        }
+        couple(factor, residuals);
     }
 
     fn linearize(
@@ -96,24 +116,51 @@ impl ResidualFamily for Coupled {
         jacobian: &mut [f64],
     ) {
         let (own, factor) = self.split(prepared);
-        let pattern = self.inner.pattern();
-        let mut entries = vec![0.0; pattern.len()];
+        let mut entries = vec![0.0; self.inner.pattern().len()];
         self.inner
             .linearize(own, parameters, residuals, &mut entries);
-        let rows = residuals.len();
-        jacobian.fill(0.0);
-        for row in (0..rows).rev() {
-            residuals[row] = (0..=row)
-                .map(|k| factor[row * rows + k] * residuals[k])
-                .sum();
-            let of_row = &mut jacobian[self.row_starts[row] as usize..];
-            for (k, places) in self.places[row].iter().enumerate() {
-                let weight = factor[row * rows + k];
-                let entries = &entries[pattern.row_starts[k] as usize..];
-                for (&place, entry) in places.iter().zip(entries) {
-                    of_row[place] += weight * entry;
-                }
-            }
+        self.couple_entries(factor, &entries, jacobian);
+        couple(factor, residuals);
+    }
+
+    fn value_each(&self, prepared: &[f64], shared: &[f64], own: &[f64], residuals: &mut [f64]) {
+        let (inner, factors) = self.split_all(prepared);
+        self.inner.value_each(&inner, shared, own, residuals);
+        let rows = self.inner.shape().residuals;
+        for (factor, residuals) in factors.zip(residuals.chunks_exact_mut(rows)) {
+            couple(factor, residuals);
         }
+    }
+
+    fn linearize_each(
+        &self,
+        prepared: &[f64],
+        shared: &[f64],
+        own: &[f64],
+        residuals: &mut [f64],
+        jacobian: &mut [f64],
+    ) {
+        let (inner, factors) = self.split_all(prepared);
+        let (rows, width) = (self.inner.shape().residuals, self.inner.pattern().len());
+        let mut entries = vec![0.0; residuals.len() / rows * width];
+        self.inner
+            .linearize_each(&inner, shared, own, residuals, &mut entries);
+        let of_samples = residuals.chunks_exact_mut(rows);
+        let of_samples = of_samples.zip(entries.chunks_exact(width));
+        let of_samples = of_samples.zip(jacobian.chunks_exact_mut(self.columns.len()));
+        for (factor, ((residuals, entries), jacobian)) in factors.zip(of_samples) {
+            self.couple_entries(factor, entries, jacobian);
+            couple(factor, residuals);
+        }
+    }
+}
+
+/// Multiplies by the factor, from the last row on, so that those before are still as they were.
+fn couple(factor: &[f64], residuals: &mut [f64]) {
+    let rows = residuals.len();
+    for row in (0..rows).rev() {
+        let factors = &factor[row * rows..=row * rows + row];
+        let terms = factors.iter().zip(residuals.iter());
+        residuals[row] = terms.map(|(factor, residual)| factor * residual).sum();
     }
 }

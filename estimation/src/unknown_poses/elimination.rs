@@ -6,6 +6,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::assembly::Assembly;
 use super::rows::{Kind, Rows};
 use crate::problem::POSE_UNKNOWNS;
 
@@ -99,17 +100,61 @@ struct Dense {
 
 /// Rows about a point, with what is needed to take them apart.
 pub(super) struct Elimination<'a> {
-    pub(super) blocks: &'a [Rows],
-    pub(super) kinds: &'a [Kind],
+    blocks: &'a [Rows],
+    kinds: &'a [Kind],
     /// Values of the shared unknowns.
-    pub(super) shared: &'a [f64],
+    shared: &'a [f64],
     /// Values of those of the poses.
-    pub(super) own: &'a [f64],
+    own: &'a [f64],
     /// Coordinates of a pose that are free.
-    pub(super) free: &'a [usize],
+    free: &'a [usize],
+    /// Residuals and derivatives of each block.
+    linearized: Vec<Linearized>,
 }
 
-impl Elimination<'_> {
+/// Residuals and derivatives of a block, one sample after the other.
+struct Linearized {
+    residuals: Vec<f64>,
+    entries: Vec<f64>,
+}
+
+impl Linearized {
+    fn new(rows: &Rows, shared: &[f64], own: &[f64]) -> Self {
+        let (shape, width) = (rows.family.shape(), rows.family.pattern().len());
+        let samples = rows.places.len();
+        let mut prepared = vec![0.0; samples * shape.prepared];
+        rows.family.prepare_all(&rows.data, &mut prepared);
+        let shared: Vec<f64> = rows.shared.iter().map(|&index| shared[index]).collect();
+        let own: Vec<f64> = rows.own.iter().map(|&index| own[index]).collect();
+        let mut found = Self {
+            residuals: vec![0.0; samples * shape.residuals],
+            entries: vec![0.0; samples * width],
+        };
+        let (residuals, entries) = (&mut found.residuals, &mut found.entries);
+        (rows.family).linearize_each(&prepared, &shared, &own, residuals, entries);
+        found
+    }
+}
+
+impl<'a> Elimination<'a> {
+    /// Rows at values of the shared unknowns and those of the poses.
+    pub(super) fn new(
+        blocks: &'a [Rows],
+        assembly: &'a Assembly<'_>,
+        shared: &'a [f64],
+        own: &'a [f64],
+    ) -> Self {
+        let linearized = blocks.iter().map(|rows| Linearized::new(rows, shared, own));
+        Self {
+            blocks,
+            kinds: &assembly.kinds,
+            shared,
+            own,
+            free: assembly.free,
+            linearized: linearized.collect(),
+        }
+    }
+
     fn clusters(&self) -> Vec<Cluster> {
         let poses = self.own.len() / POSE_UNKNOWNS;
         let mut parent: Vec<usize> = (0..poses).collect();
@@ -204,22 +249,14 @@ impl Elimination<'_> {
         let mut at = 0;
         for &(block, sample) in &cluster.samples {
             let of = &self.blocks[block];
-            let shape = of.family.shape();
-            let own = of.own_of(sample);
-            let parameters: Vec<f64> = (of.shared.iter().map(|&index| self.shared[index]))
-                .chain(own.iter().map(|&index| self.own[index]))
-                .collect();
-            let mut prepared = vec![0.0; shape.prepared];
-            let data = &of.data[sample * shape.data..(sample + 1) * shape.data];
-            of.family.prepare(data, &mut prepared);
+            let (each, own) = (of.kinds.len(), of.own_of(sample));
             let pattern = of.family.pattern();
-            let mut found = vec![0.0; shape.residuals];
-            let mut entries = vec![0.0; pattern.len()];
-            of.family
-                .linearize(&prepared, &parameters, &mut found, &mut entries);
+            let linearized = &self.linearized[block];
+            let found = &linearized.residuals[sample * each..(sample + 1) * each];
+            let entries = &linearized.entries[sample * pattern.len()..][..pattern.len()];
             for (residual, value) in found.iter().enumerate() {
-                let weight = of.weights[sample * shape.residuals + residual]
-                    / self.kinds[of.kinds[residual]].sigma;
+                let weight =
+                    of.weights[sample * each + residual] / self.kinds[of.kinds[residual]].sigma;
                 residuals[at] = value * weight;
                 let range = pattern.row_starts[residual] as usize
                     ..pattern.row_starts[residual + 1] as usize;

@@ -208,7 +208,7 @@ impl<'a> EstimatedPoses<'a> {
         let own = vec![0.0; POSE_UNKNOWNS * assembly.poses.len()];
         let mut blocks = assembly.rows(machine, &used, &chosen)?;
         for _ in 0..ROUNDS {
-            let steps = elimination(&blocks, assembly, &shared, &own).steps();
+            let steps = Elimination::new(&blocks, assembly, &shared, &own).steps();
             let largest = steps
                 .iter()
                 .fold(0.0, |most: f64, step| most.max(step.abs()));
@@ -224,7 +224,7 @@ impl<'a> EstimatedPoses<'a> {
             .iter()
             .map(|group| (group.samples.as_slice(), group))
             .collect();
-        let elimination = elimination(&blocks, assembly, &shared, &own);
+        let elimination = Elimination::new(&blocks, assembly, &shared, &own);
         let mut groups = elimination
             .raw_clusters()
             .into_iter()
@@ -240,21 +240,6 @@ impl<'a> EstimatedPoses<'a> {
             .collect::<Result<Vec<Eliminated>, Error>>()?;
         groups.retain(|group| group.by_closure.nrows() > 0);
         Ok(Placed { samples, groups })
-    }
-}
-
-fn elimination<'b>(
-    blocks: &'b [Rows],
-    assembly: &'b Assembly<'_>,
-    shared: &'b [f64],
-    own: &'b [f64],
-) -> Elimination<'b> {
-    Elimination {
-        blocks,
-        kinds: &assembly.kinds,
-        shared,
-        own,
-        free: assembly.free,
     }
 }
 

@@ -10,7 +10,7 @@ use tau_robot::robot::{Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 use tau_solver::{Parameter, Problem};
 
-use super::assembly::{Assembly, Chosen};
+use super::assembly::{self, Assembly, Chosen};
 use super::elimination::{self, Elimination, Reduced};
 use super::gauge::{Shared, scaled};
 use super::kinds::tells_drives;
@@ -76,7 +76,7 @@ impl<'a> Fit<'a> {
             let message = "no pose of the plate is left to calibrate";
             return Err(InputError::whole(&folder.name, message).into());
         }
-        let used = assembly.rows(&machine, &[], &chosen)?[0].shared.clone();
+        let used = assembly::used(&machine);
         let blocks = assembly.rows(&machine, &used, &chosen)?;
         let priors: Vec<Nominal> = used.iter().map(|&index| prepared.nominal[index]).collect();
         let mut start: Vec<f64> = used.iter().map(|&index| machine.values[index]).collect();
@@ -199,13 +199,7 @@ impl<'a> Fit<'a> {
 
     pub(super) fn elimination<'b>(&'b self, values: &'b [f64]) -> Elimination<'b> {
         let (shared, own) = values.split_at(self.shared());
-        Elimination {
-            blocks: &self.blocks,
-            kinds: &self.assembly.kinds,
-            shared,
-            own,
-            free: self.assembly.free,
-        }
+        Elimination::new(&self.blocks, &self.assembly, shared, own)
     }
 
     /// Standard deviation of the prior of each shared unknown, or what stands for its size where it has none.

@@ -5,8 +5,9 @@ use std::collections::BTreeSet;
 use tau_kinematics::Machine;
 
 use super::assembly::{Assembly, Chosen};
-use super::elimination::Elimination;
+use super::elimination::{Elimination, Reduced};
 use super::fit::Fit;
+use super::rows::{Kind, Rows};
 use crate::calibration::Error;
 use crate::problem::POSE_UNKNOWNS;
 
@@ -63,47 +64,46 @@ impl HeldOut {
         assembly.place_by_drives(machine)?;
         let blocks = assembly.rows(machine, &fit.used, &chosen)?;
         let own = vec![0.0; POSE_UNKNOWNS * assembly.poses.len()];
-        let elimination = Elimination {
-            blocks: &blocks,
-            kinds: &assembly.kinds,
-            shared,
-            own: &own,
-            free: assembly.free,
-        };
+        let elimination = Elimination::new(&blocks, &assembly, shared, &own);
         let reduced = elimination.reduce();
-        let mut predicted: Vec<HeldOutKind> = vec![];
-        for (rows, residuals) in blocks.iter().zip(&reduced.residuals).skip(1) {
-            for (k, (residual, weight)) in residuals.iter().zip(&rows.weights).enumerate() {
-                let kind = &assembly.kinds[rows.kinds[k % rows.kinds.len()]];
-                if *weight == 0.0 || kind.unit != "m" {
-                    continue;
-                }
-                let error = (residual * kind.sigma / weight).abs();
-                let known = predicted.iter().position(|known| known.file == kind.file);
-                let place = known.unwrap_or_else(|| {
-                    predicted.push(HeldOutKind {
-                        file: kind.file,
-                        rows: 0,
-                        rms: 0.0,
-                        max: 0.0,
-                    });
-                    predicted.len() - 1
-                });
-                let own = &mut predicted[place];
-                own.rows += 1;
-                own.rms += error * error;
-                own.max = own.max.max(error);
-            }
-        }
-        for kind in &mut predicted {
-            kind.rms = (kind.rms / kind.rows as f64).sqrt();
-        }
         let (squares, left) = elimination.without_poses();
         Ok(Some(Self {
             poses: assembly.poses.len(),
             rows: reduced.rows(),
             residual_over_noise: (left > 0).then(|| (squares / left as f64).sqrt()),
-            predicted,
+            predicted: predicted(&blocks, &assembly.kinds, &reduced),
         }))
     }
+}
+
+/// Errors of each kind of lengths that were measured, from residuals where poses follow from the drives alone.
+pub(super) fn predicted(blocks: &[Rows], kinds: &[Kind], reduced: &Reduced) -> Vec<HeldOutKind> {
+    let mut predicted: Vec<HeldOutKind> = vec![];
+    for (rows, residuals) in blocks.iter().zip(&reduced.residuals).skip(1) {
+        for (k, (residual, weight)) in residuals.iter().zip(&rows.weights).enumerate() {
+            let kind = &kinds[rows.kinds[k % rows.kinds.len()]];
+            if *weight == 0.0 || kind.unit != "m" {
+                continue;
+            }
+            let error = (residual * kind.sigma / weight).abs();
+            let known = predicted.iter().position(|known| known.file == kind.file);
+            let place = known.unwrap_or_else(|| {
+                predicted.push(HeldOutKind {
+                    file: kind.file,
+                    rows: 0,
+                    rms: 0.0,
+                    max: 0.0,
+                });
+                predicted.len() - 1
+            });
+            let own = &mut predicted[place];
+            own.rows += 1;
+            own.rms += error * error;
+            own.max = own.max.max(error);
+        }
+    }
+    for kind in &mut predicted {
+        kind.rms = (kind.rms / kind.rows as f64).sqrt();
+    }
+    predicted
 }

@@ -9,6 +9,7 @@ mod assembly;
 mod coupled;
 mod elimination;
 mod estimated;
+mod evaluation;
 mod exchanged;
 mod finish;
 mod fit;
@@ -32,16 +33,20 @@ use tau_kinematics::Machine;
 use tau_robot::measurements::Folder;
 use tau_robot::robot::{Robot, Variant};
 use tau_robot::robot_file::RobotFile;
-use tau_solver::solve;
+use tau_solver::{Solution, solve};
 
 use crate::calibration::prepared::Prepared;
 use crate::calibration::{self, Error};
 use crate::weighing::Loss;
+use elimination::Reduced;
 use fit::Fit;
 use refusals::refuse_tracker_effects;
 use starts::Search;
 
 pub use estimated::{EstimatedPoses, Placed, Side};
+pub use evaluation::{
+    HeldErrors, JudgedRows, KindErrors, Moved, PlaceEstimate, RowError, evaluate,
+};
 pub use exchanged::mistakes;
 pub use gauge::Freedom;
 pub use heldout::{HeldOut, HeldOutKind};
@@ -56,6 +61,8 @@ const ROUNDS: usize = 60;
 /// Relative change of the cost at which a round ends while noise is still estimated: 1e-8 moves parameters by 1e-4 of their
 /// standard deviations, and noise by less.
 const ROUGH_COST: f64 = 1e-8;
+/// The same once noise is known: parameters stay within 1e-6 of their standard deviations.
+const EXACT_COST: f64 = 1e-12;
 /// Changes of a standard deviation below this share are none: far less than what its own estimate is known to.
 const SAME_NOISE: f64 = 1e-3;
 /// The same while gross rows are sought, for which a standard deviation to a percent is more than enough.
@@ -126,75 +133,100 @@ fn fitted(mut fit: Fit<'_>, options: &calibration::Options) -> Result<UnknownPos
     let rank = fit.rank(&reduced, &fit.machine);
     fit.refuse_rank(&rank, options.free_scale)?;
     let mistakes = fit.exchanged_distances();
-    let mut values = fit.start.clone();
-    let mut iterations = 0;
-    let mut rounds = 0;
-    // Noise that is estimated must not be that of gross rows, which would hide among it: they are sought under Huber's loss
-    // first. Losses that let go of what is far off begin where this convex one ends, with the noise that it found (V. J.
-    // Yohai, 1987, MM-estimates): their own could shrink to that of the few rows that they keep.
+    let settled = fit.settled(options)?;
     let loss = options.treatment.loss;
-    let keeps = loss.is_some() || options.treatment.keep_outliers;
-    let is_estimated = fit.assembly.kinds.iter().any(Kind::is_estimated);
-    fit.loss = (loss.is_some() || (is_estimated && !keeps)).then_some(Loss::Huber);
-    let mut is_exact = !is_estimated;
-    let (solution, reduced, leverages) = loop {
-        rounds += 1;
-        let solution = {
-            let problem = fit.problem(&values);
-            let solver = tau_solver::Options {
-                cost_tolerance: (options.solver.cost_tolerance).max(if is_exact {
-                    1e-12
-                } else {
-                    ROUGH_COST
-                }),
-                ..options.solver.clone()
-            };
-            let failed = |error: tau_solver::Error| fit.not_converged(error.to_string());
-            let solution = solve(&problem, &solver).map_err(failed)?;
-            if !solution.converged() || solution.parameters.iter().any(|value| !value.is_finite()) {
-                return Err(fit.not_converged(solution.termination.to_string()));
-            }
-            solution
-        };
-        iterations += solution.iterations;
-        values.clone_from(&solution.parameters);
-        let moved = fit.largest_move(&values);
-        let reduced = fit.elimination(&values).reduce();
-        let covariance = fit.covariance(&reduced.triangle, 1.0);
-        let leverages = fit.elimination(&values).leverages(&covariance);
-        let is_last = fit.loss == loss;
-        let noise = if is_last && loss.is_some_and(|loss| loss != Loss::Huber) {
-            0.0
-        } else {
-            fit.estimate_noise(&reduced, &leverages)
-        };
-        let same_noise = if is_last { SAME_NOISE } else { ROUGH_NOISE };
-        let is_settled = moved < SAME_POSE && noise < same_noise;
-        let left_out = is_settled && !keeps && fit.leave_out_gross(&reduced, &leverages);
-        let is_done = is_settled && is_last && !left_out;
-        if rounds == ROUNDS || (is_done && is_exact) {
-            break (solution, reduced, leverages);
-        }
-        if is_settled && !left_out {
-            fit.loss = loss;
-        }
-        is_exact = !is_estimated || is_done;
-        fit.rebuild(&mut values)?;
-    };
     if loss.is_some() {
-        fit.gross = fit.gross_rows(&reduced, &leverages);
+        fit.gross = fit.gross_rows(&settled.reduced, &settled.leverages);
     }
-    let machine = fit.machine_at(&values);
-    let rank = fit.rank(&reduced, &machine);
+    let machine = fit.machine_at(&settled.solution.parameters);
+    let rank = fit.rank(&settled.reduced, &machine);
     let found = fit.finish(
-        &values,
-        (&reduced, &leverages),
+        &settled.solution.parameters,
+        (&settled.reduced, &settled.leverages),
         rank,
-        (&solution, iterations),
+        (&settled.solution, settled.iterations),
     )?;
     Ok(UnknownPoses {
         mistakes,
         loss,
         ..found
     })
+}
+
+/// A fit at its end.
+struct Settled {
+    solution: Solution,
+    /// Of all rounds.
+    iterations: usize,
+    reduced: Reduced,
+    /// Share of each residual that the fit absorbs.
+    leverages: Vec<Vec<f64>>,
+}
+
+impl Fit<'_> {
+    /// Fits in rounds, until poses, noise and the rows that take part stay as they are.
+    fn settled(&mut self, options: &calibration::Options) -> Result<Settled, Error> {
+        let mut values = self.start.clone();
+        let mut iterations = 0;
+        let mut rounds = 0;
+        // Noise that is estimated must not be that of gross rows, which would hide among it: they are sought under Huber's loss
+        // first. Losses that let go of what is far off begin where this convex one ends, with the noise that it found (V. J.
+        // Yohai, 1987, MM-estimates): their own could shrink to that of the few rows that they keep.
+        let loss = options.treatment.loss;
+        let keeps = loss.is_some() || options.treatment.keep_outliers;
+        let is_estimated = self.assembly.kinds.iter().any(Kind::is_estimated);
+        self.loss = (loss.is_some() || (is_estimated && !keeps)).then_some(Loss::Huber);
+        let mut is_exact = !is_estimated;
+        loop {
+            rounds += 1;
+            let solution = {
+                let problem = self.problem(&values);
+                let solver = tau_solver::Options {
+                    cost_tolerance: (options.solver.cost_tolerance).max(if is_exact {
+                        EXACT_COST
+                    } else {
+                        ROUGH_COST
+                    }),
+                    ..options.solver.clone()
+                };
+                let failed = |error: tau_solver::Error| self.not_converged(error.to_string());
+                let solution = solve(&problem, &solver).map_err(failed)?;
+                if !solution.converged()
+                    || solution.parameters.iter().any(|value| !value.is_finite())
+                {
+                    return Err(self.not_converged(solution.termination.to_string()));
+                }
+                solution
+            };
+            iterations += solution.iterations;
+            values.clone_from(&solution.parameters);
+            let moved = self.largest_move(&values);
+            let reduced = self.elimination(&values).reduce();
+            let covariance = self.covariance(&reduced.triangle, 1.0);
+            let leverages = self.elimination(&values).leverages(&covariance);
+            let is_last = self.loss == loss;
+            let noise = if is_last && loss.is_some_and(|loss| loss != Loss::Huber) {
+                0.0
+            } else {
+                self.estimate_noise(&reduced, &leverages)
+            };
+            let same_noise = if is_last { SAME_NOISE } else { ROUGH_NOISE };
+            let is_settled = moved < SAME_POSE && noise < same_noise;
+            let left_out = is_settled && !keeps && self.leave_out_gross(&reduced, &leverages);
+            let is_done = is_settled && is_last && !left_out;
+            if rounds == ROUNDS || (is_done && is_exact) {
+                return Ok(Settled {
+                    solution,
+                    iterations,
+                    reduced,
+                    leverages,
+                });
+            }
+            if is_settled && !left_out {
+                self.loss = loss;
+            }
+            is_exact = !is_estimated || is_done;
+            self.rebuild(&mut values)?;
+        }
+    }
 }

@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use tau_robot::measurements::{Folder, Split};
 
 use super::ABSORBED;
+use super::evaluation::JudgedRows;
 use super::gauge::Freedom;
 use super::heldout::HeldOut;
 use super::objects::Object;
@@ -55,6 +56,33 @@ impl RowDivision {
             distances: lines(&of_rows.calibration),
             held_out_distances: lines(&of_rows.validation),
         }
+    }
+
+    /// Rows that are held out, all of those that calibrate where none are. Where redundant drives measure each other,
+    /// distances between poses at which they calibrate took part.
+    pub fn judged(&self, folder: &Folder, is_redundant: bool) -> JudgedRows {
+        let is_new = |pose: &u32| !self.calibration.contains(pose);
+        let poses: BTreeSet<u32> = self.validation.iter().copied().filter(is_new).collect();
+        let distances = folder.distances.iter();
+        let distances: BTreeSet<usize> = distances
+            .filter(|row| self.held_out_distances.contains(&row.line))
+            .filter(|row| !self.distances.contains(&row.line))
+            .filter(|row| !is_redundant || row.poses.iter().all(is_new))
+            .map(|row| row.line)
+            .collect();
+        if poses.is_empty() && distances.is_empty() {
+            return JudgedRows {
+                poses: self.validation.clone(),
+                distances: self.held_out_distances.clone(),
+            };
+        }
+        JudgedRows { poses, distances }
+    }
+
+    /// True if no row both calibrates and validates.
+    pub fn is_disjoint(&self) -> bool {
+        self.calibration.is_disjoint(&self.validation)
+            && self.distances.is_disjoint(&self.held_out_distances)
     }
 }
 

@@ -1,7 +1,8 @@
 //! Findings of discovery, in plain sentences.
 
 use tau::discovery::results::{
-    FoundEffect, LeftOut, Model, Motion, Place, Quantity, Readable, Reason, Target, Unnamed,
+    ErrorOf, FoundEffect, LeftOut, Model, Motion, Place, Quantity, Readable, Reason, Target,
+    Unnamed,
 };
 use tau::discovery::{Discovery, Status};
 
@@ -58,9 +59,10 @@ pub(crate) fn gap(found: &Discovery) -> String {
     let um = |value: f64| general(value, 3);
     let [floor, ceiling] = [found.noise_floor_um, found.ceiling_um].map(um);
     let poses = if found.validation.held_out {
-        "On the validation poses, which took no part,"
+        let of = found.validation.of.held_out();
+        format!("On {of}, which took no part,")
     } else {
-        "On the poses that were searched, for none was kept apart,"
+        "On the poses that were searched, for none was kept apart,".to_owned()
     };
     let change = if is_base(found) {
         format!(
@@ -281,12 +283,16 @@ fn serial(found: &Discovery) -> Option<String> {
         "no more than chance"
     };
     Some(format!(
-        "In the order of {}, neighbouring poses of set 1 correlate by {} (p = {}); lags 1 to {} together p = {}: \
+        "In the order of {}, neighbouring poses{} correlate by {} (p = {}); lags 1 to {} together p = {}: \
          {verdict}.",
         if whiteness.order == "time" {
             "time"
         } else {
             "the file"
+        },
+        match found.validation.of {
+            ErrorOf::Position => " of set 1",
+            ErrorOf::Measurements => "",
         },
         typographic(&fixed(after.lag1, 2)),
         typographic(&chance(after.p_value)),

@@ -7,6 +7,7 @@ use tau::measurements::PoseCounts;
 use tau::robot::Architecture;
 use tau::session::Record;
 use tau::study::results::Study;
+use tau::unknown_poses::RowDivision;
 
 use super::words;
 use crate::findings;
@@ -27,6 +28,8 @@ pub struct Setting {
     pub layout: Option<Layout>,
     /// Positions of all measured poses (m).
     pub measured_m: Vec<[f64; 3]>,
+    /// Rows that calibrate and that validate, where poses were not measured; positions are those estimated then.
+    pub rows: Option<RowDivision>,
     /// Origin of the figures.
     pub record: Record,
 }
@@ -42,6 +45,7 @@ impl Setting {
             architecture: study.architecture,
             layout: study.layout.clone(),
             measured_m: measured.map(|point| point.position_m).collect(),
+            rows: study.rows.clone(),
             record: record.clone(),
         }
     }
@@ -52,14 +56,23 @@ pub(crate) fn obtained(found: &Discovery, setting: &Setting) -> Markup {
     let base = &found.base;
     html! {
         p {
-            (findings::poses(setting.poses, setting.has_cart_poses, setting.architecture)) " " (findings::noise(setting.noise))
-            " Poses that calibrate take part in the search; those that validate take part in nothing and show the "
+            @if let Some(rows) = &setting.rows {
+                (findings::rows(rows))
+                " What calibrates takes part in the search; what validates takes part in nothing and shows the "
+            } @else {
+                (findings::poses(setting.poses, setting.has_cart_poses, setting.architecture)) " " (findings::noise(setting.noise))
+                " Poses that calibrate take part in the search; those that validate take part in nothing and show the "
+            }
             (found.validation.of.short()) "."
         }
         ol.steps {
             li {
                 b { "Fit. " }
-                @if setting.architecture.carts > 0 {
+                @if setting.rows.is_some() {
+                    (words::variant(&found.model, base)) " is fitted to all measurements of the plate at once, the pose behind each \
+                     unknown, with the tolerances of the robot file as priors; poses are then where machine and measurements \
+                     have them. "
+                } @else if setting.architecture.carts > 0 {
                     (words::variant(&found.model, base)) " is fitted to all sets that there are at once: set 1 through the closure of its links, \
                      sets 2 and 3 through the motion of the carts, with the frames of the tracker and the places of the \
                      targets unknown and the tolerances of the robot file as priors. A study's table of errors fits set 1 \
@@ -73,8 +86,14 @@ pub(crate) fn obtained(found: &Discovery, setting: &Setting) -> Markup {
             }
             li {
                 b { "Weigh. " }
-                "All closures of a pose share the noise of its position and rotation: they are whitened together. The size \
-                 of the noise is estimated for each set; what is called the stated noise is that of the robot file."
+                @if setting.rows.is_some() {
+                    "What the motions of a pose could take up of its readings and measurements is taken away; what is left is \
+                     weighed by the noise of each kind. "
+                } @else {
+                    "All closures of a pose share the noise of its position and rotation: they are whitened together. The size \
+                     of the noise is estimated for each set; "
+                }
+                "What is called the stated noise is that of the robot file."
             }
             li {
                 b { "Score. " }

@@ -122,7 +122,7 @@ fn gap(found: &Discovery, figures: &[Figure]) -> Markup {
         p {
             "After each step the model is fitted to all sets at once and predicts "
             @if found.validation.held_out {
-                "the validation poses, which take no part in the search."
+                (found.validation.of.held_out()) ", which take no part in the search."
             } @else {
                 "the same poses again: none was kept apart, so part of what the model follows is their noise."
             }

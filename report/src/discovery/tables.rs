@@ -2,7 +2,7 @@
 
 use tau::discovery::Discovery;
 use tau::discovery::results::Verdict;
-use tau::discovery::results::{SerialCorrelation, UsedEffect};
+use tau::discovery::results::{ErrorOf, SerialCorrelation, UsedEffect};
 
 use super::words::sizes;
 use super::{at, chance, readable};
@@ -83,7 +83,10 @@ pub(crate) fn steps(found: &Discovery) -> Table {
         Cell::Empty,
     ]);
     Table {
-        title: "Error at the validation poses, step by step".to_owned(),
+        title: match found.validation.of {
+            ErrorOf::Position => "Error at the validation poses, step by step".to_owned(),
+            of @ ErrorOf::Measurements => format!("Error of {}, step by step", of.held_out()),
+        },
         columns: columns(&[
             ("", &["Model"]),
             (
@@ -221,7 +224,11 @@ pub(crate) fn whiteness(found: &Discovery) -> Option<Table> {
     };
     Some(Table {
         title: format!(
-            "Serial correlation of the residuals of set 1 ({} poses in {order})",
+            "Serial correlation of the residuals{} ({} poses in {order})",
+            match found.validation.of {
+                ErrorOf::Position => " of set 1",
+                ErrorOf::Measurements => "",
+            },
             whiteness.poses
         ),
         columns: columns(&[

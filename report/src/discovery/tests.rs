@@ -215,6 +215,7 @@ fn setting() -> Setting {
         },
         layout: Some(crate::fixture::layout()),
         measured_m: vec![[-1.3, -4.2, 0.1]],
+        rows: None,
         record: crate::fixture::record(),
     }
 }

@@ -24,7 +24,10 @@ pub fn gap_by_step(found: &Discovery) -> Option<Figure> {
         return None;
     }
     let title = &format!("{} by step", found.validation.of.title());
-    let subtitle = "Mean and largest error at the validation poses; the line marks the mean of the stated noise alone";
+    let subtitle = &format!(
+        "Mean and largest error on {}; the line marks the mean of the stated noise alone",
+        found.validation.of.held_out()
+    );
     let errors = steps.iter().map(|step| [step.gap.mean_um, step.gap.max_um]);
     let rows: Vec<_> = tables::labels(found).into_iter().zip(errors).collect();
     let drawn = bars::draw((title, subtitle), &rows, Some(found.noise_floor_um));

@@ -12,7 +12,7 @@ use crate::number::{fixed, largest, shared_decimals};
 /// Table I as bars: mean and largest position error of each variant.
 pub fn error_by_variant(study: &Study) -> Option<Figure> {
     let variants = &study.variants;
-    if variants.is_empty() {
+    if variants.is_empty() || study.rows.is_some() {
         return None;
     }
     let title = "Position error by variant";

@@ -37,10 +37,10 @@ pub(super) fn of_study(study: &Study) -> Markup {
     }
     let rows: Vec<Row> = variants
         .into_iter()
-        .filter(|variant| variant.position_um.mean.is_finite())
+        .filter(|variant| variant.error_um().mean.is_finite())
         .map(|variant| Row {
             name: variant.name.clone(),
-            errors_um: [variant.position_um.mean, variant.position_um.max],
+            errors_um: [variant.error_um().mean, variant.error_um().max],
             kind: if Some(variant.name.as_str()) == best {
                 "after"
             } else {
@@ -48,11 +48,16 @@ pub(super) fn of_study(study: &Study) -> Markup {
             },
         })
         .collect();
-    bars(
-        (AT_THE_TOOL, &rows),
-        held_out(study.poses),
-        study.poses.validation,
-    )
+    match &study.rows {
+        Some(division) => bars(
+            ("Error of lengths", &rows),
+            &measurements(division.is_disjoint()),
+        ),
+        None => bars(
+            (AT_THE_TOOL, &rows),
+            &poses(study.poses.validation, held_out(study.poses)),
+        ),
+    }
 }
 
 /// Before and after the search, and what the noise alone would leave.
@@ -83,10 +88,40 @@ pub(super) fn of_discovery(found: &Discovery, poses: usize) -> Markup {
         ErrorOf::Position => AT_THE_TOOL,
         of @ ErrorOf::Measurements => of.title(),
     };
-    bars((title, &rows), found.validation.held_out, poses)
+    let is_held_out = found.validation.held_out;
+    let of = match found.validation.of {
+        ErrorOf::Position => self::poses(poses, is_held_out),
+        ErrorOf::Measurements => measurements(is_held_out),
+    };
+    bars((title, &rows), &of)
 }
 
-fn bars((title, rows): (&str, &[Row]), held_out: bool, poses: usize) -> Markup {
+/// Poses whose errors are shown.
+fn poses(count: usize, held_out: bool) -> String {
+    let count = if count > 0 {
+        format!("{count} ")
+    } else {
+        String::new()
+    };
+    let part = if held_out {
+        "took no part"
+    } else {
+        "also took part"
+    };
+    format!("at {count}poses that {part}")
+}
+
+/// Measurements whose errors are shown: a pose may have some that took part and some that did not.
+fn measurements(held_out: bool) -> String {
+    let part = if held_out {
+        "took no part"
+    } else {
+        "also took part"
+    };
+    format!("of measurements that {part}")
+}
+
+fn bars((title, rows): (&str, &[Row]), of: &str) -> Markup {
     let all = || rows.iter().flat_map(|row| row.errors_um);
     let (factor, unit) = if largest(all()) < 1e4 {
         (1.0, "µm")
@@ -107,9 +142,7 @@ fn bars((title, rows): (&str, &[Row]), held_out: bool, poses: usize) -> Markup {
         @if !rows.is_empty() {
             table.gap {
                 caption {
-                    (title) " (" (unit) "), at "
-                    @if poses > 0 { (poses) " " }
-                    @if held_out { "poses that took no part" } @else { "poses that also took part" }
+                    (title) " (" (unit) "), " (of)
                 }
                 thead { tr {
                     th scope="col" { "Model" }

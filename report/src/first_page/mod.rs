@@ -29,7 +29,7 @@ pub(crate) fn of_study(study: &Study, record: &Record) -> Markup {
             (verdict::of_study(study))
             (middle(drawing(study).as_ref(), &gap::of_study(study), found))
             (steps(&advice))
-            (record::table(record, Some(study.poses)))
+            (record::table(record, study.poses, study.rows.as_ref()))
         }
     }
 }
@@ -40,6 +40,7 @@ pub(crate) fn of_discovery(found: &Discovery, setting: &Setting, robot: &str) ->
         let errors = Errors {
             poses: &[],
             measured_m: setting.measured_m.clone(),
+            are_estimated: setting.rows.is_some(),
         };
         machine::draw(&Scene::new(layout, &errors, &pins(found)), robot)
     });
@@ -48,7 +49,7 @@ pub(crate) fn of_discovery(found: &Discovery, setting: &Setting, robot: &str) ->
             (verdict::of_discovery(found))
             (middle(drawing.as_ref(), &gap::of_discovery(found, setting.poses.validation), Some(found)))
             (steps(&next::of_discovery(found)))
-            (record::table(&setting.record, Some(setting.poses)))
+            (record::table(&setting.record, setting.poses, setting.rows.as_ref()))
         }
     }
 }
@@ -59,9 +60,11 @@ pub(crate) fn drawing(study: &Study) -> Option<Drawing> {
     let mut variants = study.variants.iter();
     let variant = variants.find(|variant| variant.name == layout.variant);
     let measured = study.assumptions.orientation.iter();
+    let measured = measured.map(|point| point.position_m);
     let errors = Errors {
         poses: variant.map_or(&[], |variant| &variant.pose_errors),
-        measured_m: measured.map(|point| point.position_m).collect(),
+        measured_m: measured.chain(study.placed_m.iter().copied()).collect(),
+        are_estimated: study.rows.is_some(),
     };
     let pins = study.discovery.as_ref().map_or_else(Vec::new, pins);
     let scene = Scene::new(layout, &errors, &pins);
@@ -141,7 +144,7 @@ fn list(found: &Discovery) -> Markup {
             ol.pinned {
                 @for (name, drop) in &entries {
                     li {
-                        (name)
+                        (prose(name))
                         @if let Some(drop) = drop {
                             span.drop { " " (gap::change(*drop)) }
                         }

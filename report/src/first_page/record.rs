@@ -3,9 +3,10 @@
 use maud::{Markup, html};
 use tau::measurements::PoseCounts;
 use tau::session::Record;
+use tau::unknown_poses::RowDivision;
 
 /// The record.
-pub(super) fn table(record: &Record, poses: Option<PoseCounts>) -> Markup {
+pub(super) fn table(record: &Record, poses: PoseCounts, rows: Option<&RowDivision>) -> Markup {
     html! {
         div.record {
             h2.small { "Record" }
@@ -15,7 +16,14 @@ pub(super) fn table(record: &Record, poses: Option<PoseCounts>) -> Markup {
                     dt { "Split" }
                     dd {
                         code { (record.split) }
-                        @if let Some(poses) = poses { ": " (poses.calibration) " poses calibrate, " (poses.validation) " validate" }
+                        @if let Some(rows) = rows {
+                            ": rows of " (rows.calibration.len()) " poses calibrate, of " (rows.validation.len()) " validate"
+                            @if !rows.distances.is_empty() {
+                                "; " (rows.distances.len()) " distances calibrate, " (rows.held_out_distances.len()) " validate"
+                            }
+                        } @else {
+                            ": " (poses.calibration) " poses calibrate, " (poses.validation) " validate"
+                        }
                     }
                 }
                 @for input in &record.inputs {

@@ -36,7 +36,12 @@ pub(super) fn of_study(study: &Study) -> Markup {
                 }
             }
             p {
-                b { (variant.name) } @if study.variants.len() > 1 { ", the variant that comes nearest to the noise" } ": "
+                b { (variant.name) }
+                @if study.variants.len() > 1 {
+                    @if study.rows.is_some() { ", the variant with the smallest errors of what was held out" }
+                    @else { ", the variant that comes nearest to the noise" }
+                }
+                ": "
                 (prose(&why.join(" ")))
             }
             @if let Some(found) = found { p { (findings::verdict(found)) } }

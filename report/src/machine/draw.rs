@@ -30,6 +30,8 @@ dominant-baseline:central;stroke:var(--paper,#fff);stroke-width:3.5;stroke-linej
 .machine .pin text{fill:var(--pin-ink,#fff);stroke:none;font-weight:700;font-size:12px;text-anchor:middle}";
 /// Radius of a pin.
 const PIN: f64 = 9.5;
+/// Width and height of the corner, above on the right, where the page has buttons that turn the drawing.
+const BUTTONS: [f64; 2] = [230.0, 44.0];
 /// Place of the axes on the paper.
 const CORNER: [f64; 2] = [62.0, SIZE[1] - 52.0];
 
@@ -115,6 +117,8 @@ fn cylinder([base, plate]: [Point; 2]) -> [Point; 2] {
 fn names(scene: &Scene<'_>, view: &View) -> Markup {
     let layout = scene.layout;
     let mut paper = Paper::new(view);
+    let [width, height] = BUTTONS;
+    paper.take_frame([SIZE[0] - width, 0.0, SIZE[0], height]);
     let pins = pins(scene, view, &mut paper);
     for rod in &layout.links {
         for end in rod.ends_m {
@@ -257,7 +261,11 @@ fn caption(scene: &Scene<'_>) -> String {
     if scene.axes_m.is_finite() {
         text += &format!("; the axes are {} m long", general(scene.axes_m, 1));
     }
-    text += ". Dots are measured poses";
+    text += if scene.are_estimated {
+        ". Dots are poses as they were estimated"
+    } else {
+        ". Dots are measured poses"
+    };
     let all = scene.poses;
     if scene.shown() > 0 {
         text += &format!(

@@ -59,6 +59,11 @@ impl<'a> Paper<'a> {
             .push([x - radius, y - radius, x + radius, y + radius]);
     }
 
+    /// Keeps names off a rectangle: left, top, right, bottom.
+    pub(super) fn take_frame(&mut self, frame: Frame) {
+        self.taken.push(frame);
+    }
+
     /// Puts a name beside one of some points, the first that leaves room, or else where it covers least.
     pub(super) fn place(
         &mut self,

@@ -22,6 +22,8 @@ pub(crate) struct Errors<'a> {
     pub(crate) poses: &'a [PoseError],
     /// Positions of all measured poses (m).
     pub(crate) measured_m: Vec<Point>,
+    /// True if these were estimated, not measured.
+    pub(crate) are_estimated: bool,
 }
 
 /// A line from a measured position towards the predicted one.
@@ -37,6 +39,8 @@ pub(crate) struct Scene<'a> {
     pub(super) layout: &'a Layout,
     /// Measured positions; of those that would lie on one another one.
     pub(super) dots: Vec<Point>,
+    /// True if these were estimated.
+    pub(super) are_estimated: bool,
     pub(super) needles: Vec<Needle>,
     /// Factor by which errors are magnified.
     pub(crate) factor: f64,
@@ -79,6 +83,7 @@ impl<'a> Scene<'a> {
         Self {
             layout,
             dots: dots.into_iter().copied().collect(),
+            are_estimated: errors.are_estimated,
             needles,
             factor,
             poses: errors.poses.len(),

@@ -33,6 +33,7 @@ fn drawn() -> (String, String, f64) {
     let errors = Errors {
         poses: &poses,
         measured_m: poses.iter().map(|error| error.position_m).collect(),
+        are_estimated: false,
     };
     let pins = [
         Pin {

@@ -1,11 +1,19 @@
 //! Trust in an answer, and contents of a folder, for people and for programs.
 
 pub mod json;
+pub(crate) mod tables;
 pub mod terminal;
 
 use tau::study::results::Study;
+use tau::trust::Verdict;
 
 use crate::number::general;
+use crate::screen::Screen;
+
+/// The verdict, with its reasons.
+pub(crate) fn line(screen: &mut Screen, verdict: &Verdict) {
+    screen.say(&format!("Verdict: {}", verdict.line()));
+}
 
 /// The other variants, a word each.
 pub(crate) fn others(study: &Study, best: &str) -> Vec<String> {

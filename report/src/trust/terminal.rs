@@ -13,12 +13,8 @@ const SHOWN: usize = 3;
 /// The line after a result.
 pub fn verdict(verdict: &Verdict, width: usize) -> String {
     let mut screen = Screen::new(width);
-    line(&mut screen, verdict);
+    super::line(&mut screen, verdict);
     screen.into_text()
-}
-
-pub(crate) fn line(screen: &mut Screen, verdict: &Verdict) {
-    screen.say(&format!("Verdict: {}", verdict.line()));
 }
 
 /// The verdict on the best variant of a study, and the others in one word each.

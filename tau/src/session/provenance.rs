@@ -2,6 +2,7 @@
 
 use tau_estimation::calibration::Calibration;
 use tau_estimation::uncertainty::Uncertainty;
+use tau_estimation::unknown_poses::{JudgedRows, RowDivision};
 use tau_robot::fingerprint::fingerprint;
 use tau_robot::measurements::{Shape, Split, TcpPose};
 use tau_robot::robot::Variant;
@@ -165,5 +166,54 @@ impl<R> Session<R> {
             return Err(InputError::whole(&self.folder.name, message));
         }
         Ok((poses, basis))
+    }
+
+    /// The same of measurements whose poses are unknown. Of the folder that the robot file was calibrated on, distances
+    /// between poses at which redundant drives calibrated took part, too.
+    ///
+    /// # Errors
+    /// The split leaves no measurement.
+    pub fn unseen_rows(&self, asked: Option<Split>) -> Result<(JudgedRows, Basis), InputError> {
+        let record = self.robot_file.calibration.as_ref();
+        let held_out = |split: Split| {
+            let division = RowDivision::of(&self.folder, split);
+            (division.validation, division.held_out_distances)
+        };
+        let (mut poses, mut distances) = match (asked, record) {
+            (Some(split), _) => held_out(split),
+            (None, None) => held_out(self.split),
+            (None, Some(_)) => held_out(Split::All),
+        };
+        let basis = match record {
+            None => Basis::Split,
+            Some(own) if own.folder.is_empty() || own.folder != self.folder.fingerprint => {
+                Basis::NewFolder
+            }
+            Some(own) => {
+                let calibrated = RowDivision::of(&self.folder, own.split);
+                let unseen = RowDivision {
+                    validation: poses,
+                    held_out_distances: distances,
+                    ..calibrated
+                };
+                let judged = unseen.judged(&self.folder, self.robot.is_redundant());
+                let is_seen = |pose| unseen.calibration.contains(pose);
+                let is_known = |line| unseen.distances.contains(line);
+                let overlaps =
+                    judged.poses.iter().any(is_seen) || judged.distances.iter().any(is_known);
+                JudgedRows { poses, distances } = judged;
+                if overlaps {
+                    Basis::Calibration
+                } else {
+                    Basis::HeldOut
+                }
+            }
+        };
+        if poses.is_empty() && distances.is_empty() {
+            let message = "no measurement is left to judge the machine by";
+            return Err(InputError::whole(&self.folder.name, message)
+                .help("let fewer of them calibrate with `--split`, or measure more"));
+        }
+        Ok((JudgedRows { poses, distances }, basis))
     }
 }

@@ -1,7 +1,7 @@
 //! Calibration of a session whose poses are unknown.
 
 use tau_estimation::calibration::{Error, Options};
-use tau_estimation::unknown_poses::{self, RowDivision, UnknownPoses};
+use tau_estimation::unknown_poses::{self, HeldErrors, JudgedRows, RowDivision, UnknownPoses};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::PlateKind;
 use tau_robot::robot_file::{Provenance, RobotFile, StatedNoise};
@@ -16,6 +16,11 @@ impl<R> Session<R> {
         self.folder.has_partial_poses()
             || !self.robot_file.measuring.drives.is_empty()
             || self.robot.is_redundant()
+    }
+
+    /// True if something was measured of the plate, but none of its poses, so that measurements are compared, not poses.
+    pub fn has_no_poses(&self) -> bool {
+        self.folder.tcp_poses.is_empty() && self.folder.has_partial_poses()
     }
 
     /// The same with measured positions of a plate that is a point taken for its poses, where there are no others: for
@@ -82,6 +87,21 @@ impl<R> Session<R> {
         let (robot, file, folder) = (&self.robot, &self.robot_file, &self.folder);
         let division = self.row_division();
         unknown_poses::calibrate(robot, variant, file, folder, &division, options)
+    }
+
+    /// Errors of measurements with the parameters of the session's robot file, the true pose of each being unknown: see
+    /// [`unknown_poses::evaluate`]. Which rows are new to a robot file says [`Self::unseen_rows`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn evaluate_unknown_poses(
+        &self,
+        variant: impl VariantKey<R>,
+        rows: &JudgedRows,
+    ) -> Result<HeldErrors, Error> {
+        let variant = variant.variant_of(&self.robot)?;
+        let (robot, file, folder) = (&self.robot, &self.robot_file, &self.folder);
+        unknown_poses::evaluate(robot, variant, file, folder, rows, &self.options())
     }
 
     /// The robot file of such a calibration, with the record of it.

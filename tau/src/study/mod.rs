@@ -1,6 +1,7 @@
 //! The main job: the paper's study on a measurement folder.
 
 pub mod results;
+mod unknown_poses;
 
 use tau_discovery as discovery;
 use tau_estimation::assumptions;
@@ -32,7 +33,8 @@ pub struct Progress<'a> {
 /// sensitivity of the last of them with a full arm. [`search`] adds what the one of [`base`] lacks.
 ///
 /// Variants with piecewise tracks are left out, with a remark, where the folder has no set 2; so are those that can't be
-/// calibrated or can't predict poses.
+/// calibrated or can't predict poses. Where poses were not measured, variants are compared by how they meet measurements that
+/// were held out; there are neither assumptions nor sensitivities.
 ///
 /// # Errors
 /// [`Error::Input`] for measurements that can't be used; otherwise the first failure, where all variants fail.
@@ -40,6 +42,9 @@ pub fn run<R>(
     session: &Session<R>,
     progress: &mut dyn FnMut(Progress<'_>),
 ) -> Result<Study, Error> {
+    if session.has_no_poses() {
+        return unknown_poses::run(session, progress);
+    }
     let Poses { counts, division } = session.poses()?;
     let (robot, file, folder) = (session.robot(), session.robot_file(), session.folder());
     let mut remarks = folder.remarks.clone();
@@ -125,6 +130,8 @@ pub fn run<R>(
         sensitivity,
         discovery: None,
         layout: None,
+        rows: None,
+        placed_m: vec![],
         remarks,
     };
     let drawn = study.fit().map(|(variant, _)| variant.name.clone());
@@ -231,5 +238,6 @@ pub fn result(
         termination: calibration.termination.clone(),
         fit: None,
         validation_outliers: vec![],
+        held: None,
     })
 }

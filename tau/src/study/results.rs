@@ -5,6 +5,7 @@ use tau_estimation::assumptions::Assumptions;
 use tau_estimation::evaluation::VariantResult;
 use tau_estimation::sensitivity::Sensitivity;
 use tau_estimation::trust::{Check, Verdict};
+use tau_estimation::unknown_poses::RowDivision;
 use tau_kinematics::Layout;
 use tau_robot::measurements::PoseCounts;
 use tau_robot::robot::Architecture;
@@ -34,16 +35,28 @@ pub struct Study {
     pub discovery: Option<Discovery>,
     /// The machine in space, as the variant of [`Study::fit`] has it at the reference pose that its calibration found.
     pub layout: Option<Layout>,
+    /// Rows that calibrate and that validate, where poses were not measured.
+    pub rows: Option<RowDivision>,
+    /// Positions of poses as they were estimated, where they were not measured (m).
+    pub placed_m: Vec<[f64; 3]>,
     /// Remarks for the reader: poses dropped, columns missing, and so on.
     pub remarks: Vec<String>,
 }
 
 impl Study {
-    /// The verdict on the variant whose residuals come nearest to the noise. Mistakes of the input are on every variant;
+    /// The verdict on the variant whose residuals come nearest to the noise, or, where poses were not measured, which has the
+    /// smallest errors of what was held out. Mistakes of the input are on every variant;
     /// what one alone misses, such as a value that it holds, is the variant's own.
     pub fn fit(&self) -> Option<(&VariantResult, &Verdict)> {
         let judged = self.variants.iter();
         let judged = judged.filter_map(|variant| Some((variant, variant.fit.as_ref()?)));
-        judged.min_by(|a, b| a.1.residual_over_noise.total_cmp(&b.1.residual_over_noise))
+        let key = |(variant, verdict): &(&VariantResult, &Verdict)| {
+            if self.rows.is_some() {
+                variant.error_um().mean
+            } else {
+                verdict.residual_over_noise
+            }
+        };
+        judged.min_by(|a, b| key(a).total_cmp(&key(b)))
     }
 }

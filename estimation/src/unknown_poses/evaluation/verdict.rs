@@ -1,0 +1,230 @@
+//! The verdict on measurements of a machine whose parameters are held.
+
+use std::collections::BTreeMap;
+
+use super::super::kinds::AXES;
+use super::super::rows::Kind;
+use super::HeldErrors;
+use crate::numerics::distribution::{chi2_survival, f_survival};
+use crate::trust::{FileFit, LARGEST_MISFIT, LEVEL, PoseFit, Pull, Status, Verdict, general};
+use crate::weighing::Outlier;
+
+/// Worst poses and parameters that are listed.
+const LISTED: usize = 5;
+/// A parameter that takes away this share of the squares beyond chance is named for them.
+const MOST: f64 = 0.8;
+
+impl HeldErrors {
+    /// Residuals against noise and the covariance of the parameters.
+    pub fn verdict(&self) -> Verdict {
+        let mut verdict = Verdict {
+            status: Status::Consistent,
+            chi2: self.all.squares,
+            dof: self.all.degrees,
+            residual_over_noise: (self.all.squares / self.all.degrees.max(1.0)).sqrt(),
+            by_file: self.by_file(),
+            worst: self.worst(),
+            pulls: self.pulls(),
+            reach: None,
+            why: vec![],
+            mistakes: self.mistakes.clone(),
+            outliers: self.outliers(),
+            repeats: None,
+            loss: None,
+        };
+        self.judge(&mut verdict);
+        verdict
+    }
+
+    /// Two tests: of what no parameters take away, and of parameters that are off those of the file.
+    fn judge(&self, verdict: &mut Verdict) {
+        let is_estimated = self.kinds.iter().any(|own| own.kind.is_estimated());
+        let squares = self.all.squares - self.rest.squares;
+        let degrees = self.all.degrees - self.rest.degrees;
+        let is_misfit =
+            self.rest.degrees > 0.0 && chi2_survival(self.rest.squares, self.rest.degrees) < LEVEL;
+        // Noise that was estimated from the rest is known no better than by so many residuals; what the model lacks is in
+        // both.
+        let has_moved = match (
+            is_estimated || is_misfit,
+            degrees > 0.0,
+            self.rest.degrees > 0.0,
+        ) {
+            (_, false, _) | (true, _, false) => false,
+            (true, ..) => {
+                let of_noise = self.rest.squares / self.rest.degrees;
+                let ratio = squares / degrees / of_noise.max(f64::MIN_POSITIVE);
+                f_survival(ratio, degrees, self.rest.degrees) < LEVEL
+            }
+            (false, ..) => chi2_survival(squares, degrees) < LEVEL,
+        };
+        let why = &mut verdict.why;
+        let ratio = general(verdict.residual_over_noise, 3);
+        let known = if self.knows_parameters {
+            "noise and what is not known of the parameters make"
+        } else {
+            "noise makes"
+        };
+        if is_misfit || has_moved {
+            verdict.status = Status::Inconsistent;
+            why.push(format!(
+                "With the parameters held, residuals are {ratio} times what {known} them (χ² {} where {} is \
+                 expected).",
+                general(self.all.squares, 4),
+                general(self.all.degrees, 4)
+            ));
+        } else {
+            why.push(format!(
+                "With the parameters held, residuals are {ratio} times what {known} them, as chance allows: {} \
+                 of them are beyond what poses and places follow.",
+                self.rows - self.spent - self.placed
+            ));
+        }
+        if has_moved {
+            why.push(format!(
+                "Other parameters would take away {} of χ², for {} expected: the machine has changed, or its parameters are \
+                 known less well than the file says.",
+                general(squares, 3),
+                general(degrees, 3)
+            ));
+            let beyond = squares - degrees;
+            let first = self.moved.first();
+            if let Some(own) = first.filter(|own| own.squares > MOST * beyond) {
+                why.push(format!(
+                    "`{}` alone would take away {}, changed by {} {}.",
+                    own.parameter,
+                    general(own.squares, 3),
+                    general(own.change, 2),
+                    own.unit
+                ));
+            }
+        }
+        if is_misfit {
+            why.push(format!(
+                "No parameters take away {} of χ², where {} is expected: the model lacks something (`tau discover` looks for \
+                 it), or the noise is larger than stated.",
+                general(self.rest.squares, 4),
+                general(self.rest.degrees, 4)
+            ));
+        }
+        if !self.knows_parameters {
+            why.push(
+                "The robot file does not say how well its parameters are known: they count as exact.".to_owned(),
+            );
+        }
+        for own in &self.kinds {
+            let Kind {
+                file,
+                unit,
+                sigma,
+                quantity,
+                ..
+            } = own.kind;
+            let is_axis = AXES.contains(&quantity);
+            if !own.is_judged() {
+                let rows = if is_axis {
+                    format!("{quantity} in {file}")
+                } else {
+                    format!("The {} of {file}", plural(quantity))
+                };
+                why.push(format!(
+                    "{rows} can't be judged: poses and places follow all but {} of {}.",
+                    general(own.redundancy, 2),
+                    own.rows
+                ));
+            } else if own.kind.is_estimated() {
+                let of = if is_axis {
+                    format!("{quantity} in {file}")
+                } else {
+                    file.to_owned()
+                };
+                why.push(format!(
+                    "The noise of {of} was estimated: {} {unit}.",
+                    general(sigma, 2)
+                ));
+            }
+        }
+        let farthest = self.kinds.iter().find(|own| {
+            own.kind.unit == "m" && own.rms > (LARGEST_MISFIT * self.length_m).max(own.expected_rms)
+        });
+        if let Some(own) = farthest.filter(|_| verdict.status == Status::Inconsistent) {
+            verdict.status = Status::Absurd;
+            why.push(format!(
+                "{} is off by {} mm: this is another machine, or commands and measurements do not belong together.",
+                own.kind.file,
+                general(1e3 * own.rms, 3)
+            ));
+        }
+        for mistake in &self.mistakes {
+            verdict.status = Status::Absurd;
+            let (file, what, mend) = (mistake.file, &mistake.what, &mistake.mend);
+            why.insert(0, format!("{file}: {what}; {mend}."));
+        }
+    }
+
+    fn by_file(&self) -> Vec<FileFit> {
+        let kinds = self.kinds.iter();
+        kinds
+            .map(|own| FileFit {
+                file: own.kind.file,
+                kind: own.kind.quantity,
+                rows: own.rows,
+                rms: own.rms,
+                expected_rms: own.expected_rms,
+                unit: own.kind.unit,
+            })
+            .collect()
+    }
+
+    /// The worst poses: root mean square of their residuals over their standard deviations.
+    fn worst(&self) -> Vec<PoseFit> {
+        let mut sums: BTreeMap<u32, (f64, f64)> = BTreeMap::new();
+        for error in &self.errors {
+            if let Some(sigmas) = error.sigmas() {
+                let own = sums.entry(error.place.pose).or_default();
+                own.0 += sigmas * sigmas;
+                own.1 += 1.0;
+            }
+        }
+        let mut worst: Vec<PoseFit> = (sums.into_iter())
+            .map(|(pose, (squares, count))| PoseFit {
+                pose,
+                sigmas: (squares / count).sqrt(),
+            })
+            .collect();
+        worst.sort_by(|a, b| b.sigmas.total_cmp(&a.sigmas));
+        worst.truncate(LISTED);
+        worst
+    }
+
+    fn pulls(&self) -> Vec<Pull> {
+        let mut pulls: Vec<Pull> = (self.moved.iter())
+            .map(|own| Pull {
+                parameter: own.parameter.clone(),
+                tolerances: own.sigmas,
+            })
+            .collect();
+        pulls.sort_by(|a, b| b.tolerances.abs().total_cmp(&a.tolerances.abs()));
+        pulls.truncate(LISTED);
+        pulls
+    }
+
+    fn outliers(&self) -> Vec<Outlier> {
+        let gross = self.gross.iter();
+        gross
+            .map(|row| Outlier {
+                file: row.place.file,
+                pose: row.place.pose,
+                sigmas: row.sigmas,
+                weight: row.weight,
+            })
+            .collect()
+    }
+}
+
+fn plural(quantity: &str) -> String {
+    match quantity {
+        "closure" => "readings".to_owned(),
+        _ => format!("{quantity}s"),
+    }
+}

@@ -1,0 +1,260 @@
+//! Errors of measurements with the parameters of a robot file, in words and as JSON.
+
+use serde_json::{Value, json};
+use tau::Robot;
+use tau::session::Basis;
+use tau::study::results::Study;
+use tau::unknown_poses::{HeldErrors, KindErrors, RowDivision, RowError, RowPlace};
+
+use crate::number::general;
+use crate::screen::Screen;
+use crate::table::{self, Cell, Table, columns, text};
+use crate::trust;
+use crate::unknown_poses::{length, unit_of};
+
+/// Rows listed in the terminal.
+const LISTED: usize = 5;
+
+/// Errors of measurements, for the terminal.
+pub fn terminal(found: &HeldErrors, robot: &Robot, basis: Basis, width: usize) -> String {
+    let mut screen = Screen::new(width);
+    let (rows, poses, spent) = (found.rows, found.poses, found.spent);
+    let placed = match found.placed {
+        0 => String::new(),
+        placed => format!(", {placed} for places"),
+    };
+    screen.say(&format!(
+        "{rows} residuals of {poses} poses, {spent} of them for the poses{placed}; the parameters are those of the robot file"
+    ));
+    screen.gap();
+    screen.line(&format!(
+        "  {:<20}{:>10}{:>8}{:>12}{:>12}{:>12}{:>12}",
+        "measurements", "kind", "rows", "noise", "rms", "expected", "largest"
+    ));
+    for own in &found.kinds {
+        let unit = unit_of(robot, &own.kind);
+        let noise = length(own.kind.sigma, unit);
+        let [rms, expected, max] = if own.is_judged() {
+            [own.rms, own.expected_rms, own.max].map(|value| length(value, unit))
+        } else {
+            ["-"; 3].map(str::to_owned)
+        };
+        let (file, quantity, rows) = (own.kind.file, own.kind.quantity, own.rows);
+        screen.line(&format!(
+            "  {file:<20}{quantity:>10}{rows:>8}{noise:>12}{rms:>12}{expected:>12}{max:>12}"
+        ));
+    }
+    for own in &found.predicted {
+        screen.say_within(
+            "  ",
+            &format!(
+                "{}: foretold from the drives alone to {} rms, {} at most ({} rows)",
+                own.file,
+                length(own.rms, "m"),
+                length(own.max, "m"),
+                own.rows
+            ),
+        );
+    }
+    screen.gap();
+    screen.line("Farthest off");
+    for own in worst(found).into_iter().take(LISTED) {
+        let kind = kind_of(found, own);
+        let unit = kind.map_or("m", |kind| unit_of(robot, &kind.kind));
+        let sigmas = own.sigmas().unwrap_or_default();
+        screen.say_within(
+            "  ",
+            &format!(
+                "{}: {}, {} times what is expected",
+                at(found, &own.place, own.coordinate),
+                length(own.error, unit),
+                general(sigmas, 2)
+            ),
+        );
+    }
+    if !found.gross.is_empty() {
+        screen.gap();
+        screen.line("Rows left out");
+    }
+    for row in &found.gross {
+        let place = at(found, &row.place, None);
+        let sigmas = general(row.sigmas, 3);
+        screen.say_within("  ", &format!("{place}: {sigmas} times its noise"));
+    }
+    for place in &found.places {
+        screen.line(&format!(
+            "  {:<24}{:>14} {}",
+            place.name,
+            format!("{:.6}", place.value),
+            place.unit
+        ));
+    }
+    screen.gap();
+    screen.say(match basis {
+        Basis::Split => "",
+        Basis::HeldOut => "The robot file was calibrated on other measurements of this folder.",
+        Basis::NewFolder => {
+            "The robot file was not calibrated on this folder: all its measurements are compared."
+        }
+        Basis::Calibration => {
+            "The robot file was calibrated on all of them, so this is how well it fits, not how well it foretells."
+        }
+    });
+    trust::line(&mut screen, &found.verdict());
+    screen.into_text()
+}
+
+/// Residuals that can be judged, farthest off first.
+fn worst(found: &HeldErrors) -> Vec<&RowError> {
+    let judged = found.errors.iter().filter(|own| own.expected.is_some());
+    let mut worst: Vec<&RowError> = judged.collect();
+    worst.sort_by(|a, b| {
+        b.sigmas()
+            .unwrap_or(0.0)
+            .total_cmp(&a.sigmas().unwrap_or(0.0))
+    });
+    worst
+}
+
+fn kind_of<'a>(found: &'a HeldErrors, error: &RowError) -> Option<&'a KindErrors> {
+    found.kinds.iter().find(|own| own.index == error.kind)
+}
+
+/// Name of the link whose drive a residual is of.
+fn link<'a>(found: &'a HeldErrors, place: &RowPlace) -> Option<&'a str> {
+    found.links.get(place.drive?).map(String::as_str)
+}
+
+fn at(found: &HeldErrors, place: &RowPlace, coordinate: Option<&str>) -> String {
+    let link = link(found, place).map_or_else(String::new, |link| format!(", drive of {link}"));
+    let coordinate = coordinate.map_or_else(String::new, |axis| format!(", {axis}"));
+    let (file, line, pose) = (place.file, place.line, place.pose);
+    format!("{file} line {line}, pose {pose}{link}{coordinate}")
+}
+
+/// Errors of measurements that were held out, by variant and kind.
+pub(crate) fn table(study: &Study) -> Table {
+    let held = || {
+        study
+            .variants
+            .iter()
+            .filter_map(|own| Some((own, own.held.as_ref()?)))
+    };
+    let mut kinds: Vec<(&str, &str, &str)> = vec![];
+    for own in held().flat_map(|(_, held)| &held.kinds) {
+        let kind = (own.kind.file, own.kind.quantity, own.kind.unit);
+        if own.is_judged() && !kinds.contains(&kind) {
+            kinds.push(kind);
+        }
+    }
+    let heading = |(file, quantity, unit): &(&str, &str, &str)| {
+        let what = if *quantity == "closure" {
+            "links"
+        } else {
+            quantity
+        };
+        format!(
+            "{file}, {what} ({})",
+            if *unit == "m" { "µm" } else { "µrad" }
+        )
+    };
+    let headings: Vec<String> = kinds.iter().map(heading).collect();
+    let rows = held().map(|(variant, held)| {
+        let mut row = vec![text(&variant.name)];
+        for kind in &kinds {
+            let mut own = held.kinds.iter().filter(|own| own.is_judged());
+            let own = own.find(|own| (own.kind.file, own.kind.quantity, own.kind.unit) == *kind);
+            let cell = |value: f64| Cell::Number(general(1e6 * value, 3));
+            row.extend(own.map_or(vec![Cell::Empty, Cell::Empty], |own| {
+                vec![cell(own.rms), cell(own.expected_rms)]
+            }));
+        }
+        row.push(table::number(held.verdict().residual_over_noise, 2));
+        row
+    });
+    let each: &[&str] = &["rms", "expected"];
+    let mut groups: Vec<(&str, &[&str])> = vec![("", &["Variant"])];
+    groups.extend(headings.iter().map(|heading| (heading.as_str(), each)));
+    groups.push(("All", &["over expected"]));
+    Table {
+        title: if study.rows.as_ref().is_some_and(RowDivision::is_disjoint) {
+            "Errors of measurements that took no part in the calibration".to_owned()
+        } else {
+            "Errors of the measurements, all of which took part in the calibration".to_owned()
+        },
+        columns: columns(&groups),
+        rows: rows.collect(),
+    }
+}
+
+/// Errors of what was held out from a variant of a study.
+pub(crate) fn of_variant(found: &HeldErrors) -> Value {
+    json!({
+        "poses": found.poses,
+        "rows": found.rows,
+        "kinds": found.kinds.iter().map(|own| kind(own, own.kind.unit)).collect::<Vec<_>>(),
+        "fit": trust::json::verdict(&found.verdict()),
+    })
+}
+
+fn kind(own: &KindErrors, unit: &str) -> Value {
+    json!({
+        "file": own.kind.file,
+        "kind": own.kind.quantity,
+        "rows": own.rows,
+        "redundancy": own.redundancy,
+        "judged": own.is_judged(),
+        "noise": own.kind.stated.map(|_| own.kind.sigma),
+        "estimated": own.kind.is_estimated(),
+        "unit": unit,
+        "rms": own.rms,
+        "expected_rms": own.expected_rms,
+        "max": own.max,
+    })
+}
+
+/// Errors of measurements as JSON. Keys of comparisons of poses are there, and empty.
+pub fn json(found: &HeldErrors, robot: &Robot) -> Value {
+    let kinds = found.kinds.iter();
+    let kinds = kinds.map(|own| kind(own, unit_of(robot, &own.kind)));
+    let errors = found.errors.iter().map(|own| {
+        let kind = kind_of(found, own).map(|own| own.kind);
+        json!({
+            "file": own.place.file,
+            "line": own.place.line,
+            "pose": own.place.pose,
+            "link": link(found, &own.place),
+            "kind": kind.map(|kind| kind.quantity),
+            "coordinate": own.coordinate,
+            "error": own.error,
+            "expected": own.expected,
+            "unit": kind.map(|kind| unit_of(robot, &kind)),
+        })
+    });
+    json!({
+        "of": "measurements",
+        "position_um": null,
+        "orientation_rad": null,
+        "pose_errors": [],
+        "poses": { "evaluated": found.poses },
+        "rows": found.rows,
+        "pose_unknowns": found.spent,
+        "place_unknowns": found.placed,
+        "kinds": kinds.collect::<Vec<_>>(),
+        "errors": errors.collect::<Vec<_>>(),
+        "predicted": found.predicted.iter().map(|own| json!({
+            "file": own.file, "rows": own.rows, "rms_m": own.rms, "max_m": own.max,
+        })).collect::<Vec<_>>(),
+        "places": found.places.iter().map(|own| json!({
+            "name": own.name, "unit": own.unit, "value": own.value,
+        })).collect::<Vec<_>>(),
+        "moved": found.moved.iter().map(|own| json!({
+            "parameter": own.parameter, "unit": own.unit, "change": own.change, "chi2_drop": own.squares, "sigmas": own.sigmas,
+        })).collect::<Vec<_>>(),
+        "gross_rows": found.gross.iter().map(|row| json!({
+            "file": row.place.file, "line": row.place.line, "pose": row.place.pose, "sigmas": row.sigmas,
+            "link": link(found, &row.place),
+        })).collect::<Vec<_>>(),
+        "fit": trust::json::verdict(&found.verdict()),
+    })
+}
