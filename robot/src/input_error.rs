@@ -69,7 +69,8 @@ impl<'a> Source<'a> {
         let mut rest = Some(0);
         std::iter::from_fn(move || {
             let start = rest?;
-            let Some(length) = text[start..].find(['\n', '\r']) else {
+            let is_end = |byte: &u8| matches!(byte, b'\n' | b'\r');
+            let Some(length) = text.as_bytes()[start..].iter().position(is_end) else {
                 rest = None;
                 return Some(start..text.len());
             };

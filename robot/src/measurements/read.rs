@@ -101,42 +101,39 @@ impl Folder {
         let path = |file: &str| Path::new(name).join(file).display().to_string();
         let mut errors = Errors::default();
         let mut remarks = Vec::new();
-        let tcp_poses = texts.tcp_poses.map_or(vec![], |text| {
-            errors.keep(read_tcp_poses(&path(TCP_POSES), text, shape, &mut remarks))
-        });
-        let cart_poses = if let Some(text) = texts.cart_poses {
-            errors.keep(read_cart_poses(
-                &path(CART_POSES),
-                text,
-                shape,
-                &mut remarks,
-            ))
-        } else {
-            // Without tracks there are no carts to measure.
-            if shape.has_carts() && texts.tcp_poses.is_some() {
-                remarks.push(format!(
-                    "{CART_POSES} (set 2) is missing: piecewise tracks can't be calibrated, and the \
-                     measured range of the commands is not known"
-                ));
-            }
-            Vec::new()
-        };
-        let cart_positions = if let Some(text) = texts.cart_positions {
-            errors.keep(read_cart_positions(
-                &path(CART_POSITIONS),
-                text,
-                shape,
-                &mut remarks,
-            ))
-        } else {
-            if shape.has_carts() && texts.tcp_poses.is_some() {
-                remarks.push(format!(
-                    "{CART_POSITIONS} (set 3) is missing: the motion of the carts can't be compared \
-                     between set 2 and the TCP poses"
-                ));
-            }
-            Vec::new()
-        };
+        let (tcp_poses, (cart_poses, cart_positions)) = rayon::join(
+            || read_set(read_tcp_poses, &path(TCP_POSES), texts.tcp_poses, shape),
+            || {
+                rayon::join(
+                    || read_set(read_cart_poses, &path(CART_POSES), texts.cart_poses, shape),
+                    || {
+                        read_set(
+                            read_cart_positions,
+                            &path(CART_POSITIONS),
+                            texts.cart_positions,
+                            shape,
+                        )
+                    },
+                )
+            },
+        );
+        let tcp_poses = tcp_poses.kept(&mut errors, &mut remarks);
+        let cart_poses = cart_poses.kept(&mut errors, &mut remarks);
+        // Without tracks there are no carts to measure.
+        let lacks_carts = shape.has_carts() && texts.tcp_poses.is_some();
+        if lacks_carts && texts.cart_poses.is_none() {
+            remarks.push(format!(
+                "{CART_POSES} (set 2) is missing: piecewise tracks can't be calibrated, and the \
+                 measured range of the commands is not known"
+            ));
+        }
+        let cart_positions = cart_positions.kept(&mut errors, &mut remarks);
+        if lacks_carts && texts.cart_positions.is_none() {
+            remarks.push(format!(
+                "{CART_POSITIONS} (set 3) is missing: the motion of the carts can't be compared \
+                 between set 2 and the TCP poses"
+            ));
+        }
         let mut files = Vec::new();
         for kind in PlateKind::ALL {
             if let Some(text) = texts.of_kind(kind) {
@@ -186,6 +183,29 @@ impl Folder {
         folder.start_clock();
         folder.share_tensions();
         Ok(folder)
+    }
+}
+
+/// Rows of a set, and remarks on them.
+struct ReadSet<T> {
+    rows: Result<Vec<T>, InputError>,
+    remarks: Vec<String>,
+}
+
+/// Reader of a set: the name of its file, the text, the robot's shape, and where remarks go.
+type Reader<T> = fn(&str, &str, &Shape, &mut Vec<String>) -> Result<Vec<T>, InputError>;
+
+/// Reads a set that is there; else it has no rows.
+fn read_set<T>(read: Reader<T>, name: &str, text: Option<&str>, shape: &Shape) -> ReadSet<T> {
+    let mut remarks = Vec::new();
+    let rows = text.map_or(Ok(vec![]), |text| read(name, text, shape, &mut remarks));
+    ReadSet { rows, remarks }
+}
+
+impl<T> ReadSet<T> {
+    fn kept(self, errors: &mut Errors, remarks: &mut Vec<String>) -> Vec<T> {
+        remarks.extend(self.remarks);
+        errors.keep(self.rows)
     }
 }
 

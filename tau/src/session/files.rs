@@ -4,6 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
+use tau_estimation::numerics::parallel;
 use tau_robot::input_error::both;
 use tau_robot::measurements::{FILES, Folder, Shape, Texts};
 use tau_robot::robot_file::RobotFile;
@@ -39,7 +40,9 @@ impl Files {
     /// # Errors
     /// All mistakes of all files.
     pub fn read(&self, robot: &Robot) -> Result<(Folder, RobotFile), InputError> {
-        both(self.read_folder(robot), self.read_robot_file(robot))
+        let (folder, file) =
+            parallel::both(|| self.read_folder(robot), || self.read_robot_file(robot));
+        both(folder, file)
     }
 
     /// The measurements of a robot.

@@ -15,6 +15,7 @@ use std::marker::PhantomData;
 use tau_estimation::calibration::{self, Error, Prepared};
 use tau_estimation::errors_in_variables::{self, ErrorsInVariables};
 use tau_estimation::evaluation::{self, Evaluation};
+use tau_estimation::numerics::parallel;
 use tau_estimation::sensitivity::{self, Sensitivity};
 use tau_estimation::uncertainty::Uncertainty;
 use tau_estimation::weighing::Treatment;
@@ -103,9 +104,10 @@ impl Session<Described> {
 
 impl<R> Session<R> {
     fn read(robot: Robot, files: &Files) -> Result<Self, InputError> {
-        let (folder, robot_file) = files.read(&robot)?;
+        let (read, inputs) = parallel::both(|| files.read(&robot), || files.inputs());
+        let (folder, robot_file) = read?;
         Ok(Self {
-            inputs: files.inputs(),
+            inputs,
             ..Self::new(robot, folder, robot_file)
         })
     }
