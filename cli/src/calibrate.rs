@@ -7,6 +7,7 @@ use tau::study;
 use tau::trust::Status;
 use tau_report as report;
 use tau_robot::input_error::both;
+use tau_robot::robot_file::RobotFile;
 
 use super::deliver::{Outcome, Target, check_folder, written};
 use super::kept::Kept;
@@ -54,17 +55,28 @@ pub(super) fn run(
     };
     let (mut found, comparison) =
         fitted.map_err(|error| trust::explained(&session, variant, error))?;
-    let mut verdict = session.verdict(&found)?;
-    if let Some(fitted) = &comparison {
-        verdict = verdict.with_groups(&fitted.groups, session.robot_file());
-    }
     let calibrated: Vec<usize> = (found.weighing)
         .taking_part(&poses.division.calibration)
         .collect();
-    found.file = session.calibrated_file(&found, &calibrated, verdict.widening(), &stamp());
     let validation = &poses.division.validation;
     let is_held_out = poses.division.is_disjoint();
-    let result = study::result(&found, folder, validation);
+    // The judgement on the fit, and what it predicts, take about as long.
+    let (verdict, (result, validation_outliers, file)) = rayon::join(
+        || session.verdict(&found),
+        || {
+            let result = study::result(&found, folder, validation);
+            let file = session.calibrated_file(&found, &calibrated, 1.0, &stamp());
+            (result, session.validation_outliers(&found), file)
+        },
+    );
+    let mut verdict = verdict?;
+    if let Some(fitted) = &comparison {
+        verdict = verdict.with_groups(&fitted.groups, session.robot_file());
+    }
+    found.file = file;
+    if let Some(record) = &mut found.file.calibration {
+        record.widening = verdict.widening();
+    }
     let mut result = match result {
         // A machine that can't be predicted has its reason.
         Err(_) if verdict.status == Status::Absurd && !arguments.force.force => {
@@ -73,38 +85,41 @@ pub(super) fn run(
         result => result?,
     };
     result.fit = Some(verdict.clone());
-    result.validation_outliers = session.validation_outliers(&found)?;
+    result.validation_outliers = validation_outliers?;
 
-    let mut statistics = report::json::variant(&result);
-    statistics["variant"] = json!(variant);
-    statistics["robot"] = json!(robot);
-    statistics["folder"] = json!(folder.name);
-    statistics["poses"] = report::json::poses(poses.counts);
-    statistics["evaluated_on"] = json!(if is_held_out {
-        "held_out"
-    } else {
-        "calibration"
-    });
-    if !is_held_out {
-        statistics["poses"]["validation"] = json!(0);
-    }
-    statistics["cost"] = json!(found.cost);
-    let mut summary = format!("{robot}, {variant}, {}\n\n", folder.name);
-    let architecture = session.robot().architecture();
-    summary += &report::terminal::variant(&result, is_held_out, architecture, console.width);
-    if let Some(fitted) = &comparison {
-        let closure = study::result(&fitted.closure_fit, folder, validation)?;
-        summary += &report::errors_in_variables::terminal(fitted, &result, &closure);
-        statistics["errors_in_variables"] =
-            report::errors_in_variables::json(fitted, &result, &closure);
-    }
-    let contents = [
-        found.file.to_toml(),
-        parameters(&found, verdict.widening())?,
-        covariance(&found)?,
-        undetermined(&found)?,
-        report::json::document(statistics.clone()),
-    ];
+    let width = console.width;
+    let told = || -> Result<_, Failure> {
+        let mut statistics = report::json::variant(&result);
+        statistics["variant"] = json!(variant);
+        statistics["robot"] = json!(robot);
+        statistics["folder"] = json!(folder.name);
+        statistics["poses"] = report::json::poses(poses.counts);
+        statistics["evaluated_on"] = json!(if is_held_out {
+            "held_out"
+        } else {
+            "calibration"
+        });
+        if !is_held_out {
+            statistics["poses"]["validation"] = json!(0);
+        }
+        statistics["cost"] = json!(found.cost);
+        let mut summary = format!("{robot}, {variant}, {}\n\n", folder.name);
+        let architecture = session.robot().architecture();
+        summary += &report::terminal::variant(&result, is_held_out, architecture, width);
+        if let Some(fitted) = &comparison {
+            let closure = study::result(&fitted.closure_fit, folder, validation)?;
+            summary += &report::errors_in_variables::terminal(fitted, &result, &closure);
+            statistics["errors_in_variables"] =
+                report::errors_in_variables::json(fitted, &result, &closure);
+        }
+        let document = report::json::document(statistics.clone());
+        Ok((statistics, summary, document))
+    };
+    let tables = || tables(&found, &found.file, verdict.widening());
+    let (tables, told) = rayon::join(tables, told);
+    let [file, parameters, covariance, undetermined] = tables?;
+    let (statistics, mut summary, document) = told?;
+    let contents = [file, parameters, covariance, undetermined, document];
     let paths = FILES.into_iter().map(|name| out.join(name));
     let files: Vec<_> = paths.zip(contents).collect();
     summary += &written(files.iter().map(|(path, _)| path.as_path()));
@@ -137,13 +152,11 @@ fn unknown_poses(
     statistics["variant"] = json!(variant);
     statistics["robot"] = json!(robot);
     statistics["folder"] = json!(folder);
-    let contents = [
-        session.file_of_unknown_poses(&found, &stamp()).to_toml(),
-        parameters(&found.calibration, verdict.widening())?,
-        covariance(&found.calibration)?,
-        undetermined(&found.calibration)?,
-        report::json::document(statistics.clone()),
-    ];
+    let file = session.file_of_unknown_poses(&found, &stamp());
+    let [file, parameters, covariance, undetermined] =
+        tables(&found.calibration, &file, verdict.widening())?;
+    let document = report::json::document(statistics.clone());
+    let contents = [file, parameters, covariance, undetermined, document];
     let paths = FILES.into_iter().map(|name| arguments.out.join(name));
     let files: Vec<_> = paths.zip(contents).collect();
     let mut summary = format!("{robot}, {variant}, {folder}\n\n");
@@ -163,6 +176,16 @@ fn unknown_poses(
         ..Outcome::default()
     };
     Ok(outcome.judged(&verdict, arguments.force.force))
+}
+
+/// All of [`FILES`] but the last.
+fn tables(found: &Calibration, file: &RobotFile, widening: f64) -> Result<[String; 4], Failure> {
+    Ok([
+        file.to_toml(),
+        parameters(found, widening)?,
+        covariance(found)?,
+        undetermined(found)?,
+    ])
 }
 
 /// Standard deviations as stated noise makes them, and widened by the misfit.
@@ -198,9 +221,16 @@ fn covariance(found: &Calibration) -> Result<String, Failure> {
             .map(|parameter| parameter.name.clone())
     };
     let header = std::iter::once("parameter".to_owned()).chain(names());
-    let rows = names().zip(&found.covariance).map(|(name, row)| {
-        let entries = row.iter().copied().map(number);
-        std::iter::once(name).chain(entries).collect()
+    // Shortest digits take long to find, and the matrix is symmetric.
+    let mut entries: Vec<Vec<String>> = vec![];
+    for (i, row) in found.covariance.iter().enumerate() {
+        let known = entries.iter().map(|row| row[i].clone());
+        let row = known.chain(row[i..].iter().copied().map(number)).collect();
+        entries.push(row);
+    }
+    let rows = names().zip(entries).map(|(name, mut row)| {
+        row.insert(0, name);
+        row
     });
     csv(header.collect(), rows)
 }

@@ -86,6 +86,11 @@ pub fn main() -> ExitCode {
         let _until_the_end = report::finish_writing();
         std::process::exit(INTERRUPTED);
     });
+    // This thread works with the others, so that none waits for it to hand over the work, nor it for them. Where the pool
+    // is there already, it does without.
+    let _ = rayon::ThreadPoolBuilder::new()
+        .use_current_thread()
+        .build_global();
     let terminals = Terminals {
         out: io::stdout().is_terminal(),
         err: io::stderr().is_terminal(),

@@ -28,19 +28,23 @@ impl Linearized {
             slopes,
             ..
         } = machine.closures(sample)?;
-        let (mut data, mut prepared, mut jacobian) = (Vec::new(), Vec::new(), Vec::new());
+        let mut data = Vec::new();
+        machine.fill_closures(sample, &mut data)?;
+        let mut data = data.as_slice();
+        let (mut parameters, mut prepared, mut jacobian) = (Vec::new(), Vec::new(), Vec::new());
         let closures = machine.variant.instances_of(ResidualKind::Closure);
         let by_parameters = closures.zip(&slopes).map(|(closure, slope)| {
             let scale = slope.recip();
             let shape = closure.family.shape();
-            data.clear();
-            machine.fill(closure, sample, &mut data)?;
-            let own = closure.parameters.iter();
-            let parameters: Vec<f64> = own.map(|&index| machine.values[index]).collect();
+            let (own, rest) = data.split_at(shape.data);
+            data = rest;
+            parameters.clear();
+            let values = closure.parameters.iter();
+            parameters.extend(values.map(|&index| machine.values[index]));
             prepared.resize(shape.prepared, 0.0);
             let pattern = closure.family.pattern();
             jacobian.resize(pattern.len(), 0.0);
-            closure.family.prepare(&data, &mut prepared);
+            closure.family.prepare(own, &mut prepared);
             (closure.family).linearize(&prepared, &parameters, &mut [0.0], &mut jacobian);
             let entries = pattern.columns.iter().zip(&jacobian);
             let entries: Vec<(usize, f64)> = entries

@@ -143,6 +143,19 @@ impl Machine {
         })
     }
 
+    /// Appends the data that all closures by parameters take of a sample, one after the other.
+    ///
+    /// # Errors
+    /// As [`Self::fill`], of the first closure that lacks something.
+    pub fn fill_closures(&self, sample: &Sample<'_>, data: &mut Vec<f64>) -> Result<(), Error> {
+        let closures = || self.variant.instances_of(ResidualKind::Closure);
+        let inputs = closures().map(|closure| closure.inputs.as_slice());
+        if self.surroundings.fill_all(inputs, sample, data).is_ok() {
+            return Ok(());
+        }
+        closures().try_for_each(|closure| self.fill(closure, sample, &mut Vec::new()))
+    }
+
     /// All closures with their derivatives at a sample.
     ///
     /// # Errors

@@ -22,7 +22,7 @@ use tau_robot::robot_file::RobotFile;
 use nalgebra::DMatrix;
 use tau_solver::{Problem, Solution};
 
-use crate::numerics::triangle;
+use crate::numerics::{parallel, triangle};
 use crate::problem::{self, Closures, Residuals};
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
@@ -197,31 +197,33 @@ pub fn calibrate(
     let mut iterations = total_iterations(&solution);
 
     let values = problem::values(machine, used, &solution.parameters);
-    let (mut weighing, judged) =
-        weighing::weighed(&prepared, &values, &samples, file.noise, options.treatment)?;
+    let measured_in = (machine, &samples[..], file.noise);
+    let told = |problem: &Problem<'_>, at: &[f64], information: &[f64]| -> Result<_, Error> {
+        let identifiability = tau_solver::identifiability(problem, at).map_err(failed)?;
+        let known = tau_solver::covariance(problem, at).map_err(failed)?;
+        let covariance = DMatrix::from_fn(used.len(), used.len(), |i, j| known.covariance(i, j));
+        let factor =
+            factor_with_shared_noise(&covariance, &residuals, measured_in, at, information)?;
+        Ok((identifiability, covariance, factor))
+    };
+    // Where poses count as they are, which most do, nothing waits for their weights.
+    let (weighed_poses, of_even) = parallel::both(
+        || weighing::weighed(&prepared, &values, &samples, file.noise, options.treatment),
+        || told(&problem, &solution.parameters, &vec![1.0; poses.len()]),
+    );
+    let (mut weighing, judged) = weighed_poses?;
     let left: Vec<usize> = weighing.taking_part(poses).collect();
     if let Err(error) = check_poses(robot, variant, file, folder, &left) {
         weighing = weighing.keeping_outliers(format!("Outliers are kept: without them, {error}."));
     }
-    if !weighing.is_even() {
+    let (identifiability, covariance, factor) = if weighing.is_even() {
+        of_even?
+    } else {
         solution = solved(&weighed(&weighing.fit, &solution.parameters))?;
         iterations += total_iterations(&solution);
         problem = weighed(&weighing.information, &solution.parameters);
-    }
-    let covariance = tau_solver::covariance(&problem, &solution.parameters).map_err(failed)?;
-    let identifiability =
-        tau_solver::identifiability(&problem, &solution.parameters).map_err(failed)?;
-
-    let count = used.len();
-    let covariance = DMatrix::from_fn(count, count, |i, j| covariance.covariance(i, j));
-    let measured_in = (machine, &samples[..], file.noise);
-    let factor = factor_with_shared_noise(
-        &covariance,
-        &residuals,
-        measured_in,
-        &solution.parameters,
-        &weighing.information,
-    )?;
+        told(&problem, &solution.parameters, &weighing.information)?
+    };
     let name = |index: usize| problem.parameters[index].name.clone();
     let fitted = Fitted {
         values: problem::values(machine, used, &solution.parameters),

@@ -10,7 +10,6 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use tau_kinematics::Machine;
-use tau_robot::robot::Instance;
 use tau_robot::robot_file::Noise;
 
 use super::error::Error;
@@ -88,7 +87,6 @@ fn share(
     fitted: &[f64],
     (places, information): (&[usize], &[f64]),
 ) -> Result<DMatrix<f64>, Error> {
-    let closures: Vec<&Instance> = nominal.closure_instances().collect();
     let own: Vec<Vec<f64>> = residuals
         .parts
         .iter()
@@ -98,15 +96,15 @@ fn share(
     let (mut prepared, mut jacobian) = (Vec::new(), Vec::new());
     for (block, &place) in places.iter().enumerate() {
         let sample = &samples[place];
-        for ((closure, part), own) in closures.iter().zip(&residuals.parts).zip(&own) {
+        let gradients = nominal.gradients(&sample.view());
+        let gradients = gradients.map_err(|error| Error::at_pose(sample.number, error))?;
+        for ((gradient, part), own) in gradients.iter().zip(&residuals.parts).zip(&own) {
             let shape = part.family.shape();
             let data = &part.data[place * shape.data..(place + 1) * shape.data];
             prepared.resize(shape.prepared, 0.0);
             jacobian.resize(part.family.pattern().len(), 0.0);
             part.family.prepare(data, &mut prepared);
             (part.family).linearize(&prepared, own, &mut [0.0], &mut jacobian);
-            let gradient = nominal.closure_by_pose(closure, &sample.view());
-            let (_, gradient) = gradient.map_err(|error| Error::at_pose(sample.number, error))?;
             let weight = part.weights[place];
             let share = weight * weight * information[place].sqrt();
             let columns = part.family.pattern().columns.iter();

@@ -22,9 +22,15 @@ pub fn lower(covariance: &[Vec<f64>]) -> Option<Vec<Vec<f64>>> {
 
 /// F·Fᵀ of a lower triangle by rows.
 pub fn squared(factor: &[Vec<f64>]) -> Vec<Vec<f64>> {
-    let product = |(a, b): (&Vec<f64>, &Vec<f64>)| a.iter().zip(b).map(|(a, b)| a * b).sum();
-    let row = |a: &Vec<f64>| factor.iter().map(|b| product((a, b))).collect();
-    factor.iter().map(row).collect()
+    let mut squared = vec![vec![0.0; factor.len()]; factor.len()];
+    for (i, a) in factor.iter().enumerate() {
+        for (j, b) in factor[..=i].iter().enumerate() {
+            let product = a.iter().zip(b).map(|(a, b)| a * b).sum();
+            squared[i][j] = product;
+            squared[j][i] = product;
+        }
+    }
+    squared
 }
 
 #[cfg(test)]

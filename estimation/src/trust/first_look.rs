@@ -80,7 +80,8 @@ impl<'a> FirstLook<'a> {
                 rest = others;
             }
         }
-        let mut prepared_data = Vec::new();
+        let (mut prepared_data, mut entries) = (Vec::new(), Vec::new());
+        let (mut residuals, mut slopes) = (DVector::zeros(poses), DVector::zeros(poses));
         let mut total = 0.0;
         for ((closure, data), weights) in closures.into_iter().zip(&data).zip(&self.weights) {
             let family = &closure.family;
@@ -89,24 +90,30 @@ impl<'a> FirstLook<'a> {
             let own = closure.parameters.iter();
             let values: Vec<f64> = own.map(|&index| machine.values[index]).collect();
             let columns = family.pattern().columns;
-            let mut residuals = DVector::zeros(poses);
-            let mut entries = vec![0.0; poses * columns.len()];
+            entries.resize(poses * columns.len(), 0.0);
             let plain = residuals.as_mut_slice();
             family.linearize_all(&prepared_data, &values, plain, &mut entries);
-            residuals.component_mul_assign(&DVector::from_column_slice(weights));
-            // Covariance that priors and noise let residuals have; the sum of squares in it is least.
+            for (residual, weight) in residuals.iter_mut().zip(weights) {
+                *residual *= weight;
+            }
+            // Covariance that priors and noise let residuals have, its lower triangle; the sum of squares in it is least.
             let mut covariance = DMatrix::identity(poses, poses);
             for (place, &column) in columns.iter().enumerate() {
-                let of_poses = entries.iter().skip(place).step_by(columns.len());
-                let weighted = of_poses.zip(weights).map(|(entry, weight)| entry * weight);
-                let mut slopes = DVector::from_iterator(poses, weighted);
+                for (pose, slope) in slopes.iter_mut().enumerate() {
+                    *slope = entries[pose * columns.len() + place] * weights[pose];
+                }
                 let tolerance = prepared.nominal[closure.parameters[column as usize]].tolerance;
                 let norm = slopes.norm();
                 if norm > 0.0 {
                     let free = FREE / norm;
                     slopes *= tolerance.map_or(free, |tolerance| tolerance.min(free));
                 }
-                covariance.syger(1.0, &slopes, &slopes, 1.0);
+                for (k, own) in slopes.iter().enumerate() {
+                    let lower = &mut covariance.as_mut_slice()[k * poses + k..(k + 1) * poses];
+                    for (entry, other) in lower.iter_mut().zip(&slopes.as_slice()[k..]) {
+                        *entry += own * other;
+                    }
+                }
             }
             let factor = Cholesky::new(covariance)?;
             factor.l_dirty().solve_lower_triangular_mut(&mut residuals);

@@ -11,6 +11,7 @@ use tau_robot::measurements::TcpPose;
 use tau_robot::robot_file::Noise;
 
 use super::general;
+use crate::numerics::parallel;
 use crate::uncertainty::Uncertainty;
 
 /// Commands at which it is looked up: enough for a median to a fifth.
@@ -46,8 +47,9 @@ impl Reach {
         };
         // As many of the poses as commands.
         let step = poses.len().div_ceil(usize::from(COMMANDS)).max(1);
-        let known: Vec<f64> = (poses.iter().step_by(step))
-            .filter_map(|&pose| at(&pose.into()))
+        let some: Vec<&TcpPose> = poses.iter().step_by(step).copied().collect();
+        let known: Vec<f64> = (parallel::map(&some, |&pose| at(&pose.into())).into_iter())
+            .flatten()
             .collect();
         let squares: f64 = known.iter().map(|distance| distance * distance).sum();
         let poses_m = (squares / known.len() as f64).sqrt();
@@ -58,19 +60,19 @@ impl Reach {
                 values
             })
             .collect();
-        let mut elsewhere: Vec<f64> = combined(&values)
-            .filter_map(|commands_m| {
-                let off = |pose: &TcpPose| -> f64 {
-                    let pairs = pose.commands_m.iter().zip(&commands_m);
-                    pairs.map(|(a, b)| (a - b).powi(2)).sum()
-                };
-                let near = (poses.iter()).min_by(|a, b| off(a).total_cmp(&off(b)))?;
-                at(&Sample {
-                    commands_m: &commands_m,
-                    ..Sample::from(*near)
-                })
+        let combined: Vec<Vec<f64>> = combined(&values).collect();
+        let elsewhere = parallel::map(&combined, |commands_m| {
+            let off = |pose: &TcpPose| -> f64 {
+                let pairs = pose.commands_m.iter().zip(commands_m);
+                pairs.map(|(a, b)| (a - b).powi(2)).sum()
+            };
+            let near = (poses.iter()).min_by(|a, b| off(a).total_cmp(&off(b)))?;
+            at(&Sample {
+                commands_m,
+                ..Sample::from(*near)
             })
-            .collect();
+        });
+        let mut elsewhere: Vec<f64> = elsewhere.into_iter().flatten().collect();
         elsewhere.sort_by(f64::total_cmp);
         Some(Self {
             elsewhere_m: *elsewhere.get(elsewhere.len() / 2)?,

@@ -22,9 +22,10 @@ use crate::weighing::weigh_fitted;
 /// Odds in favour of a hypothesis from which on it is believed: a thousand to one, which also is what mistakes are to
 /// folders without.
 const ODDS: f64 = 1e3;
-/// Poses for a first look at all hypotheses, and for a closer one at the best of them.
+/// Poses for a first look at all hypotheses, and for a closer one at the best of them: as many as calibrations usually
+/// have, whose own fits serve then.
 const FEW_POSES: usize = 12;
-const POSES: usize = 60;
+const POSES: usize = 100;
 /// Iterations of the closer look at a few poses: enough for places of tracks that are known to centimetres.
 const FEW_ITERATIONS: usize = 4;
 /// Iterations of a whole descent.
@@ -56,6 +57,17 @@ struct Tried {
 }
 
 impl Tried {
+    fn of(hypothesis: Option<&Hypothesis>, judged: &Judged) -> Self {
+        Self {
+            hypothesis: hypothesis.cloned(),
+            total: judged.total(),
+            volumes: judged.volumes(),
+            misfit: judged.misfit(),
+            deviations: judged.deviations(),
+            values: judged.values(),
+        }
+    }
+
     /// −2 ln of the evidence where squares count by `scale`.
     fn evidence(&self, scale: f64) -> f64 {
         self.total / scale + self.volumes
@@ -123,19 +135,23 @@ pub(crate) fn beyond_tolerance(deviations: &[Deviation], scale: f64) -> Option<D
 
 /// Mistakes of measurements and parameters, the likeliest explanation of a misfit; none where there is no misfit.
 ///
+/// `known` is the fit to these poses, where it is known and has no outliers.
+///
 /// # Errors
 /// Data that the variant takes are missing.
-pub(crate) fn mistakes(case: &Case<'_>) -> Result<Vec<Mistake>, Error> {
+pub(crate) fn mistakes(case: &Case<'_>, known: Option<&Judged>) -> Result<Vec<Mistake>, Error> {
     if case.folder.tcp_poses.is_empty() {
         return Ok(vec![]);
     }
     let mut thinned = case.thinned(POSES);
-    let mut fit = fitted(&thinned, None, ITERATIONS);
+    let known = known.filter(|_| case.folder.tcp_poses.len() <= POSES);
+    let mut fit = match known {
+        Some(judged) => Some((Tried::of(None, judged), judged.clone())),
+        None => fitted(&thinned, None, ITERATIONS),
+    };
     // A few poses far off are outliers and no mistake: what is left without them is judged.
-    if let Some((_, judged)) = fit
-        .as_ref()
-        .filter(|(given, _)| is_beyond_noise(&given.misfit))
-    {
+    let suspect = fit.as_ref().filter(|_| known.is_none());
+    if let Some((_, judged)) = suspect.filter(|(given, _)| is_beyond_noise(&given.misfit)) {
         let (prepared, samples) = (thinned.prepared()?, thinned.samples());
         let noise = thinned.file.noise;
         let weighed = weigh_fitted(judged.clone(), &prepared, &samples, noise);
@@ -298,15 +314,7 @@ fn fitted(
         start[parameter] = at;
     }
     let judged = judged(case, &prepared, &start, iterations).ok()?;
-    let tried = Tried {
-        hypothesis: hypothesis.cloned(),
-        total: judged.total(),
-        volumes: judged.volumes(),
-        misfit: judged.misfit(),
-        deviations: judged.deviations(),
-        values: judged.values(),
-    };
-    Some((tried, judged))
+    Some((Tried::of(hypothesis, &judged), judged))
 }
 
 /// The fit of a case from some values.

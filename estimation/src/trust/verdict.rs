@@ -9,6 +9,7 @@ use tau_robot::robot_file::RobotFile;
 use crate::calibration::{Calibration, Error};
 use crate::errors_in_variables::{Component, GroupFit};
 use crate::numerics::distribution::chi2_survival;
+use crate::numerics::parallel;
 use crate::numerics::spread::spread;
 use crate::trust::hypothesis::{self, Case};
 use crate::trust::judged::{Deviation, Judged, Misfit};
@@ -227,7 +228,8 @@ pub fn mistakes(
     folder: &Folder,
     poses: &[usize],
 ) -> Result<Vec<Mistake>, Error> {
-    recognise::mistakes(&case(robot, plain(robot, variant), file, folder, poses))
+    let case = case(robot, plain(robot, variant), file, folder, poses);
+    recognise::mistakes(&case, None)
 }
 
 /// Refuses measurements with a mistake that leaves nothing to be learnt from them: of set 1, or in how the carts of sets
@@ -331,24 +333,33 @@ pub fn of_calibration_knowing(
     let suspect = verdict.status > Status::Consistent
         || verdict.residual_over_noise < 1.0 / 3.0
         || hypothesis::widest_tolerance_m(&case.file) > LARGEST_MISFIT * case.mean_length_m();
-    if suspect {
-        let found = match known.take() {
-            Some(found) => found,
-            None => mistakes(robot, &machine.variant, file, folder, poses)?,
-        };
+    let plain = plain(robot, &machine.variant);
+    let fit = (calibration.judged())
+        .filter(|_| plain.name == machine.variant.name && weighing.outliers.is_empty());
+    let found = || match (suspect, known.take()) {
+        (true, None) => {
+            let case = self::case(robot, plain, file, folder, poses);
+            recognise::mistakes(&case, fit).map(Some)
+        }
+        (_, found) => Ok(found),
+    };
+    let reach = || {
+        let measured: Vec<&TcpPose> = case.folder.tcp_poses.iter().collect();
+        let known = Uncertainty::of_calibration(calibration)?;
+        Reach::new((machine, &known), &measured, file.noise)
+    };
+    let (found, reach) = parallel::both(found, reach);
+    *known = found?;
+    if let Some(found) = known.as_ref().filter(|_| suspect) {
         verdict.blame(found.clone());
-        *known = Some(found);
     }
     verdict.blame(numbering::mistake(machine, folder).into_iter().collect());
     verdict.conclude(&case);
     verdict.tell(weighing);
     if verdict.status != Status::Absurd {
-        let measured: Vec<&TcpPose> = case.folder.tcp_poses.iter().collect();
-        verdict.reach = Uncertainty::of_calibration(calibration)
-            .and_then(|known| Reach::new((machine, &known), &measured, file.noise));
-        verdict
-            .why
-            .extend(verdict.reach.and_then(|reach| reach.warning()));
+        verdict.reach = reach;
+        let warning = verdict.reach.and_then(|reach| reach.warning());
+        verdict.why.extend(warning);
     }
     Ok(verdict)
 }
