@@ -16,7 +16,6 @@ mod findings;
 #[cfg(test)]
 mod fixture;
 mod floor;
-mod formula;
 mod generic;
 mod held_out;
 mod linear_model;

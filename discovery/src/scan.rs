@@ -10,7 +10,7 @@ use tau_estimation::numerics::projection::orthonormal;
 use tau_estimation::samples::Sample;
 use tau_kinematics::Surroundings;
 
-use super::candidates::Candidate;
+use super::candidates::{Candidate, Readings};
 use super::p_value::PValue;
 use super::probes::Probes;
 use super::response::{Displacements, Responses};
@@ -77,12 +77,20 @@ impl Band {
         let amplitudes = candidate.amplitudes();
         let grid = grid(range, range_m);
         let chunks: Vec<&[f64]> = grid.chunks(AT_ONCE).collect();
+        let optional_too = false;
+        let readings = Readings::of(
+            (candidate, optional_too),
+            model,
+            &amplitudes,
+            probes,
+            samples,
+            surroundings,
+        )?;
         let entries = parallel::map(&chunks, |chunk| {
             let mut values = candidate.none();
             let of_value = |&value: &f64| {
                 values[searched] = value;
-                let at = (&values[..], &amplitudes[..]);
-                candidate.entries(model, at, probes, samples, surroundings)
+                readings.entries(&values)
             };
             chunk
                 .iter()
