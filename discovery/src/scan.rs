@@ -11,6 +11,7 @@ use tau_estimation::samples::Sample;
 use tau_kinematics::Surroundings;
 
 use super::candidates::{Candidate, Readings};
+use super::constants::count;
 use super::p_value::PValue;
 use super::probes::Probes;
 use super::response::{Displacements, Responses};
@@ -277,15 +278,6 @@ fn upcrossings(scans: impl Iterator<Item = Vec<f64>>, rank: f64) -> f64 {
         count += 1;
     }
     crossings as f64 / f64::from(count.max(1))
-}
-
-#[allow(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "a small count"
-)]
-fn count(number: f64) -> usize {
-    number as usize
 }
 
 #[cfg(test)]
