@@ -61,7 +61,10 @@ fn constants_of_discovery_are_those_of_the_page() {
     let rows: Vec<String> = (table.iter())
         .map(|(name, value, reason)| format!("| `{name}` | {value:?} | {} |", reason.trim()))
         .collect();
-    let shown: Vec<&str> = page.lines().filter(|line| line.starts_with("| `")).collect();
+    let shown: Vec<&str> = page
+        .lines()
+        .filter(|line| line.starts_with("| `"))
+        .collect();
     assert_eq!(shown, rows);
     assert!(rows.len() <= 25, "{}", rows.len());
 }
