@@ -146,25 +146,6 @@ fn a_reduced_arm_lacks_the_full_one() {
     );
 }
 
-/// Links that are parallel and of one length need no full arm, and one that is tested for that costs nothing.
-#[test]
-fn a_machine_with_a_reduced_arm_lacks_nothing() {
-    let (robot, file) = (gantry_tau(), prototype().1);
-    let simulated = simulate(&Simulation {
-        variant: Some("Nominal".into()),
-        seed: 101,
-        ..Simulation::new(robot.clone(), file)
-    })
-    .unwrap();
-    let options = Options::default();
-    let (file, folder) = (&simulated.file, &simulated.folder);
-    let outcome = discover(&robot, "Nominal", file, folder, &options, &mut |_| {}).unwrap();
-    let found = outcome.discovery;
-    assert!(found.effects.is_empty(), "{:?}", names(&found));
-    assert_eq!(found.considered[0].name, "full_arm");
-    assert!(found.considered[0].p_value.value() > 0.005);
-}
-
 /// If nothing is hidden, points that carry noise get no name, nor do carts that turn as they go; and the
 /// residuals are as large as the stated noise says.
 #[test]

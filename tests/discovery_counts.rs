@@ -1,6 +1,8 @@
 //! Discovery over many machines: shares of right and false answers, held against bounds that a right program breaks
 //! once in a thousand runs.
 
+use std::collections::BTreeSet;
+
 use rayon::prelude::*;
 use tau::Robot;
 use tau::discovery::{Discovery, Options, Status, discover};
@@ -13,14 +15,9 @@ use crate::support::{Random, gantry_tau, prototype};
 /// The chance that a right program's answers exceed a bound.
 const RARE: f64 = 1e-3;
 
-/// A machine, and what discovery says of it; sets are of half the prototype's size.
-fn searched(seed: u64, file: &RobotFile, build: Build, effects: &[&str]) -> Discovery {
-    let (robot, (_, drawing)) = (gantry_tau(), prototype());
-    let simulation = Simulation {
-        build,
-        effects: (effects.iter())
-            .map(|effect| Effect::parse(effect, &robot, "effect").unwrap())
-            .collect(),
+/// Measurements of a machine; sets are of half the prototype's size.
+fn measurements(seed: u64, file: &RobotFile) -> Simulation {
+    Simulation {
         poses: Poses::Grid {
             counts: [5, 5, 4],
             step_m: None,
@@ -34,7 +31,19 @@ fn searched(seed: u64, file: &RobotFile, build: Build, effects: &[&str]) -> Disc
             ..Temperature::default()
         },
         seed,
-        ..Simulation::new(robot.clone(), file.clone())
+        ..Simulation::new(gantry_tau(), file.clone())
+    }
+}
+
+/// What discovery says of a machine with effects.
+fn searched(seed: u64, file: &RobotFile, build: Build, effects: &[&str]) -> Discovery {
+    let (robot, (_, drawing)) = (gantry_tau(), prototype());
+    let simulation = Simulation {
+        build,
+        effects: (effects.iter())
+            .map(|effect| Effect::parse(effect, &robot, "effect").unwrap())
+            .collect(),
+        ..measurements(seed, file)
     };
     let folder = simulate(&simulation).unwrap().folder;
     let options = Options::default();
@@ -116,9 +125,11 @@ fn clear_effects_have_their_names() {
             "three,one",
         ),
         ("link_thermal(l2b): expansion=2e-5", "link_thermal", "l2b"),
+        // So strong that it bends by more than noise, which families with many columns follow.
+        ("backlash(one): gap=5e-4", "backlash", "one"),
     ];
     let (_, file) = prototype();
-    let seeds: Vec<u64> = (300..324).collect();
+    let seeds: Vec<u64> = (300..325).collect();
     let wrong: Vec<(u64, Vec<(String, String)>)> = (seeds.par_iter())
         .filter_map(|&seed| {
             let (effect, name, place) = hidden[seed as usize % hidden.len()];
@@ -129,7 +140,110 @@ fn clear_effects_have_their_names() {
             (names != [(name.to_owned(), place.to_owned())]).then_some((seed, names))
         })
         .collect();
-    assert!(wrong.len() <= bound(24, 0.05), "{wrong:?}");
+    assert!(wrong.len() <= bound(25, 0.05), "{wrong:?}");
+}
+
+/// Two carts with one effect look like the effect on all carts and its opposite on the third, three with one effect each
+/// like all in common; and while one of several effects is not yet known, others stand in for it.
+#[test]
+fn several_clear_effects_have_their_names() {
+    let hidden: [&[&str]; 3] = [
+        &["backlash(one): gap=6e-5", "backlash(three): gap=5e-5"],
+        &["backlash(all): gap=5e-5"],
+        &[
+            "rack_pitch(two): sine=5e-5, period=0.0133, second_sine=2.5e-5",
+            "backlash(one): gap=6e-5",
+            "backlash(three): gap=5e-5",
+            "link_thermal(all): expansion=2.4e-5",
+        ],
+    ];
+    let (_, file) = prototype();
+    let seeds: Vec<u64> = (600..612).collect();
+    let answers: Vec<(u64, usize, BTreeSet<String>)> = (seeds.par_iter())
+        .map(|&seed| {
+            let effects = hidden[seed as usize % hidden.len()];
+            let found = searched(seed, &file, Build::default(), effects);
+            let named = found.effects.iter();
+            let named: BTreeSet<String> = named
+                .map(|effect| format!("{}({})", effect.name, effect.place))
+                .collect();
+            let of_effect = |effect: &&str| effect.split(':').next().unwrap().to_owned();
+            let expected: BTreeSet<String> = effects.iter().map(of_effect).collect();
+            let wrong = named.symmetric_difference(&expected).cloned().collect();
+            (seed, expected.len(), wrong)
+        })
+        .collect();
+    let names: usize = answers.iter().map(|(_, names, _)| names).sum();
+    let wrong: usize = answers.iter().map(|(.., wrong)| wrong.len()).sum();
+    assert!(
+        wrong <= bound(names as u32, 0.05),
+        "{wrong} of {names}: {answers:?}"
+    );
+}
+
+/// Links of one cart that are parallel and of one length need no full arm, and the test for it costs nothing.
+#[test]
+fn machines_with_a_reduced_arm_lack_nothing() {
+    let (robot, (_, file)) = (gantry_tau(), prototype());
+    let seeds: Vec<u64> = (700..708).collect();
+    let wrong = seeds.par_iter().filter(|&&seed| {
+        let simulated = simulate(&Simulation {
+            variant: Some("Nominal".into()),
+            ..measurements(seed, &file)
+        });
+        let simulated = simulated.unwrap();
+        let (file, folder) = (&simulated.file, &simulated.folder);
+        let options = Options::default();
+        let found = discover(&robot, "Nominal", file, folder, &options, &mut |_| {}).unwrap();
+        !found.discovery.effects.is_empty()
+    });
+    let wrong = wrong.count();
+    assert!(wrong <= bound(8, 0.05), "{wrong} of 8");
+}
+
+/// A linear delta with poses, whose robot file gives no dimensions: they are the description's. One effect is of the
+/// size that a description expects, the other several times as large.
+#[test]
+fn on_a_linear_delta_clear_effects_have_their_names() {
+    let robot = Robot::from(&tau_generated::linear_delta::ROBOT);
+    let text = "robot = \"LinearDelta\"
+        [noise]
+        position_m = 1e-5
+        rotation_rad = 4e-5";
+    let file = RobotFile::parse_for(text, "robot.toml", &robot).unwrap();
+    let hidden = [
+        ("backlash(c): gap=4.31e-4", "backlash", "c"),
+        ("link_thermal(all): expansion=1.2e-5", "link_thermal", "all"),
+    ];
+    let seeds: Vec<u64> = (800..810).collect();
+    let wrong: Vec<(u64, Vec<(String, String)>)> = (seeds.par_iter())
+        .filter_map(|&seed| {
+            let (effect, name, place) = hidden[seed as usize % hidden.len()];
+            let simulation = Simulation {
+                // Values that a variant holds the machine has as drawn.
+                variant: Some("Full".to_owned()),
+                effects: vec![Effect::parse(effect, &robot, "effect").unwrap()],
+                poses: Poses::Random { count: 120 },
+                approach: Approach::Random,
+                temperature: Temperature {
+                    rise_k: 6.0,
+                    ..Temperature::default()
+                },
+                seed,
+                ..Simulation::new(robot.clone(), file.completed(&robot))
+            };
+            let measured = simulate(&simulation).unwrap();
+            let (file, folder) = (&measured.file, &measured.folder);
+            let options = Options::default();
+            let found = discover(&robot, "Full", file, folder, &options, &mut |_| {}).unwrap();
+            let effects = found.discovery.effects.into_iter();
+            let names: Vec<(String, String)> = effects
+                .map(|effect| (effect.name, effect.place.to_string()))
+                .collect();
+            (names != [(name.to_owned(), place.to_owned())]).then_some((seed, names))
+        })
+        .collect();
+    assert!(wrong.len() <= bound(10, 0.05), "{wrong:?}");
 }
 
 /// A linear delta of which heights over a bed and distances between holes are measured, no pose, and the names that

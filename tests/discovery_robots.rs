@@ -12,45 +12,6 @@ position_m = 1e-5
 rotation_rad = 4e-5
 ";
 
-/// An effect several times as large as expected bends by more than noise, and families with many columns follow the bend
-/// where the effect's own derivatives at zero do not.
-#[test]
-fn a_strong_effect_has_its_name() {
-    let folder = tempfile::tempdir().unwrap();
-    fs::write(folder.path().join("delta.toml"), DELTA).unwrap();
-    let with = "--model ROBOTS/linear_delta.tau";
-    let hidden = "--seed 57 --warming 6 --effect backlash(c):gap=4.31e-4";
-    let line =
-        format!("tau simulate {with} --robot DIR/delta.toml --out DIR/measured --random {hidden}");
-    tau_in(folder.path(), &line).done();
-    let line = format!("tau discover DIR/measured {with} --out DIR/out --json -");
-    let found = tau_in(folder.path(), &line).json();
-    assert_eq!(effects(&found), ["backlash(c)"]);
-    assert_eq!(found["status"], "explained");
-}
-
-/// An expected effect of a description is not overlooked. The robot file gives no dimensions: they
-/// are the description's as well.
-#[test]
-fn an_effect_of_the_expected_size_is_found() {
-    let folder = tempfile::tempdir().unwrap();
-    fs::write(folder.path().join("delta.toml"), DELTA).unwrap();
-    let with = "--model ROBOTS/linear_delta.tau";
-    let hidden = "--seed 3 --warming 6 --effect link_thermal(all):expansion=1.2e-5";
-    let line =
-        format!("tau simulate {with} --robot DIR/delta.toml --out DIR/measured --random {hidden}");
-    tau_in(folder.path(), &line).done();
-    let line = format!("tau discover DIR/measured {with} --out DIR/out --json -");
-    let found = tau_in(folder.path(), &line).json();
-    assert_eq!(effects(&found), ["link_thermal(all)"]);
-    let expansion = &found["effects"][0]["parameters"]["expansion"];
-    let [value, sigma] = ["value", "sigma"].map(|key| expansion[key].as_f64().unwrap());
-    assert!(
-        (value - 1.2e-5).abs() < 4.0 * sigma && sigma < 1e-6,
-        "{expansion}"
-    );
-}
-
 /// All carts move equally in set 2, and on tracks that lean towards each other that changes what the arm weighs on them.
 #[test]
 fn carts_yield_in_set_2_where_their_load_changes() {

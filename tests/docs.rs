@@ -52,6 +52,23 @@ fn operation_counts_of_the_readme_are_those_of_the_generated_code() {
     assert!(read("README.md").contains("takes 56 operations per iteration, after 25 that"));
 }
 
+/// The page of the benchmark shows the table of constants, and there are few.
+#[test]
+fn constants_of_discovery_are_those_of_the_page() {
+    let page = read("docs/discovery-benchmark.md");
+    let (_, page) = page.split_once("## Constants").unwrap();
+    let table = tau::discovery::Constants::default().table();
+    let rows: Vec<String> = (table.iter())
+        .map(|(name, value, reason)| format!("| `{name}` | {value:?} | {} |", reason.trim()))
+        .collect();
+    let shown: Vec<&str> = page
+        .lines()
+        .filter(|line| line.starts_with("| `"))
+        .collect();
+    assert_eq!(shown, rows);
+    assert!(rows.len() <= 25, "{}", rows.len());
+}
+
 #[test]
 fn links_lead_somewhere() {
     let pages: Vec<PathBuf> = ["", "docs", "benches/results"]

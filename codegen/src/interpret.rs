@@ -20,7 +20,7 @@ use code::Code;
 const BATCH: usize = 32;
 
 /// A residual family that is interpreted.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Interpreted {
     shape: Shape,
     row_starts: Vec<u32>,

@@ -2,8 +2,8 @@
 //!
 //! The data flows one way: [`equations`] writes each variant's residuals into a [`graph`];
 //! [`differentiate`] adds their derivatives; [`lower`] stages them and makes straight-line
-//! [`program`]s; [`emit`] prints those as Rust, [`interpret`] runs them. No step knows an effect by
-//! name.
+//! [`program`]s; [`emit`] prints those as Rust, [`interpret`] runs them. [`term`] does so with terms of effects by
+//! themselves. No step knows an effect by name.
 
 pub mod compile;
 pub mod differentiate;
@@ -14,6 +14,7 @@ pub mod graph;
 pub mod interpret;
 pub mod lower;
 pub mod program;
+pub mod term;
 pub mod vector;
 
 #[cfg(test)]

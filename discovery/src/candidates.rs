@@ -1,22 +1,24 @@
 //! Candidates: effects at places, with the columns that they would add to the Jacobian.
 
-mod scope;
+mod readings;
+pub(super) mod scope;
+
+use std::sync::Arc;
 
 use nalgebra::DMatrix;
-use tau_codegen::equations;
-use tau_codegen::language::model::{Effect, EffectUse, Formula, Model, Place, Target};
+use tau_codegen::equations::{self, Scope};
+use tau_codegen::language::model::{Effect, EffectUse, Model, Place};
 use tau_codegen::language::units::Dimension;
-use tau_estimation::samples::{NOT_FINITE, Sample};
+use tau_estimation::samples::Sample;
 use tau_kinematics::Surroundings;
 use tau_robot::effects;
 use tau_robot::robot::{Arm, Variant};
 
-use super::formula::{Formulas, Series};
 use super::generic::{self, Family, Placement};
 use super::probes::Probes;
 use super::results;
-pub(super) use scope::Scope;
-use scope::actions;
+use readings::Functions;
+pub(super) use readings::Readings;
 
 /// An effect at a place.
 #[derive(Debug, Clone)]
@@ -34,6 +36,8 @@ pub(super) struct Candidate {
     /// The parameter whose range is searched, by index of its component.
     pub(super) search: Option<(usize, (f64, f64))>,
     pub(super) parameters: Vec<ParameterKind>,
+    /// Of the effect's terms, with parameters of one place.
+    functions: Arc<Functions>,
 }
 
 /// A component of an effect's parameter.
@@ -66,7 +70,7 @@ impl Entry {
         Self {
             term: 0,
             component: 0,
-            scope: Scope::NOWHERE,
+            scope: Scope::default(),
             probe,
             slopes,
         }
@@ -94,6 +98,7 @@ pub(super) fn all(model: &Model, base: &Variant, families: &[Family]) -> Vec<Can
             }
             continue;
         }
+        let mut first: Option<Candidate> = None;
         for place in effects::places(model, effect) {
             let is_common = matches!(place, Place::AllCarts | Place::AllLinks);
             let is_searched = effect
@@ -115,7 +120,14 @@ pub(super) fn all(model: &Model, base: &Variant, families: &[Family]) -> Vec<Can
                 .any(|(name, at)| *name == effect.name && *at == places);
             if !is_used {
                 let at = results::Place::of(model, place);
-                candidates.push(Candidate::new(index, effect, place, at, family.clone()));
+                let first = first.get_or_insert_with(|| {
+                    Candidate::new(index, effect, place, at.clone(), family.clone())
+                });
+                candidates.push(Candidate {
+                    place,
+                    at,
+                    ..first.clone()
+                });
             }
         }
     }
@@ -156,7 +168,9 @@ impl Candidate {
         let held = |k: usize| {
             parameters[k].is_optional || search.is_some_and(|(searched, _)| searched == k)
         };
-        let none = at_none(effect, start, held);
+        let amplitudes = (0..parameters.len()).filter(|&k| !held(k)).collect();
+        let functions = Functions::new(effect, amplitudes, search.map(|(searched, _)| searched));
+        let none = at_none(effect, &functions, start, held);
         for (parameter, none) in parameters.iter_mut().zip(none) {
             parameter.none = none;
         }
@@ -169,6 +183,7 @@ impl Candidate {
             family,
             search,
             parameters,
+            functions: Arc::new(functions),
         }
     }
 
@@ -229,24 +244,10 @@ impl Candidate {
     }
 
     /// True if it has the columns of another, at any value of what is searched.
-    pub(super) fn looks_like(&self, other: &Self, model: &Model) -> bool {
+    pub(super) fn looks_like(&self, other: &Self) -> bool {
         self.place == other.place
             && self.further == other.further
-            && self.form(model) == other.form(model)
-    }
-
-    /// The terms of its columns, whatever the parameters are called.
-    fn form(&self, model: &Model) -> Vec<(Target, Formula)> {
-        let effect = &model.effects[self.effect];
-        let (values, amplitudes) = (self.none(), self.amplitudes());
-        let searched = self.search.map(|(searched, _)| searched);
-        let kept: Vec<usize> = amplitudes.iter().copied().chain(searched).collect();
-        let columns = Formulas::new(effect, &values, &amplitudes);
-        let form = Formulas::new(effect, &values, &kept);
-        let terms = effect.terms.iter().filter(|term| columns.concern(term));
-        terms
-            .map(|term| (term.target, form.form(&term.formula)))
-            .collect()
+            && self.functions.have_columns_of(&other.functions)
     }
 
     /// Its use in a model, extended by its optional parameters or not.
@@ -281,67 +282,29 @@ impl Candidate {
         samples: &[Sample],
         surroundings: &Surroundings,
     ) -> Result<Vec<Entry>, &'static str> {
-        let effect = &model.effects[self.effect];
-        let own = self.parameters.len() / (1 + self.further.len());
-        let mut entries = Vec::new();
-        let places = std::iter::once(&self.place).chain(&self.further);
-        for (first, &place) in (0..).step_by(own.max(1)).zip(places) {
-            let of_place: Vec<usize> = wanted
-                .iter()
-                .filter_map(|k| k.checked_sub(first).filter(|&k| k < own))
-                .collect();
-            let formulas = Formulas::new(effect, &values[first..first + own], &of_place);
-            let terms = effect.terms.iter().enumerate();
-            let terms = terms.filter(|(_, term)| formulas.concern(term));
-            for (index, term, action) in terms.flat_map(|(index, term)| {
-                let actions = actions((place, effect.subject), model, term, probes);
-                actions.into_iter().map(move |action| (index, term, action))
-            }) {
-                let Some(at) = action.probes.first().map(|&p| &probes.all[p].samples) else {
-                    continue;
-                };
-                let reader = |readable| {
-                    action
-                        .scope
-                        .read(readable, at, samples, surroundings, &probes.closures)
-                };
-                let slopes = formulas.slopes(term, &reader)?;
-                for (component, (&probe, mut slopes)) in
-                    action.probes.iter().zip(slopes).enumerate()
-                {
-                    let mut each = |k| match slopes.remove(&k)? {
-                        Series::Each(values) => Some(values),
-                        Series::Same(value) => Some(vec![value; at.len()]),
-                    };
-                    let slopes: Vec<Option<Vec<f64>>> = (0..self.parameters.len())
-                        .map(|k| each(k.checked_sub(first)?))
-                        .collect();
-                    if slopes
-                        .iter()
-                        .flatten()
-                        .flatten()
-                        .any(|slope| !slope.is_finite())
-                    {
-                        return Err(NOT_FINITE);
-                    }
-                    entries.push(Entry {
-                        term: index,
-                        component,
-                        scope: action.scope,
-                        probe,
-                        slopes,
-                    });
-                }
-            }
-        }
-        Ok(entries)
+        let is_nominal = |k: usize| values[k] == self.parameters[k].none;
+        let takes_optional = !self.optional().into_iter().all(is_nominal);
+        Readings::of(
+            (self, takes_optional),
+            model,
+            wanted,
+            probes,
+            samples,
+            surroundings,
+        )?
+        .entries(values)
     }
 }
 
 /// Parameter values at which an effect does nothing: those at which it starts where that is so, or else with as few
 /// zeros in their place as it takes. An expansion may start at what is expected of steel; a length over which something
 /// decays is not zero where nothing is there to decay.
-fn at_none(effect: &Effect, start: Vec<f64>, held: impl Fn(usize) -> bool) -> Vec<f64> {
+fn at_none(
+    effect: &Effect,
+    functions: &Functions,
+    start: Vec<f64>,
+    held: impl Fn(usize) -> bool,
+) -> Vec<f64> {
     let expected: Vec<usize> = (0..start.len())
         .filter(|&k| !held(k) && start[k] != 0.0)
         .collect();
@@ -357,7 +320,7 @@ fn at_none(effect: &Effect, start: Vec<f64>, held: impl Fn(usize) -> bool) -> Ve
         .chain(single)
         .chain([without(&expected)]);
     tried
-        .find(|values| Formulas::new(effect, values, &[]).vanish(effect))
+        .find(|values| functions.vanish(effect, values))
         .unwrap_or(start)
 }
 
@@ -452,11 +415,11 @@ mod tests {
             Candidate::new(index, &model.effects[index], place, AT, None)
         };
         let wave = at("wave", 0);
-        assert!(wave.looks_like(&at("richer", 0), &model));
-        assert!(at("richer", 0).looks_like(&wave, &model));
-        assert!(!wave.looks_like(&at("richer", 1), &model));
+        assert!(wave.looks_like(&at("richer", 0)));
+        assert!(at("richer", 0).looks_like(&wave));
+        assert!(!wave.looks_like(&at("richer", 1)));
         for other in ["twice", "upwards", "swapped"] {
-            assert!(!wave.looks_like(&at(other, 0), &model), "{other}");
+            assert!(!wave.looks_like(&at(other, 0)), "{other}");
         }
     }
 }

@@ -16,7 +16,7 @@ use tau_estimation::numerics::products::transposed_times;
 use tau_estimation::numerics::projection::{Subspace, inverse_factor};
 use tau_estimation::samples::Sample;
 
-use super::constants::Constants;
+use super::constants::{Constants, count};
 use super::linear_model::LinearModel;
 
 const RESAMPLES: usize = 400;
@@ -34,13 +34,13 @@ pub(super) fn held_out_gain(
     seed: u64,
     constants: &Constants,
 ) -> f64 {
-    let count = count_of(constants.folds).max(2);
-    let folds = folds(samples, count);
+    let fold_count = count(constants.folds).max(2);
+    let folds = folds(samples, fold_count);
     let before = view.q.ncols();
     let with = before + subspace.rank();
     let mut fitted = view.q.tr_mul(&view.residuals).resize_vertically(with, 0.0);
     (fitted.rows_mut(before, subspace.rank())).copy_from(&subspace.u.tr_mul(&view.residuals));
-    let every: Vec<usize> = (0..count).collect();
+    let every: Vec<usize> = (0..fold_count).collect();
     let gains_of_folds = parallel::map(&every, |&fold| {
         let rows: Vec<usize> = (0..view.rows.len())
             .filter(|&row| view.factors[row] > 0.0 && folds[view.rows[row].sample] == fold)
@@ -72,16 +72,7 @@ pub(super) fn held_out_gain(
         })
         .collect();
     sums.sort_by(f64::total_cmp);
-    sums[count_of(constants.lower * RESAMPLES as f64).min(RESAMPLES - 1)]
-}
-
-#[allow(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "a small count"
-)]
-fn count_of(number: f64) -> usize {
-    number as usize
+    sums[count(constants.lower * RESAMPLES as f64).min(RESAMPLES - 1)]
 }
 
 /// Fold of each sample: neighbours in the order measured, set by set.

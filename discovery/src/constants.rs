@@ -56,4 +56,34 @@ constants! {
     lower: 0.16;
     /// Noise that is so many times the stated one counts as structure.
     far_beyond: 2.0;
+    /// Most effects and families of a model: machines have fewer, and a base that lacks more is another machine's.
+    most_effects: 10.0;
+    /// Highest harmonic of a found period that is looked at: of gears and racks the first few are strong.
+    harmonics: 4.0;
+    /// Triangles by which a family follows a track piece by piece: the first bend that polynomials miss.
+    triangles: 9.0;
+    /// Most knots with which a straight track is tested: cost grows with the square of their number, and structure of a
+    /// track runs over more than one in so many.
+    knots: 64.0;
+    /// Strongest correlation of serial noise that is believed: beyond it noise is drift.
+    strongest_serial: 0.95;
+    /// Square of the cosine from which a rival's signal is the effect's own, and only a refit tells whether it explains
+    /// as much: the derivatives of both bend by more than noise where an effect is strong.
+    alike: 0.99;
+    /// Searches where poses are unknown, each with the noise and without the gross measurements that the machine found
+    /// before shows; two are usual.
+    searches: 3.0;
+    /// Change of an estimated standard deviation, as a share, from which such a search is worth repeating: scores, which
+    /// go with its square, change by a tenth.
+    other_noise: 0.05;
+}
+
+/// A constant that counts.
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a small count"
+)]
+pub(crate) fn count(number: f64) -> usize {
+    number as usize
 }

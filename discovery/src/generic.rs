@@ -47,8 +47,6 @@ const PERIODS: [(Target, (f64, f64)); 2] =
     [(Target::Along, (4e-3, 1.0)), (Target::Length, (50e-3, 1.0))];
 /// The same of links that drums wind up (rad): from a turn of the motor to one of a drum behind a gear of thirty.
 const PERIODS_OF_DRUMS: (f64, f64) = (std::f64::consts::TAU, 30.0 * std::f64::consts::TAU);
-/// Number of triangles that follow a track piece by piece.
-const TRIANGLES: usize = 9;
 
 /// Functions of conditions, and the name that they have in those of families.
 type Covariate = (&'static str, Vec<Formula>);
@@ -71,8 +69,13 @@ fn power(base: &Formula, exponent: i32) -> Formula {
     Formula::Power(Box::new(base.clone()), exponent)
 }
 
-/// The families of a robot whose commands span a range (m), and the effects that they are, in the same order.
-pub(super) fn families(model: &Model, (low_m, high_m): (f64, f64)) -> (Vec<Effect>, Vec<Family>) {
+/// The families of a robot whose commands span a range (m), and the effects that they are, in the same order. So many
+/// triangles follow a track piece by piece.
+pub(super) fn families(
+    model: &Model,
+    (low_m, high_m): (f64, f64),
+    triangle_count: usize,
+) -> (Vec<Effect>, Vec<Family>) {
     use Readable::{
         Command, Direction, LoadAlong, LoadHorizontal, LoadVertical, Position, Temperature,
         Tension, Time,
@@ -90,12 +93,12 @@ pub(super) fn families(model: &Model, (low_m, high_m): (f64, f64)) -> (Vec<Effec
         (number(35.0) * power(&s, 4) - number(30.0) * power(&s, 2) + number(3.0)) / number(8.0),
     ];
     let triangle = |k: usize| {
-        let width = 2.0 / (TRIANGLES - 1) as f64;
+        let width = 2.0 / (triangle_count - 1) as f64;
         let off = s.clone() - number(width * k as f64 - 1.0);
         let height = number(1.0) - Formula::Call(Function::Abs, vec![off]) / number(width);
         Formula::Call(Function::Max, vec![number(0.0), height])
     };
-    let triangles: Vec<Formula> = (0..TRIANGLES).map(triangle).collect();
+    let triangles: Vec<Formula> = (0..triangle_count).map(triangle).collect();
     let warm = Formula::Read(Temperature) - number(20.0);
     let side = Formula::Read(Direction);
     let axes = [0, 1, 2].map(Position);

@@ -16,7 +16,6 @@ mod findings;
 #[cfg(test)]
 mod fixture;
 mod floor;
-mod formula;
 mod generic;
 mod held_out;
 mod linear_model;
@@ -503,7 +502,8 @@ fn catalogue(
             "effects", problem,
         ))));
     }
-    let (effects, families) = generic::families(&model, range_m);
+    let triangles = constants::count(options.constants.triangles).max(2);
+    let (effects, families) = generic::families(&model, range_m, triangles);
     model.effects.extend(effects);
     Ok((model, families))
 }

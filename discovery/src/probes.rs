@@ -92,6 +92,13 @@ pub(super) struct ClosureProbe {
     pub(super) joint: Option<[usize; 3]>,
 }
 
+impl ClosureProbe {
+    /// The link, or the cluster of a reduced arm.
+    pub(super) fn owner(&self) -> Owner {
+        self.link.map_or(Owner::Cluster(self.cluster), Owner::Link)
+    }
+}
+
 /// Targets of a cart's probe, in its order.
 pub(super) const TARGETS_OF_CART: [Target; 6] = [
     Target::Along,

@@ -10,7 +10,8 @@ use tau_estimation::numerics::projection::orthonormal;
 use tau_estimation::samples::Sample;
 use tau_kinematics::Surroundings;
 
-use super::candidates::Candidate;
+use super::candidates::{Candidate, Readings};
+use super::constants::count;
 use super::p_value::PValue;
 use super::probes::Probes;
 use super::response::{Displacements, Responses};
@@ -77,12 +78,20 @@ impl Band {
         let amplitudes = candidate.amplitudes();
         let grid = grid(range, range_m);
         let chunks: Vec<&[f64]> = grid.chunks(AT_ONCE).collect();
+        let optional_too = false;
+        let readings = Readings::of(
+            (candidate, optional_too),
+            model,
+            &amplitudes,
+            probes,
+            samples,
+            surroundings,
+        )?;
         let entries = parallel::map(&chunks, |chunk| {
             let mut values = candidate.none();
             let of_value = |&value: &f64| {
                 values[searched] = value;
-                let at = (&values[..], &amplitudes[..]);
-                candidate.entries(model, at, probes, samples, surroundings)
+                readings.entries(&values)
             };
             chunk
                 .iter()
@@ -269,15 +278,6 @@ fn upcrossings(scans: impl Iterator<Item = Vec<f64>>, rank: f64) -> f64 {
         count += 1;
     }
     crossings as f64 / f64::from(count.max(1))
-}
-
-#[allow(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "a small count"
-)]
-fn count(number: f64) -> usize {
-    number as usize
 }
 
 #[cfg(test)]

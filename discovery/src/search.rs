@@ -15,6 +15,7 @@ use std::sync::Arc;
 
 use super::candidate_set::{CandidateSet, Table};
 use super::confirmation::held_out_gain;
+use super::constants::count;
 use super::linear_model::LinearModel;
 use super::results::{Derived, Gap, Step, UsedEffect};
 use super::score::Yardstick;
@@ -26,8 +27,6 @@ use state::{Composition, Context, Member, State, start_of};
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::projection::Subspace;
 
-/// Most effects and families of a model: machines have fewer, and a base that lacks more is another machine's.
-const MAX_EFFECTS: usize = 10;
 /// A better score is one that is better by more than rounding.
 const ROUNDING: f64 = 1e-6;
 /// A fit whose score changes by less, as much as a descent leaves of χ², has the scores that were known.
@@ -163,7 +162,8 @@ impl<'a> Search<'a> {
         } else {
             &[(false, true), (true, true)]
         };
-        'climb: while self.state.count() < MAX_EFFECTS {
+        let most = count(self.input.options.constants.most_effects);
+        'climb: while self.state.count() < most {
             for &(exchange, with_families) in kinds {
                 let moves = self.moves(exchange, with_families);
                 if self.stepped(moves, progress)? {
@@ -262,8 +262,8 @@ impl<'a> Search<'a> {
         if self.is_without(Rule::Serial) {
             return 1.0;
         }
-        let least = self.input.options.constants.serial;
-        serial::inflation(view, subspace, &self.bench.samples, least)
+        let constants = &self.input.options.constants;
+        serial::inflation(view, subspace, &self.bench.samples, constants)
     }
 
     /// True if the model is better with something more at a cost; each case leaves a sum of squares with the unnamed

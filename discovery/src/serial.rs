@@ -11,9 +11,9 @@ use tau_estimation::numerics::products::transposed_times;
 use tau_estimation::numerics::projection::Subspace;
 use tau_estimation::samples::Sample;
 
+use super::constants::Constants;
 use super::linear_model::LinearModel;
 
-const STRONGEST: f64 = 0.95;
 /// Rounds in which correlations are corrected for what the fit does to residuals.
 const ROUNDS: usize = 4;
 
@@ -29,12 +29,12 @@ const ROUNDS: usize = 4;
 /// With it a signal s has the variance `Σ sᵢ sⱼ ρ^|i−j|` in place of `Σ sᵢ²` (Bartlett, J. R. Stat. Soc. 98,
 /// 1935).
 ///
-/// A correlation counts if it exceeds `least` standard deviations of that of independent residuals.
+/// A correlation counts if it exceeds [`Constants::serial`] standard deviations of that of independent residuals.
 pub(super) fn inflation(
     view: &LinearModel,
     subspace: &Subspace,
     samples: &[Sample],
-    least: f64,
+    constants: &Constants,
 ) -> f64 {
     let signal = &subspace.u * subspace.u.tr_mul(&view.residuals);
     let residuals = &view.residuals - &signal;
@@ -42,7 +42,7 @@ pub(super) fn inflation(
         .into_values()
         .map(|chains| Kind::of(chains, &residuals, |rows| view.rows_with(subspace, rows)))
         .collect();
-    let processes = processes(&kinds, view.q.ncols() + subspace.rank(), least);
+    let processes = processes(&kinds, view.q.ncols() + subspace.rank(), constants);
     let added: f64 = kinds
         .iter()
         .zip(&processes)
@@ -73,8 +73,13 @@ impl Process {
 }
 
 /// The processes that leave residuals with the correlations that they have; white where these could be chance.
-fn processes(kinds: &[Kind], absorbed: usize, least: f64) -> Vec<Process> {
-    let is_serial: Vec<bool> = kinds.iter().map(|kind| kind.is_serial(least)).collect();
+fn processes(kinds: &[Kind], absorbed: usize, constants: &Constants) -> Vec<Process> {
+    // Of a first-order process it is less than one.
+    let strongest = constants.strongest_serial.min(0.999);
+    let is_serial: Vec<bool> = kinds
+        .iter()
+        .map(|kind| kind.is_serial(constants.serial))
+        .collect();
     let mut processes = vec![Process::WHITE; kinds.len()];
     if !is_serial.contains(&true) {
         return processes;
@@ -90,7 +95,11 @@ fn processes(kinds: &[Kind], absorbed: usize, least: f64) -> Vec<Process> {
         }
         for (k, turned) in of_kind.iter().enumerate() {
             if let Some(turned) = turned {
-                processes[k] = kinds[k].corrected(processes[k].correlation, turned, &inner);
+                let corrected = kinds[k].corrected(processes[k].correlation, turned, &inner);
+                processes[k] = Process {
+                    correlation: corrected.correlation.clamp(0.0, strongest),
+                    ..corrected
+                };
             }
         }
     }
@@ -189,7 +198,7 @@ impl Kind {
         let ratio = (products - self.pairs * rest * rest) / (squares + 2.0 * self.pairs * rest);
         let degrees = rows - self.q.norm_squared();
         Process {
-            correlation: (correlation + 2.0 * (self.ratio - ratio)).clamp(0.0, STRONGEST),
+            correlation: correlation + 2.0 * (self.ratio - ratio),
             variance: degrees / (rows + self.q.dot(&absorbed)),
         }
     }
@@ -271,7 +280,7 @@ mod tests {
             let share = 1.0 / f64::from(trials);
             naive += share * (1.0 + 2.0 * kind.ratio);
             naive_size += share * variance;
-            let process = processes(&[kind], 6 * CHAINS, 2.0)[0];
+            let process = processes(&[kind], 6 * CHAINS, &Constants::default())[0];
             mean += share * process.correlation;
             size += share * process.variance * variance;
         }
@@ -333,7 +342,7 @@ mod tests {
                     rows: rows.clone(),
                     degrees,
                 };
-                inflation(&view, &subspace, &samples, 2.0)
+                inflation(&view, &subspace, &samples, &Constants::default())
             })
             .collect();
         // In the mean it is larger, as a convex function of an estimate.

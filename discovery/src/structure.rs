@@ -2,13 +2,14 @@
 
 use std::collections::BTreeMap;
 
+use tau_codegen::equations::Scope;
 use tau_codegen::language::model::{Readable, Target};
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::samples::outliers;
 use tau_robot::robot_file::Noise;
 
 use super::candidate_set::CandidateSet;
-use super::candidates::Scope;
+use super::candidates::scope;
 use super::linear_model::LinearModel;
 use super::probes::{Moved, TARGETS_OF_CART};
 use super::results::{Motion, Place, Quantity, Unnamed};
@@ -165,20 +166,17 @@ fn covariates(
     samples: &[usize],
 ) -> Vec<(Quantity, Vec<f64>)> {
     let cart = |track: &usize| bench.probes.carts[*track].contains(&probe);
-    let closure = bench
-        .probes
-        .closures
-        .iter()
-        .enumerate()
-        .find(|(_, closure)| closure.length == probe);
+    let mut closures = bench.probes.closures.iter();
+    let closure = closures.find(|closure| closure.length == probe);
     let track = (0..bench.probes.carts.len()).find(cart);
-    let scope = match (track, closure) {
-        (Some(track), _) => Scope::of_cart(track, None),
-        (None, Some((index, closure))) => Scope::of_closure(index, closure),
-        (None, None) => Scope::NOWHERE,
+    let place = match (track, closure) {
+        (Some(track), _) => scope::of_cart(track, None),
+        (None, Some(closure)) => scope::of_closure(closure),
+        (None, None) => Scope::default(),
     };
     let series = |readable: Readable| {
-        let series = scope.read(
+        let series = scope::read(
+            &place,
             readable,
             samples,
             &bench.samples,

@@ -12,6 +12,7 @@ use tau_robot::measurements::{Division, Folder, PlateRow, PoseCounts};
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::{RobotFile, Value};
 
+use super::constants::count;
 use super::{Constants, DISCOVERED, Error, Input, Options, Outcome, searched, variant_of};
 
 /// Result of a discovery in a folder whose poses are unknown.
@@ -56,13 +57,6 @@ pub(super) struct Unknown<'a> {
     /// Values of the base, by name, at which they were estimated.
     pub(super) values: BTreeMap<String, f64>,
 }
-
-/// Searches, each with the noise and without the gross measurements that the machine found before shows; two are
-/// usual.
-const ROUNDS: usize = 3;
-/// Change of an estimated standard deviation, as a share, from which the search is worth repeating: scores, which go with
-/// its square, change by a tenth.
-const OTHER_NOISE: f64 = 0.05;
 
 /// The search in a folder without poses.
 pub(super) fn search(
@@ -122,8 +116,8 @@ pub(super) fn search(
         let fitted = outcome.stated(&file, folder, &rows, &options.constants)?;
         // Effects that a base lacks may look like gross measurements or like noise, and may hide some.
         let is_other = fitted.left_out() != *unknown.poses.left_out()
-            || unknown.poses.change_of_noise(&fitted) > OTHER_NOISE;
-        if is_other && round < ROUNDS {
+            || unknown.poses.change_of_noise(&fitted) > options.constants.other_noise;
+        if is_other && round < count(options.constants.searches) {
             known = Some(fitted);
             continue;
         }

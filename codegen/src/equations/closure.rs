@@ -123,7 +123,7 @@ fn equation(context: &Context<'_>, by_pose: bool) -> &'static str {
     }
 }
 
-pub(super) fn symbol(g: &crate::graph::Graph, expr: Expr) -> Symbol {
+pub(crate) fn symbol(g: &crate::graph::Graph, expr: Expr) -> Symbol {
     match g.node(expr) {
         Node::Symbol(symbol) => symbol,
         other => unreachable!("a variable is a symbol, not {other:?}"),
@@ -169,17 +169,15 @@ fn residual(context: &mut Context<'_>, of: usize, turn: Option<Vector>) -> Expr 
             continue;
         }
         let scope = Scope {
-            effect: index,
             command: context.own_command,
             track,
             source: None,
             // The checker admits a tension in a reduced arm only where the cluster is one link.
             link: links.first().copied(),
             length_of: Some(owner),
-            at_zero: false,
             at_tcp: true,
         };
-        for (target, value) in context.terms(used, scope) {
+        for (target, value) in context.terms((index, used), scope) {
             match (target, value.as_slice()) {
                 (Target::Length, &[amount]) => length = context.g.add(length, amount),
                 (Target::Joint, &[x, y, z]) => {

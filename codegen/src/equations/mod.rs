@@ -6,15 +6,17 @@
 
 mod closure;
 mod context;
-mod formula;
+pub(crate) mod formula;
 mod motion;
 mod parameters;
 mod roles;
 mod targets;
 mod value;
 
+pub(crate) use closure::symbol;
 pub use closure::{closure, closure_by_pose};
 pub use context::{Context, Staging};
+pub use formula::Scope;
 pub use parameters::{Parameter, parameters, places};
 pub use targets::{cart_pose, cart_position};
 

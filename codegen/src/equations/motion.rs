@@ -204,16 +204,13 @@ impl Context<'_> {
                 _ => continue,
             };
             let scope = Scope {
-                effect: index,
                 command: Some(track),
                 track: Some(track),
                 source,
-                link: None,
-                length_of: None,
-                at_zero: false,
                 at_tcp,
+                ..Scope::default()
             };
-            for (target, value) in self.terms(used, scope) {
+            for (target, value) in self.terms((index, used), scope) {
                 let slot = match target {
                     Target::Along => &mut total.shift[0],
                     Target::Horizontal => &mut total.shift[1],
@@ -232,13 +229,15 @@ impl Context<'_> {
         (!is_zero(&total.shift) || !is_zero(&total.turn)).then_some(total)
     }
 
-    /// Target and amount of each term of an effect.
-    pub(super) fn terms(&mut self, used: &EffectUse, scope: Scope) -> Vec<(Target, Vec<Expr>)> {
-        let effect = &self.model.effects[used.effect];
-        effect
-            .terms
-            .iter()
-            .map(|term| (term.target, self.formula(&term.formula, scope)))
+    /// Target and amount of each term of an effect, which has an index in the variant.
+    pub(super) fn terms(
+        &mut self,
+        (index, used): (usize, &EffectUse),
+        scope: Scope,
+    ) -> Vec<(Target, Vec<Expr>)> {
+        let terms = self.model.effects[used.effect].terms.iter();
+        terms
+            .map(|term| (term.target, self.of_effect(index, &term.formula, scope)))
             .collect()
     }
 

@@ -14,7 +14,7 @@ impl<'a> Context<'a> {
         match self.formula_of(owner, Value::Length) {
             Some(formula) => {
                 let scope = self.scope_of(owner);
-                self.formula(formula, scope)[0]
+                self.of_machine(formula, scope, false)[0]
             }
             None => self.parameter(owner, "length", None),
         }
@@ -25,12 +25,9 @@ impl<'a> Context<'a> {
         let Some(formula) = self.formula_of(owner, Value::Length) else {
             return self.g.constant(0.0);
         };
-        let there = self.scope_of(owner);
-        let at_zero = Scope {
-            at_zero: true,
-            ..there
-        };
-        let [length, at_zero] = [there, at_zero].map(|scope| self.formula(formula, scope)[0]);
+        let scope = self.scope_of(owner);
+        let [length, at_zero] =
+            [false, true].map(|at_zero| self.of_machine(formula, scope, at_zero)[0]);
         self.g.subtract(length, at_zero)
     }
 
@@ -50,7 +47,7 @@ impl<'a> Context<'a> {
         let model = self.model;
         let crank = model.tracks[track].crank.as_ref();
         match crank.and_then(|crank: &Crank| crank.formula(value)) {
-            Some(formula) => self.vector_formula(formula, Scope::nowhere()),
+            Some(formula) => self.vector_formula(formula, Scope::default()),
             None => self.vector_parameter(Owner::Crank(track), value.name()),
         }
     }
@@ -65,7 +62,7 @@ impl<'a> Context<'a> {
     }
 
     fn vector_formula(&mut self, formula: &Formula, scope: Scope) -> Vector {
-        let components = self.formula(formula, scope);
+        let components = self.of_machine(formula, scope, false);
         components
             .try_into()
             .unwrap_or_else(|_| unreachable!("the checker admits only vectors here"))
@@ -79,7 +76,7 @@ impl<'a> Context<'a> {
         Scope {
             command,
             length_of: Some(owner),
-            ..Scope::nowhere()
+            ..Scope::default()
         }
     }
 }

@@ -38,14 +38,14 @@ enum Action {
 }
 
 /// Destination of a result.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 enum Target {
     Slot(usize),
     /// The output of this number, which no instruction reads.
     Output(usize),
 }
 
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 struct Instruction {
     action: Action,
     operands: [[usize; 2]; MOST],
@@ -55,7 +55,7 @@ struct Instruction {
 }
 
 /// A program, split into what depends on parameters alone and the rest.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct Code {
     /// Inputs per sample; parameters follow them.
     samples: usize,

@@ -258,7 +258,7 @@ impl CandidateSet {
         let described = &self.candidates[family];
         let (_, range) = described.search?;
         let alike: Vec<(usize, (f64, f64))> = (self.scans.scans.iter())
-            .filter(|scan| self.candidates[scan.candidate].looks_like(described, &self.model))
+            .filter(|scan| self.candidates[scan.candidate].looks_like(described))
             .filter_map(|scan| Some((scan.bands[0], self.candidates[scan.candidate].search?.1)))
             .collect();
         let (bands, gaps) = covered(range, alike);

@@ -3,12 +3,13 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{DMatrix, DVector};
+use tau_codegen::equations::Scope;
 use tau_codegen::language::Model;
 use tau_codegen::language::model::{Readable, Term};
 use tau_codegen::language::units::Dimension;
 
 use crate::candidate_set::CandidateSet;
-use crate::candidates::{Candidate, Entry, Scope};
+use crate::candidates::{Candidate, Entry, scope};
 use crate::linear_model::LinearModel;
 use crate::probes::{Moved, Probe};
 use crate::results::{Bin, Motion, Pattern, Place, Quantity};
@@ -116,7 +117,7 @@ fn covariate(
     read.retain(|readable| !matches!(readable, Readable::Length | Readable::PaidOut));
     if read.is_empty() {
         // A constant depends on nothing: its cart's command, or else the place, shows that.
-        let has_cart = group.iter().all(|entry| entry.scope.has_command());
+        let has_cart = group.iter().all(|entry| entry.scope.command.is_some());
         return Some(if has_cart {
             Readable::Command
         } else {
@@ -151,16 +152,15 @@ fn covariate(
 }
 
 fn series(bench: &CandidateSet, entry: &Entry, readable: Readable) -> Option<Vec<f64>> {
-    entry
-        .scope
-        .read(
-            readable,
-            &probe(bench, entry).samples,
-            &bench.samples,
-            &bench.surroundings,
-            &bench.probes.closures,
-        )
-        .ok()
+    scope::read(
+        &entry.scope,
+        readable,
+        &probe(bench, entry).samples,
+        &bench.samples,
+        &bench.surroundings,
+        &bench.probes.closures,
+    )
+    .ok()
 }
 
 /// The searched period of an effect that repeats along a command.
@@ -280,7 +280,7 @@ fn shown(points: &[Point]) -> Vec<[f64; 3]> {
 /// Cart or link that moves, or the effect's own place where there are several.
 fn place(model: &Model, described: &Candidate, group: &[&Entry]) -> Place {
     let own = match group {
-        [one] => one.scope.place(),
+        [one] => scope::place(&one.scope),
         _ => None,
     };
     own.map_or_else(|| described.at.clone(), |own| Place::of(model, own))
@@ -288,9 +288,7 @@ fn place(model: &Model, described: &Candidate, group: &[&Entry]) -> Place {
 
 /// A quantity by its name: that of the source cart's command where there is one.
 fn quantity(model: &Model, readable: Readable, scope: Scope) -> Quantity {
-    let source = scope
-        .source()
-        .filter(|_| readable == Readable::SourceCommand);
+    let source = (scope.source).filter(|_| readable == Readable::SourceCommand);
     Quantity::of(source.map_or(readable, Readable::CommandOf), model)
 }
 

@@ -4,6 +4,7 @@
 use std::collections::BTreeSet;
 
 use super::super::candidate_set::{Score, f_form};
+use super::super::constants::{Constants, count};
 use super::super::linear_model::LinearModel;
 use super::super::p_value::PValue;
 use super::super::results::Separation;
@@ -14,12 +15,6 @@ use super::state::{Member, State, Unnamed};
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::parallel;
 use tau_estimation::numerics::projection::Subspace;
-
-/// Square of the cosine from which a rival's signal is the effect's own, and only a refit tells whether it explains as
-/// much: the derivatives of both bend by more than noise where an effect is strong.
-const ALIKE: f64 = 0.99;
-/// Harmonics of a found period that are looked at.
-const HARMONICS: std::ops::RangeInclusive<u32> = 2..=4;
 
 /// Results on an effect of the final model.
 pub(crate) struct Found {
@@ -94,7 +89,7 @@ impl Search<'_> {
     ) -> Vec<FoundRival> {
         let removed = self.state.members[member];
         let saved = self.cost_of(removed);
-        let as_good = self.input.options.constants.as_good;
+        let Constants { as_good, alike, .. } = self.input.options.constants;
         let (now, total) = (view.total(), without.view.total());
         let statistic = own.statistic(&without.view.residuals);
         let mut rivals: Vec<Vec<(usize, Option<f64>)>> = Vec::new();
@@ -108,7 +103,7 @@ impl Search<'_> {
                     .any(|m| m.candidate == score.candidate)
                 && !self.state.unnamed.iter().any(|u| u.0 == score.candidate);
             let change = self.change(now, total - score.statistic) + self.cost(score) - saved;
-            if !is_other || (change >= as_good && score.statistic < ALIKE * statistic) {
+            if !is_other || (change >= as_good && score.statistic < alike * statistic) {
                 continue;
             }
             let subspace = (self.bench).subspace(&without.view, score.candidate, score.searched);
@@ -117,7 +112,7 @@ impl Search<'_> {
             };
             let cosine = cosine(&without.view, own, &[subspace]);
             let is_rival = change < as_good
-                || (cosine.powi(2) > ALIKE && self.fits_as_well(member, score.candidate));
+                || (cosine.powi(2) > alike && self.fits_as_well(member, score.candidate));
             if is_rival {
                 rivals.push(vec![(score.candidate, score.searched)]);
                 cosines.push(cosine);
@@ -248,8 +243,8 @@ impl Search<'_> {
         let (mut statistic, mut rank) = (0.0, 0);
         let mut strongest = (0.0, period);
         let mut beside = None;
-        for order in HARMONICS {
-            let value = period / f64::from(order);
+        for order in 2..=count(self.input.options.constants.harmonics) {
+            let value = period / order as f64;
             let here = beside.as_ref().unwrap_or(view);
             let Some((_, subspace)) = self.bench.subspace(here, family, Some(value)) else {
                 continue;

@@ -1,5 +1,7 @@
 //! Searches on small folders with known answers.
 
+mod linear;
+
 use tau_codegen::language::{Model, check_text};
 use tau_robot::Robot;
 use tau_robot::measurements::{Division, Folder, Poses};

@@ -16,6 +16,7 @@ use nalgebra::Vector3;
 
 use super::super::candidate_set::f_form;
 use super::super::candidates::{self, Entry};
+use super::super::constants::count;
 use super::super::linear_model::LinearModel;
 use super::super::p_value::PValue;
 use super::super::probes::TARGETS_OF_CART;
@@ -35,10 +36,6 @@ use tau_robot::robot::{self, Robot, Variant};
 
 /// Name of the candidate by which a track follows the measured points of its cart.
 const NAME: &str = "piecewise_track";
-
-/// Most knots with which a straight track is tested: cost grows with the square of their number, and
-/// structure of a track runs over more than one in so many.
-const MOST_KNOTS: usize = 64;
 
 /// Result of a search from a base, with the tests of its straight tracks.
 pub(in super::super) struct Found {
@@ -222,12 +219,12 @@ fn knots(search: &Search<'_>, track: usize) -> Vec<f64> {
         .collect();
     knots.sort_by(f64::total_cmp);
     knots.dedup();
-    thinned(&knots)
+    thinned(&knots, count(search.input.options.constants.knots))
 }
 
 /// Evenly fewer of them where they are many, the ends kept.
-fn thinned(knots: &[f64]) -> Vec<f64> {
-    let (last, kept) = (knots.len().saturating_sub(1), knots.len().min(MOST_KNOTS));
+fn thinned(knots: &[f64], most: usize) -> Vec<f64> {
+    let (last, kept) = (knots.len().saturating_sub(1), knots.len().min(most));
     (0..kept)
         .map(|k| knots[k * last / (kept - 1).max(1)])
         .collect()
@@ -399,10 +396,10 @@ mod tests {
     fn many_knots_are_thinned_evenly_and_few_are_kept() {
         let even = |count: u32| -> Vec<f64> { (0..count).map(f64::from).collect() };
         for count in [0, 1, 2, 28, 64] {
-            assert_eq!(thinned(&even(count)), even(count));
+            assert_eq!(thinned(&even(count), 64), even(count));
         }
         for count in [65, 100, 333] {
-            let kept = thinned(&even(count));
+            let kept = thinned(&even(count), 64);
             assert_eq!(
                 (kept.len(), kept[0], kept[63]),
                 (64, 0.0, f64::from(count - 1))

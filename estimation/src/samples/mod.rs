@@ -1,4 +1,9 @@
 //! The measurements of all sets as one list of samples.
+//!
+//! They own what they hold, since sets 2 and 3 are carried into another frame, and treatments change copies. Kinematics
+//! takes a view ([`Sample::view`]): its iterations move a sample to another pose at every step, and most of its callers
+//! have commands and nothing else. One type that owns would copy three lists at each step, 38 ns, where a pose takes 1.8
+//! to 3.8 µs in a few of them, and would spare the ten lines of the view.
 
 pub mod frames;
 pub mod outliers;
