@@ -469,14 +469,10 @@ impl<'a> Assembly<'a> {
         let sigmas = drive_sigmas(self.file, machine.robot.commands);
         let are_lengths = self.file.noise_of_links().is_some();
         let inner = Arc::clone(&family) as Arc<dyn ResidualFamily>;
-        let outer: Arc<dyn ResidualFamily> = match sigmas {
-            Some(_) => Arc::new(Coupled::new(inner)),
-            None if are_lengths => Arc::new(Lengths::new(inner)),
-            None => inner,
-        };
         let kind = self.kind(DRIVES).or_else(|| self.kind(LINKS));
         let kind = kind.unwrap_or_default();
-        let mut rows = Rows::new("links", outer, parameters, vec![kind; count]);
+        let mut rows = Rows::new("links", inner, parameters, vec![kind; count]);
+        let mut is_coupled = vec![false; count * count];
         for (index, pose) in self.poses.iter().enumerate() {
             for reading in &pose.readings {
                 let sample = pose.sample(reading);
@@ -501,10 +497,22 @@ impl<'a> Assembly<'a> {
                 };
                 rows.weights.extend((0..count).map(weight));
                 if let Some(sigmas) = &sigmas {
-                    rows.data.extend(factor(&by_pose, sample.number, sigmas)?);
+                    let factor = factor(&by_pose, sample.number, sigmas)?;
+                    for (is_coupled, entry) in is_coupled.iter_mut().zip(&factor) {
+                        *is_coupled |= *entry != 0.0;
+                    }
+                    rows.data.extend(factor);
                 }
                 rows.places.push(reading.place);
             }
+        }
+        let inner = Arc::clone(&rows.family);
+        if sigmas.is_some() {
+            // Links that no drive moves together are coupled in no sample.
+            let coupled = Coupled::new(inner, |row, inner| is_coupled[row * count + inner]);
+            rows.family = Arc::new(coupled);
+        } else if are_lengths {
+            rows.family = Arc::new(Lengths::new(inner));
         }
         Ok(rows)
     }

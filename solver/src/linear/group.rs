@@ -192,6 +192,7 @@ impl Pattern {
         sums: &mut Sums,
     ) -> bool {
         match self.own {
+            2 => self.eliminate_columns(2, values, factors, damping, held, sums),
             3 => self.eliminate_columns(3, values, factors, damping, held, sums),
             6 => self.eliminate_columns(6, values, factors, damping, held, sums),
             own => self.eliminate_columns(own, values, factors, damping, held, sums),
