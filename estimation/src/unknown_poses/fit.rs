@@ -11,7 +11,8 @@ use tau_robot::robot_file::RobotFile;
 use tau_solver::{Parameter, Problem};
 
 use super::assembly::{self, Assembly, Chosen};
-use super::elimination::{self, Elimination, Reduced};
+use super::dense::stacked;
+use super::elimination::{Elimination, Reduced};
 use super::gauge::{Shared, scaled};
 use super::kinds::tells_drives;
 use super::rows::{RowPlace, Rows};
@@ -236,7 +237,7 @@ impl<'a> Fit<'a> {
                 .map(|has| f64::from(u8::from(has))),
         ));
         let data = scaled(triangle, &scales) / variance.sqrt();
-        let all = elimination::stacked(&data, &[priors]);
+        let all = stacked(&data, &[priors]);
         let svd = all.svd(false, true);
         let Some(v_t) = svd.v_t else {
             return DMatrix::from_element(width, width, f64::NAN);

@@ -7,6 +7,7 @@
 
 mod assembly;
 mod coupled;
+mod dense;
 mod elimination;
 mod estimated;
 mod evaluation;
@@ -128,8 +129,8 @@ pub fn calibrate(
 
 /// The fit from a start to its end, with the noise of kinds that ask for it and without gross rows.
 fn fitted(mut fit: Fit<'_>, options: &calibration::Options) -> Result<UnknownPoses, Error> {
-    fit.refuse_units()?;
     let reduced = fit.elimination(&fit.start).reduce();
+    fit.refuse_units(&reduced)?;
     let rank = fit.rank(&reduced, &fit.machine);
     fit.refuse_rank(&rank, options.free_scale)?;
     let mistakes = fit.exchanged_distances();
@@ -201,9 +202,9 @@ impl Fit<'_> {
             iterations += solution.iterations;
             values.clone_from(&solution.parameters);
             let moved = self.largest_move(&values);
-            let reduced = self.elimination(&values).reduce();
-            let covariance = self.covariance(&reduced.triangle, 1.0);
-            let leverages = self.elimination(&values).leverages(&covariance);
+            let elimination = self.elimination(&values);
+            let reduced = elimination.reduce();
+            let leverages = elimination.leverages(&self.covariance(&reduced.triangle, 1.0));
             let is_last = self.loss == loss;
             let noise = if is_last && loss.is_some_and(|loss| loss != Loss::Huber) {
                 0.0

@@ -13,6 +13,8 @@ use crate::linear::{LEAST_DAMPING, LinearSolver};
 
 /// Most parameters of a group.
 pub(crate) const MAX_GROUP: usize = 12;
+/// Numbers of a filled row that are handled at once, as most processors do.
+const LANES: usize = 4;
 
 /// Choice of the parameters that are eliminated.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -148,11 +150,12 @@ pub(crate) struct Schur {
     kept_step: Vec<f64>,
 }
 
-/// Room for the matrix of one group, and for a row of it.
+/// Room for the matrix of one group, for a row of it, and for its reflections.
 #[derive(Default)]
 struct Workspace {
     matrix: Vec<f64>,
     row: Vec<f64>,
+    reflected: Vec<f64>,
 }
 
 impl Schur {
@@ -213,13 +216,7 @@ impl Schur {
                 .push((row..=size).map(|column| (column, base[(row, column)])));
         }
         for group in &mut self.groups {
-            group.damp(
-                damping,
-                held,
-                step,
-                &mut self.workspace.matrix,
-                &mut self.reduced,
-            );
+            group.damp(damping, held, step, &mut self.workspace, &mut self.reduced);
             if !group.is_regular() {
                 return false;
             }
@@ -274,9 +271,6 @@ impl Group {
     }
 
     /// Reduces the group's rows to `[R E c]`; what they say beyond it goes to `rest`.
-    ///
-    /// Rows have few kept entries each. So the reflections are not applied to these, but to unit vectors
-    /// in their place, and then the rows are put together, unless there are more rows than kept columns.
     fn reduce(
         &mut self,
         jacobian: &Jacobian,
@@ -285,46 +279,79 @@ impl Group {
         rest: &mut RowReduction,
     ) {
         let (own, width) = (self.columns.len(), self.width());
-        let apart = self.outer < self.others.len();
-        let stride = if apart { own + self.outer + 1 } else { width };
-        let Workspace { matrix, row: sums } = workspace;
+        // What reflections cost that run along filled rows, and what it costs to put rows together entry by entry.
+        let filled = 2 * own * self.rows.len() * self.others.len() / LANES;
+        let kept_entries = self.targets.iter().filter(|&&target| target >= own).count();
+        if self.outer < self.others.len() && self.rows.len() * kept_entries < filled {
+            self.reduce_apart(jacobian, residuals, workspace, rest);
+            return;
+        }
+        let Workspace {
+            matrix, reflected, ..
+        } = workspace;
+        matrix.clear();
+        matrix.resize(self.rows.len().max(own) * width, 0.0);
+        let mut targets = self.targets.iter();
+        let numbers = matrix.chunks_exact_mut(width);
+        for (&row, numbers) in self.rows.iter().zip(numbers) {
+            for (&value, &target) in jacobian.row(row).1.iter().zip(&mut targets) {
+                numbers[target] = value;
+            }
+            numbers[width - 1] = residuals[row];
+        }
+        triangularize(matrix, width, own, reflected);
+        let (own_rows, others) = matrix.split_at(own * width);
+        self.undamped.copy_from_slice(own_rows);
+        for row in others.chunks_exact(width) {
+            rest.push(self.kept_entries(row, rest.last_column()));
+        }
+    }
+
+    /// The same where rows have few kept entries each: the reflections are not applied to these, but to unit vectors in
+    /// their place, and then the rows are put together.
+    fn reduce_apart(
+        &mut self,
+        jacobian: &Jacobian,
+        residuals: &[f64],
+        workspace: &mut Workspace,
+        rest: &mut RowReduction,
+    ) {
+        let (own, width) = (self.columns.len(), self.width());
+        let stride = own + self.outer + 1;
+        let Workspace {
+            matrix,
+            row: sums,
+            reflected,
+        } = workspace;
         matrix.clear();
         matrix.resize(self.rows.len().max(own) * stride, 0.0);
         let mut targets = self.targets.iter();
-        for (i, (&row, numbers)) in self
-            .rows
-            .iter()
-            .zip(matrix.chunks_exact_mut(stride))
-            .enumerate()
-        {
+        let numbers = matrix.chunks_exact_mut(stride).enumerate();
+        for (&row, (i, numbers)) in self.rows.iter().zip(numbers) {
             for (&value, &target) in jacobian.row(row).1.iter().zip(&mut targets) {
-                if !apart || target < own {
+                if target < own {
                     numbers[target] = value;
                 }
             }
-            if apart && i < self.outer {
+            if i < self.outer {
                 numbers[own + i] = 1.0;
             }
             numbers[stride - 1] = residuals[row];
         }
-        triangularize(matrix, stride, own);
+        triangularize(matrix, stride, own, reflected);
         for (i, numbers) in matrix.chunks_exact(stride).enumerate() {
             sums.clear();
             sums.extend_from_slice(&numbers[..own]);
-            if apart {
-                sums.resize(width - 1, 0.0);
-                let mut targets = self.targets.iter();
-                for (&row, &factor) in self.rows.iter().zip(&numbers[own..stride - 1]) {
-                    for (&value, &target) in jacobian.row(row).1.iter().zip(&mut targets) {
-                        if target >= own {
-                            sums[target] += factor * value;
-                        }
+            sums.resize(width - 1, 0.0);
+            let mut targets = self.targets.iter();
+            for (&row, &factor) in self.rows.iter().zip(&numbers[own..stride - 1]) {
+                for (&value, &target) in jacobian.row(row).1.iter().zip(&mut targets) {
+                    if target >= own {
+                        sums[target] += factor * value;
                     }
                 }
-                sums.push(numbers[stride - 1]);
-            } else {
-                sums.extend_from_slice(&numbers[own..]);
             }
+            sums.push(numbers[stride - 1]);
             if i < own {
                 self.undamped[i * width..(i + 1) * width].copy_from_slice(sums);
             } else {
@@ -343,9 +370,12 @@ impl Group {
         damping: f64,
         held: &[bool],
         step: &[f64],
-        matrix: &mut Vec<f64>,
+        workspace: &mut Workspace,
         rest: &mut RowReduction,
     ) {
+        let Workspace {
+            matrix, reflected, ..
+        } = workspace;
         let (own, width) = (self.columns.len(), self.width());
         if damping == 0.0 && !self.columns.iter().any(|&column| held[column]) {
             self.leave_undamped();
@@ -363,7 +393,7 @@ impl Group {
                 }
             }
         }
-        triangularize(matrix, width, own);
+        triangularize(matrix, width, own, reflected);
         self.damped.copy_from_slice(&matrix[..own * width]);
         for row in matrix[own * width..].chunks_exact(width) {
             rest.push(self.kept_entries(row, rest.last_column()));
