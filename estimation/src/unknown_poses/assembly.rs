@@ -24,6 +24,8 @@ use crate::samples::Sample;
 
 /// A step of Newton's method (m, rad) that moves a pose by less than a sketch leaves open of it.
 const ROUGH_STEP: f64 = 1e-3;
+/// Poses that a thread takes at once.
+const CHUNK: usize = 512;
 
 /// Readings of the drives at a pose.
 #[derive(Debug, Clone, PartialEq)]
@@ -221,17 +223,28 @@ impl<'a> Assembly<'a> {
     /// stated to stand. Ways between poses, along which links keep their lengths, a sketch has none.
     fn place_roughly(&mut self, machine: &Machine, stated: Pose) -> Result<(), Error> {
         let measured = self.measured_poses();
-        let placed = self.poses.par_iter_mut().map(|pose| {
-            if let Some(&base) = measured.get(&pose.number) {
-                pose.base = base;
-            } else if let Some(sample) = pose.first_sample() {
-                let view = sample.view();
-                let failed = |error| Error::at_pose(pose.number, machine.explained(error, &view));
-                let reached = machine.forward_roughly(&view.at(stated), ROUGH_STEP);
-                pose.base = reached.map_err(failed)?;
+        let place = |poses: &mut [UnknownPose]| {
+            let mut sought = vec![];
+            for (index, pose) in poses.iter_mut().enumerate() {
+                if let Some(&base) = measured.get(&pose.number) {
+                    pose.base = base;
+                } else if let Some(sample) = pose.first_sample() {
+                    sought.push((index, sample));
+                }
+            }
+            let starts: Vec<_> = sought.iter().map(|own| own.1.view().at(stated)).collect();
+            let reached = machine.forward_each_roughly(&starts, ROUGH_STEP);
+            for ((index, sample), reached) in sought.iter().zip(reached) {
+                let explained = |error| machine.explained(error, &sample.view());
+                let failed = |error| Error::at_pose(sample.number, explained(error));
+                poses[*index].base = reached.map_err(failed)?;
             }
             Ok(())
-        });
+        };
+        if self.poses.len() <= CHUNK {
+            return place(&mut self.poses);
+        }
+        let placed = self.poses.par_chunks_mut(CHUNK).map(place);
         // The first error in order, whatever thread is faster.
         placed.find_map_first(Result::err).map_or(Ok(()), Err)
     }
@@ -473,37 +486,65 @@ impl<'a> Assembly<'a> {
         let kind = kind.unwrap_or_default();
         let mut rows = Rows::new("links", inner, parameters, vec![kind; count]);
         let mut is_coupled = vec![false; count * count];
-        for (index, pose) in self.poses.iter().enumerate() {
-            for reading in &pose.readings {
-                let sample = pose.sample(reading);
-                let filled = family.fill(&machine.surroundings, &sample.view(), &mut rows.data);
-                filled.map_err(|missing| sample.lacks_in(reading.place.file, missing))?;
-                rows.own
-                    .extend((0..POSE_UNKNOWNS).map(|axis| POSE_UNKNOWNS * index + axis));
-                let view = sample.view();
-                let failed = |error| Error::at_pose(sample.number, machine.explained(error, &view));
-                let by_pose = machine.closures(&view).map_err(failed)?;
-                let is_gross = |link: usize| {
-                    chosen.left_out.contains(&RowPlace {
-                        drive: Some(link),
-                        ..reading.place
-                    })
-                };
-                let weight = |link: usize| match (&sigmas, is_gross(link)) {
-                    (_, true) => 0.0,
-                    (Some(_), _) => 1.0,
-                    _ if are_lengths => 1.0,
-                    (None, _) => by_pose.slopes[link].recip(),
-                };
-                rows.weights.extend((0..count).map(weight));
-                if let Some(sigmas) = &sigmas {
-                    let factor = factor(&by_pose, sample.number, sigmas)?;
-                    for (is_coupled, entry) in is_coupled.iter_mut().zip(&factor) {
-                        *is_coupled |= *entry != 0.0;
+        let of_chunk = |(chunk, poses): (usize, &[UnknownPose])| {
+            let mut found = ClosureRows {
+                is_coupled: is_coupled.clone(),
+                ..ClosureRows::default()
+            };
+            for (index, pose) in poses.iter().enumerate() {
+                let own = POSE_UNKNOWNS * (CHUNK * chunk + index);
+                for reading in &pose.readings {
+                    let sample = pose.sample(reading);
+                    let view = sample.view();
+                    let filled = family.fill(&machine.surroundings, &view, &mut found.data);
+                    filled.map_err(|missing| sample.lacks_in(reading.place.file, missing))?;
+                    found.own.extend(own..own + POSE_UNKNOWNS);
+                    let failed =
+                        |error| Error::at_pose(sample.number, machine.explained(error, &view));
+                    let by_pose = machine.closures(&view).map_err(failed)?;
+                    let is_gross = |link: usize| {
+                        chosen.left_out.contains(&RowPlace {
+                            drive: Some(link),
+                            ..reading.place
+                        })
+                    };
+                    let weight = |link: usize| match (&sigmas, is_gross(link)) {
+                        (_, true) => 0.0,
+                        (Some(_), _) => 1.0,
+                        _ if are_lengths => 1.0,
+                        (None, _) => by_pose.slopes[link].recip(),
+                    };
+                    found.weights.extend((0..count).map(weight));
+                    if let Some(sigmas) = &sigmas {
+                        let factor = factor(&by_pose, sample.number, sigmas)?;
+                        for (is_coupled, entry) in found.is_coupled.iter_mut().zip(&factor) {
+                            *is_coupled |= *entry != 0.0;
+                        }
+                        found.data.extend(factor);
                     }
-                    rows.data.extend(factor);
+                    found.places.push(reading.place);
                 }
-                rows.places.push(reading.place);
+            }
+            Ok::<_, Error>(found)
+        };
+        let chunks = self.poses.chunks(CHUNK).enumerate();
+        let found: Vec<Result<ClosureRows, Error>> = if self.poses.len() <= CHUNK {
+            chunks.map(of_chunk).collect()
+        } else {
+            chunks
+                .collect::<Vec<_>>()
+                .into_par_iter()
+                .map(of_chunk)
+                .collect()
+        };
+        for found in found {
+            let found = found?;
+            rows.data.extend(found.data);
+            rows.own.extend(found.own);
+            rows.weights.extend(found.weights);
+            rows.places.extend(found.places);
+            for (is_coupled, own) in is_coupled.iter_mut().zip(found.is_coupled) {
+                *is_coupled |= own;
             }
         }
         let inner = Arc::clone(&rows.family);
@@ -516,6 +557,17 @@ impl<'a> Assembly<'a> {
         }
         Ok(rows)
     }
+}
+
+/// Rows of the closures of some poses.
+#[derive(Default)]
+struct ClosureRows {
+    data: Vec<f64>,
+    own: Vec<usize>,
+    weights: Vec<f64>,
+    places: Vec<RowPlace>,
+    /// True of entries of the factors that are not zero throughout.
+    is_coupled: Vec<bool>,
 }
 
 /// Indices in the variant of its parameters that the closures depend on, ascending.

@@ -176,8 +176,9 @@ impl<'a> Fit<'a> {
             .iter()
             .zip(own.chunks_exact(POSE_UNKNOWNS))
         {
+            let name = format!("pose {} ", pose.number);
             for (coordinate, (axis, &value)) in axes.iter().zip(own).enumerate() {
-                let parameter = Parameter::new(format!("pose {} {axis}", pose.number), value);
+                let parameter = Parameter::new([&name, *axis].concat(), value);
                 parameters.push(if self.assembly.free.contains(&coordinate) {
                     parameter
                 } else {

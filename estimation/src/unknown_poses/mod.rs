@@ -200,8 +200,15 @@ impl Fit<'_> {
                 solution
             };
             iterations += solution.iterations;
+
             values.clone_from(&solution.parameters);
             let moved = self.largest_move(&values);
+            // Weights change until poses stay: nothing else is known before.
+            if !is_estimated && moved >= SAME_POSE && rounds < ROUNDS {
+                is_exact = true;
+                self.rebuild(&mut values)?;
+                continue;
+            }
             let elimination = self.elimination(&values);
             let reduced = elimination.reduce();
             let leverages = elimination.leverages(&self.covariance(&reduced.triangle, 1.0));

@@ -30,22 +30,34 @@ impl Elimination {
     /// touch, unless the union would be too large; then they are kept.
     pub(crate) fn detect(jacobian: &Jacobian) -> Self {
         let n = jacobian.column_count;
-        let mut rows_of = vec![Vec::new(); n];
+        // Rows of each column, one column after the other.
+        let mut starts = vec![0; n + 1];
+        for &column in &jacobian.columns {
+            starts[column + 1] += 1;
+        }
+        for column in 0..n {
+            starts[column + 1] += starts[column];
+        }
+        let mut next = starts.clone();
+        let mut all = vec![0; jacobian.columns.len()];
         for row in 0..jacobian.row_count() {
             for &column in jacobian.row(row).0 {
-                rows_of[column].push(row);
+                all[next[column]] = row;
+                next[column] += 1;
             }
         }
+        let rows_of = |column: usize| &all[starts[column]..starts[column + 1]];
         let mut order: Vec<usize> = (0..n).collect();
-        order.sort_by_key(|&column| rows_of[column].len());
+        order.sort_by_key(|&column| rows_of(column).len());
 
         let mut group_of_row: Vec<Option<usize>> = vec![None; jacobian.row_count()];
         let mut groups: Vec<Vec<usize>> = Vec::new();
         let mut kept = Vec::new();
+        let mut touched: Vec<usize> = Vec::new();
         for column in order {
-            let mut touched: Vec<usize> = Vec::new();
+            touched.clear();
             let mut size = 1;
-            for group in rows_of[column].iter().filter_map(|&row| group_of_row[row]) {
+            for group in rows_of(column).iter().filter_map(|&row| group_of_row[row]) {
                 if !touched.contains(&group) {
                     touched.push(group);
                     size += groups[group].len();
@@ -62,17 +74,17 @@ impl Elimination {
                 groups.push(Vec::new());
                 groups.len() - 1
             });
-            for group in touched {
+            for group in touched.drain(..) {
                 let members = std::mem::take(&mut groups[group]);
                 for &member in &members {
-                    for &row in &rows_of[member] {
+                    for &row in rows_of(member) {
                         group_of_row[row] = Some(target);
                     }
                 }
                 groups[target].extend(members);
             }
             groups[target].push(column);
-            for &row in &rows_of[column] {
+            for &row in rows_of(column) {
                 group_of_row[row] = Some(target);
             }
         }
@@ -85,8 +97,8 @@ impl Elimination {
         Self { groups, kept }
     }
 
-    /// Keeps the groups that occur in more rows than this.
-    pub(crate) fn with_few_rows(mut self, jacobian: &Jacobian, most: usize) -> Self {
+    /// Number of rows in which each group occurs.
+    fn rows(&self, jacobian: &Jacobian) -> Vec<usize> {
         let mut group_of = vec![usize::MAX; jacobian.column_count];
         for (g, columns) in self.groups.iter().enumerate() {
             for &column in columns {
@@ -101,7 +113,18 @@ impl Elimination {
                 *rows += 1;
             }
         }
-        let mut rows = rows.into_iter();
+        rows
+    }
+
+    /// True if all groups occur in some rows, at most so many.
+    pub(crate) fn has_few_rows(&self, jacobian: &Jacobian, most: usize) -> bool {
+        let rows = self.rows(jacobian);
+        rows.iter().all(|rows| (1..=most).contains(rows))
+    }
+
+    /// Keeps the groups that occur in more rows than this.
+    pub(crate) fn with_few_rows(mut self, jacobian: &Jacobian, most: usize) -> Self {
+        let mut rows = self.rows(jacobian).into_iter();
         self.groups.retain(|columns| {
             let few = rows.next().is_some_and(|rows| (1..=most).contains(&rows));
             if !few {
