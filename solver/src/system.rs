@@ -290,7 +290,11 @@ impl Piece {
         let shape = block.family.shape();
         let pattern = block.family.pattern();
         let width = self.layout.row_ends.last().copied().unwrap_or(0);
-        batch.entries.fill(0.0);
+        // Where no two parameters of the family are the same unknown, each entry is written once.
+        let is_once = self.layout.kept.len() == width;
+        if !is_once {
+            batch.entries.fill(0.0);
+        }
         for k in 0..batch.samples {
             let sample = batch.first + k;
             let derivatives = &scratch.derivatives[k * pattern.len()..][..pattern.len()];
@@ -323,7 +327,11 @@ impl Piece {
                 let mut sum = 0.0;
                 for &(entry, slot) in kept {
                     let derivative = factor * derivatives[entry];
-                    entries[slot] += derivative;
+                    entries[slot] = if is_once {
+                        derivative
+                    } else {
+                        entries[slot] + derivative
+                    };
                     sum += derivative.abs();
                 }
                 // One number that is not finite makes the sum so.

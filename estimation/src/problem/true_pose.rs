@@ -183,7 +183,7 @@ impl TruePose {
         turns.then(|| left_jacobian(Vector3::from_column_slice(&unknowns[3..])))
     }
 
-    /// Puts derivatives of closure `k` into its row: by the parameters, and by the pose, turned by the left Jacobian of
+    /// Puts derivatives of closure `k` into its row, which is zero: by the parameters, and by the pose, turned by the left Jacobian of
     /// the unknown rotation vector.
     fn fill_row(
         &self,
@@ -194,7 +194,6 @@ impl TruePose {
         turned: Option<&Matrix3<f64>>,
     ) {
         let closure = &self.closures[k];
-        row.fill(0.0);
         for (entry, &slot) in closure.slots.iter().enumerate() {
             row[slot] += by_parameters(entry);
         }
@@ -205,8 +204,7 @@ impl TruePose {
             }
         }
         if let Some(turned) = turned {
-            let by_turn = turned.tr_mul(&Vector3::from_column_slice(&gradient[3..]));
-            gradient[3..].copy_from_slice(by_turn.as_slice());
+            turn(turned, &mut gradient[3..]);
         }
         let first = row.len() - POSE_UNKNOWNS;
         row[first..].copy_from_slice(&gradient);
@@ -351,6 +349,7 @@ impl ResidualFamily for TruePose {
         jacobian: &mut [f64],
     ) {
         let (shared, unknowns) = parameters.split_at(self.parameters.len());
+        jacobian.fill(0.0);
         let turned = self.turned(unknowns);
         let mut data = vec![0.0; self.inputs.len()];
         self.at_true_pose(prepared, unknowns, &mut data);
@@ -396,6 +395,7 @@ impl ResidualFamily for TruePose {
         let (rows, total) = (self.closures.len(), self.columns.len());
         let width = self.inputs.len();
         let (mut by_parameters, mut by_pose) = (Room::default(), Room::default());
+        jacobian.fill(0.0);
         self.each_block(prepared, own, |first, count, data| {
             let turned: [Option<Matrix3<f64>>; LANES] = std::array::from_fn(|lane| {
                 let sample = first + lane.min(count - 1);
@@ -405,20 +405,39 @@ impl ResidualFamily for TruePose {
                 let (one, other) = (&closure.by_parameters, &closure.by_pose);
                 one.evaluate_block((data, width), shared, true, &mut by_parameters);
                 other.evaluate_block((data, width), shared, true, &mut by_pose);
-                for (lane, turned) in turned[..count].iter().enumerate() {
+                for lane in 0..count {
                     residuals[(first + lane) * rows + k] = by_parameters.residual[0][lane];
-                    let jacobian = &mut jacobian[(first + lane) * total..][..total];
-                    self.fill_row(
-                        k,
-                        &mut jacobian[self.row(k)],
-                        |entry| by_parameters.entries[entry][lane],
-                        |entry| by_pose.entries[entry][lane],
-                        turned.as_ref(),
-                    );
+                }
+                let row = self.row(k);
+                let of_samples = &mut jacobian[first * total..][..count * total];
+                for (&slot, entry) in closure.slots.iter().zip(&by_parameters.entries) {
+                    let places = of_samples[row.start + slot..].iter_mut().step_by(total);
+                    for (to, value) in places.zip(entry.0) {
+                        *to += value;
+                    }
+                }
+                let unknowns = row.end - POSE_UNKNOWNS;
+                for (unknown, entry) in closure.unknowns.iter().zip(&by_pose.entries) {
+                    let Some(unknown) = unknown else { continue };
+                    let places = of_samples[unknowns + unknown..].iter_mut().step_by(total);
+                    for (to, value) in places.zip(entry.0) {
+                        *to = value;
+                    }
+                }
+                for (lane, turned) in turned[..count].iter().enumerate() {
+                    if let Some(turned) = turned {
+                        turn(turned, &mut of_samples[lane * total + unknowns + 3..][..3]);
+                    }
                 }
             }
         });
     }
+}
+
+/// Turns a gradient by rotations into one by the unknown rotation vector.
+fn turn(turned: &Matrix3<f64>, gradient: &mut [f64]) {
+    let by_turn = turned.tr_mul(&Vector3::from_column_slice(gradient));
+    gradient.copy_from_slice(by_turn.as_slice());
 }
 
 /// The left Jacobian of SO(3): `exp(w + δ) = exp(J δ) exp(w)` to first order (J. Solà et al., "A micro

@@ -106,6 +106,17 @@ impl Coupled {
     /// Derivatives of the coupled residuals, from those of the inner family.
     fn couple_entries(&self, factor: &[f64], entries: &[f64], jacobian: &mut [f64]) {
         let rows = self.row_starts.len() - 1;
+        if self.terms.len() == rows {
+            // Nothing is coupled: entries stand where they stood.
+            for term in &self.terms {
+                let weight = factor[term.row * rows + term.inner];
+                let to = &mut jacobian[term.entries.clone()];
+                for (to, entry) in to.iter_mut().zip(&entries[term.entries.clone()]) {
+                    *to = weight * entry;
+                }
+            }
+            return;
+        }
         jacobian.fill(0.0);
         for term in &self.terms {
             let weight = factor[term.row * rows + term.inner];

@@ -16,6 +16,8 @@ pub(super) struct Pattern {
     pub(super) own: usize,
     /// Entries of each row, in order.
     pub(super) rows: Vec<Vec<Entry>>,
+    /// Place among the values of each entry of the rows that have kept columns.
+    places: Vec<usize>,
     /// Kept columns of each row that has some, ascending.
     pub(super) outer: Vec<Vec<usize>>,
     /// Start of each such row among all kept entries, and their number.
@@ -95,8 +97,16 @@ impl Pattern {
         for (r, kept) in outer.iter().enumerate() {
             products.push(products[r] + kept.len() * starts[r + 1]);
         }
+        let place = |(row, entry): (usize, &Entry)| match *entry {
+            Entry::Own(column) => row * own + column,
+            Entry::Kept(place) => outer.len() * own + place,
+        };
+        let entries = rows[..outer.len()].iter().enumerate();
+        let entries = entries
+            .flat_map(|(row, own): (usize, &Vec<Entry>)| own.iter().map(move |entry| (row, entry)));
         Self {
             own,
+            places: entries.map(place).collect(),
             rows,
             outer,
             starts,
@@ -166,29 +176,27 @@ impl Pattern {
     ) {
         let (own, outer) = (self.own, self.outer.len());
         values.fill(Lanes::ZERO);
-        let (e, rest) = values.split_at_mut(outer * own);
-        let (f, rest) = rest.split_at_mut(self.kept_entries());
-        let (r, rest) = rest.split_at_mut(outer);
-        let (normal, gradient) = rest.split_at_mut(own * own);
         let groups = rows.len() / self.rows.len();
+        for (lane, rows) in rows.chunks_exact(self.rows.len()).enumerate() {
+            let mut places = self.places.iter();
+            let residual = outer * own + self.kept_entries();
+            for (k, &row) in rows[..outer].iter().enumerate() {
+                values[residual + k][lane] = residuals[row];
+                for (&value, &place) in jacobian.row(row).1.iter().zip(&mut places) {
+                    values[place][lane] = value;
+                }
+            }
+        }
+        let (_, rest) = values.split_at_mut(outer * own + self.kept_entries() + outer);
+        let (normal, gradient) = rest.split_at_mut(own * own);
         for lane in groups..LANES {
             for i in 0..own {
                 normal[i * own + i][lane] = 1.0;
             }
         }
         for (lane, rows) in rows.chunks_exact(self.rows.len()).enumerate() {
-            for (k, (&row, entries)) in rows.iter().zip(&self.rows).enumerate() {
+            for (&row, entries) in rows.iter().zip(&self.rows).skip(outer) {
                 let numbers = jacobian.row(row).1;
-                if k < outer {
-                    r[k][lane] = residuals[row];
-                    for (entry, &value) in entries.iter().zip(numbers) {
-                        match *entry {
-                            Entry::Own(column) => e[k * own + column][lane] = value,
-                            Entry::Kept(place) => f[place][lane] = value,
-                        }
-                    }
-                    continue;
-                }
                 for (first, &value) in entries.iter().zip(numbers) {
                     let Entry::Own(i) = *first else { continue };
                     gradient[i][lane] += value * residuals[row];
