@@ -178,11 +178,11 @@ impl<'a> Fit<'a> {
         {
             let name = format!("pose {} ", pose.number);
             for (coordinate, (axis, &value)) in axes.iter().zip(own).enumerate() {
-                let parameter = Parameter::new([&name, *axis].concat(), value);
                 parameters.push(if self.assembly.free.contains(&coordinate) {
-                    parameter
+                    Parameter::new([&name, *axis].concat(), value)
                 } else {
-                    parameter.fixed()
+                    // Nothing is ever said of a coordinate that the plate can't move along.
+                    Parameter::new("", value).fixed()
                 });
             }
         }

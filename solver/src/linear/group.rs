@@ -175,8 +175,14 @@ impl Pattern {
         values: &mut [Lanes],
     ) {
         let (own, outer) = (self.own, self.outer.len());
-        values.fill(Lanes::ZERO);
         let groups = rows.len() / self.rows.len();
+        // Groups overwrite all but what they sum up.
+        let sums = if groups == LANES {
+            outer * own + self.kept_entries() + outer
+        } else {
+            0
+        };
+        values[sums..].fill(Lanes::ZERO);
         for (lane, rows) in rows.chunks_exact(self.rows.len()).enumerate() {
             let mut places = self.places.iter();
             let residual = outer * own + self.kept_entries();
