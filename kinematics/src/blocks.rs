@@ -49,7 +49,7 @@ impl Machine {
         reached
     }
 
-    /// Poses as by [`Self::forward_roughly`], several at a time.
+    /// Poses of redundant drives as by [`Self::forward_roughly`], several at a time.
     ///
     /// # Errors
     /// As [`Self::forward_roughly`], of each sample.

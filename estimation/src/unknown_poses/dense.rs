@@ -81,7 +81,9 @@ fn orthonormalize(columns: &mut [f64], height: usize) -> usize {
         take_out(&basis[..rank * height], own);
         let left = dot(own, own).sqrt();
         if left > DEPENDENT * size {
-            own.iter_mut().for_each(|entry| *entry /= left);
+            for entry in own.iter_mut() {
+                *entry /= left;
+            }
             columns.copy_within(start..start + height, rank * height);
             rank += 1;
         }

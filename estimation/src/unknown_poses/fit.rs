@@ -10,7 +10,8 @@ use tau_robot::robot::{Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 use tau_solver::{Parameter, Problem};
 
-use super::assembly::{self, Assembly, Chosen};
+use super::assembly::{Assembly, Chosen};
+use super::closures::used;
 use super::dense::stacked;
 use super::elimination::{Elimination, Reduced};
 use super::gauge::{Shared, scaled};
@@ -77,7 +78,7 @@ impl<'a> Fit<'a> {
             let message = "no pose of the plate is left to calibrate";
             return Err(InputError::whole(&folder.name, message).into());
         }
-        let used = assembly::used(&machine);
+        let used = used(&machine);
         let blocks = assembly.rows(&machine, &used, &chosen)?;
         let priors: Vec<Nominal> = used.iter().map(|&index| prepared.nominal[index]).collect();
         let mut start: Vec<f64> = used.iter().map(|&index| machine.values[index]).collect();

@@ -6,6 +6,7 @@
 //! Where poses are measured fully and drives are exact, this is to first order the fit of the closures, whitened.
 
 mod assembly;
+mod closures;
 mod coupled;
 mod dense;
 mod elimination;

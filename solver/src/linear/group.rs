@@ -195,10 +195,8 @@ impl Pattern {
         }
         let (_, rest) = values.split_at_mut(outer * own + self.kept_entries() + outer);
         let (normal, gradient) = rest.split_at_mut(own * own);
-        for lane in groups..LANES {
-            for i in 0..own {
-                normal[i * own + i][lane] = 1.0;
-            }
+        for pivot in normal.iter_mut().step_by(own + 1) {
+            pivot.0[groups..].fill(1.0);
         }
         for (lane, rows) in rows.chunks_exact(self.rows.len()).enumerate() {
             for (&row, entries) in rows.iter().zip(&self.rows).skip(outer) {

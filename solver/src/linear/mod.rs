@@ -37,8 +37,8 @@ const DENSE_ENTRIES: usize = 4_000_000;
 pub enum Method {
     /// By size and structure: dense QR where a part is small (by way of the normal
     /// equations where those are safe), else Schur elimination where most
-    /// parameters form small groups that share no residual (by normal equations where there are very
-    /// many), else sparse Cholesky.
+    /// parameters form small groups that share no residual (by normal equations where those are safe, or
+    /// there are very many rows), else sparse Cholesky.
     #[default]
     Auto,
     /// Dense QR, column-pivoted: the most accurate, and sure of rank.

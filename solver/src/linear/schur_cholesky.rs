@@ -1,9 +1,9 @@
-//! Schur elimination of very many small groups of parameters, by normal equations.
+//! Schur elimination of small groups of parameters, by normal equations.
 //!
 //! With E the columns of a group and F the kept columns in its rows, what the rows say of the kept
 //! parameters is `Fᵀ M F` with `M = I − E (EᵀE)⁻¹ Eᵀ`. Rows touch few kept parameters each, so it is summed
 //! up row by row with row, `M_rs f_r f_sᵀ`, without ever filling a row of the kept columns; groups of the
-//! same pattern share one sum. Rows without kept parameters (priors) only add to `EᵀE`.
+//! same pattern stand side by side and share one sum. Rows without kept parameters (priors) only add to `EᵀE`.
 //!
 //! Memory is linear in the number of groups. Groups are handed out to threads in portions that do not
 //! depend on how many there are, and portions are added in order: results repeat bit for bit.
@@ -97,10 +97,18 @@ impl Class {
         )
     }
 
-    /// Values and factors of each block.
+    /// Values and factors of a block.
+    fn block(&self, index: usize) -> (&[Lanes], &[Lanes]) {
+        let (values, factors) = (self.pattern.values_len(), self.pattern.factors_len());
+        (
+            &self.values[index * values..(index + 1) * values],
+            &self.factors[index * factors..(index + 1) * factors],
+        )
+    }
+
+    /// Those of all blocks.
     fn blocks(&self) -> impl Iterator<Item = (&[Lanes], &[Lanes])> {
-        let values = self.values.chunks_exact(self.pattern.values_len());
-        values.zip(self.factors.chunks_exact(self.pattern.factors_len()))
+        (0..block_count(self.groups())).map(|index| self.block(index))
     }
 }
 
@@ -313,9 +321,8 @@ impl SchurCholesky {
         let mut x = [Lanes::ZERO; MAX_GROUP];
         x[place as usize][lane] = 1.0;
         let mut sums = vec![Lanes::ZERO; pattern.kept_entries()];
-        if let Some((values, factors)) = class.blocks().nth(block) {
-            pattern.influence(values, factors, &mut x[..pattern.own], &mut sums);
-        }
+        let (values, factors) = class.block(block);
+        pattern.influence(values, factors, &mut x[..pattern.own], &mut sums);
         pattern.subtract(&sums, Some(lane), &mut kept);
         (kept, x.map(|x| x[lane]))
     }
