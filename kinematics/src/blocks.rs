@@ -1,8 +1,8 @@
 //! Forward kinematics of many samples, side by side.
 //!
 //! Newton's method as in [`newton`](super::newton), on a block of samples at once, each from its own start. It takes
-//! full steps only: a sample that one does not bring nearer, or that may be at a singular pose, is left to the method
-//! of single samples, which gives the same pose up to rounding.
+//! full steps only, or such as are as long as the tangent says anything: a sample that one does not bring nearer, or
+//! that may be at a singular pose, is left to the method of single samples, which gives the same pose up to rounding.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use tau_robot::robot::{Input, Instance};
@@ -32,7 +32,7 @@ impl Machine {
         };
         let mut reached = Vec::with_capacity(starts.len());
         for starts in starts.chunks(LANES) {
-            let settled = blocks.settled(starts);
+            let settled = blocks.settled(starts, Goal::Rounding);
             reached.extend(starts.iter().zip(settled).map(|(start, settled)| {
                 settled.map_or_else(
                     || self.forward_fitted(start),
@@ -48,6 +48,38 @@ impl Machine {
         }
         reached
     }
+
+    /// Poses of redundant drives as by [`Self::forward_roughly`], several at a time.
+    ///
+    /// # Errors
+    /// As [`Self::forward_roughly`], of each sample.
+    pub fn forward_each_roughly(
+        &self,
+        starts: &[Sample<'_>],
+        step: f64,
+    ) -> Vec<Result<Pose, Error>> {
+        let mut blocks = Blocks::of(self);
+        let mut poses = Vec::with_capacity(starts.len());
+        for starts in starts.chunks(LANES) {
+            let settled = match &mut blocks {
+                Some(blocks) => blocks.settled(starts, Goal::Step(step)),
+                None => [None; LANES],
+            };
+            poses.extend(starts.iter().zip(settled).map(|(start, settled)| {
+                settled.map_or_else(|| self.forward_roughly(start, step), |(pose, _)| Ok(pose))
+            }));
+        }
+        poses
+    }
+}
+
+/// End of Newton's method.
+#[derive(Clone, Copy, PartialEq)]
+enum Goal {
+    /// Poses to rounding, none of them singular.
+    Rounding,
+    /// A step (m, rad) that is shorter.
+    Step(f64),
 }
 
 /// The closures of a machine on a block of samples.
@@ -105,7 +137,7 @@ impl<'m> Blocks<'m> {
 
     /// Poses of up to a block of samples with the root mean square of what links miss their lengths by (m); `None` for
     /// those that are left to the method of single samples.
-    fn settled(&mut self, starts: &[Sample<'_>]) -> [Option<(Pose, f64)>; LANES] {
+    fn settled(&mut self, starts: &[Sample<'_>], goal: Goal) -> [Option<(Pose, f64)>; LANES] {
         let mut settled = [None; LANES];
         if self.start(starts).is_none() {
             return settled;
@@ -115,6 +147,10 @@ impl<'m> Blocks<'m> {
         let mut is_open: [bool; LANES] = std::array::from_fn(|lane| lane < starts.len());
         let mut before = [f64::INFINITY; LANES];
         let mut longest = [f64::INFINITY; LANES];
+        let shortest = match goal {
+            Goal::Rounding => SETTLED,
+            Goal::Step(step) => step,
+        };
         for _ in 0..MAX_ITERATIONS {
             let mismatch = self.linearize();
             let mut is_at_end = [true; LANES];
@@ -122,18 +158,21 @@ impl<'m> Blocks<'m> {
                 let norm = mismatch[lane].sqrt();
                 let is_nearer = norm < before[lane] * (1.0 - 1e-4) || norm < ROUNDING_M;
                 // At the end rounding alone decides whether a step gains anything.
-                let is_settled = longest[lane] < SETTLED && (!is_square || norm < 1e3 * ROUNDING_M);
+                let is_settled =
+                    longest[lane] < shortest && (!is_square || norm < 1e3 * ROUNDING_M);
                 is_open[lane] &= is_nearer || is_settled;
                 // Fewer unknowns than links: what is left of their lengths does not vanish.
                 is_at_end[lane] = !is_open[lane] || is_settled || is_square && norm < ROUNDING_M;
                 before[lane] = norm;
             }
             let is_last = is_at_end == [true; LANES];
-            self.solve(is_last);
+            self.solve(is_last && goal == Goal::Rounding);
             if is_last {
                 for (lane, settled) in settled.iter_mut().enumerate() {
                     // A bound from below of the smallest singular value: where it is small, the value decides.
-                    if is_open[lane] && self.inverse_norm(lane) < SINGULAR.recip() {
+                    let is_regular =
+                        || goal != Goal::Rounding || self.inverse_norm(lane) < SINGULAR.recip();
+                    if is_open[lane] && is_regular() {
                         let mean_square = mismatch[lane] / count as f64;
                         *settled = Some((self.pose(lane), mean_square.sqrt()));
                     }
@@ -143,10 +182,12 @@ impl<'m> Blocks<'m> {
             for lane in 0..LANES {
                 longest[lane] = self.longest_step(lane);
                 // Beyond this the tangent says nothing; also of a number that is none.
-                is_open[lane] &= longest[lane] < LONGEST_STEP;
+                is_open[lane] &= longest[lane] < LONGEST_STEP
+                    || goal != Goal::Rounding && longest[lane].is_finite();
             }
             self.advance(std::array::from_fn(|lane| {
-                is_open[lane] && !is_at_end[lane]
+                let moves = is_open[lane] && !is_at_end[lane];
+                moves.then(|| (LONGEST_STEP / longest[lane]).min(1.0))
             }));
         }
         settled
@@ -241,12 +282,12 @@ impl<'m> Blocks<'m> {
         self.step[self.step.len() - 1][lane].sqrt()
     }
 
-    /// Takes the step in some lanes.
-    fn advance(&mut self, is_open: [bool; LANES]) {
+    /// Takes a share of the step in some lanes.
+    fn advance(&mut self, shares: [Option<f64>; LANES]) {
         let mut motion = [Lanes::ZERO; POSE_COLUMNS];
         for (&unknown, step) in self.machine.pose_unknowns().iter().zip(&self.step) {
             each(&mut motion[unknown], |lane, to| {
-                *to = if is_open[lane] { -step[lane] } else { 0.0 }
+                *to = shares[lane].map_or(0.0, |share| -share * step[lane]);
             });
         }
         let [shift @ .., x, y, z] = motion;

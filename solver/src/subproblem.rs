@@ -37,8 +37,10 @@ pub(crate) struct Subproblem {
 struct Newton {
     step: Vec<f64>,
     predicted: f64,
-    /// Lower limit of the damping per relative excess of its length, zero if unknown.
-    inverse_form: f64,
+    /// True if its rank is full.
+    is_full_rank: bool,
+    /// Lower limit of the damping per relative excess of its length, zero if unknown; `None` until it is asked for.
+    inverse_form: Option<f64>,
 }
 
 impl Subproblem {
@@ -58,7 +60,8 @@ impl Subproblem {
             newton: Newton {
                 step: vec![0.0; columns],
                 predicted: 0.0,
-                inverse_form: 0.0,
+                is_full_rank: false,
+                inverse_form: None,
             },
         }
     }
@@ -73,15 +76,25 @@ impl Subproblem {
     ) {
         jacobian.transpose_times(residuals, &mut self.gradient);
         linear.load(jacobian, residuals);
-        let full_rank = self.solve_damped(0.0, jacobian, residuals, linear);
+        self.newton.is_full_rank = self.solve_damped(0.0, jacobian, residuals, linear);
         self.newton.step.copy_from_slice(&self.step);
         self.newton.predicted = self.predicted;
+        self.newton.inverse_form = None;
+    }
+
+    /// [`Newton::inverse_form`] of the undamped step, which `linear` solved for last if it was not asked for before.
+    fn newton_form(&mut self, linear: &mut dyn LinearSolver) -> f64 {
+        if let Some(known) = self.newton.inverse_form {
+            return known;
+        }
         // Without full rank or with bounds the length is no convex function of the damping.
-        self.newton.inverse_form = if full_rank && !self.bounded {
+        let form = if self.newton.is_full_rank && !self.bounded {
             self.direction_form(linear)
         } else {
             0.0
         };
+        self.newton.inverse_form = Some(form);
+        form
     }
 
     /// Length of the gradient, without what pushes against bounds.
@@ -109,8 +122,9 @@ impl Subproblem {
         if excess <= RADIUS_ACCURACY * radius {
             return;
         }
-        let mut least = if self.newton.inverse_form > 0.0 {
-            excess / radius / self.newton.inverse_form
+        let form = self.newton_form(linear);
+        let mut least = if form > 0.0 {
+            excess / radius / form
         } else {
             0.0
         };

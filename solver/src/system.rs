@@ -58,6 +58,8 @@ struct Piece {
     /// First residual.
     row: usize,
     layout: SampleLayout,
+    /// For one thread.
+    scratch: Scratch,
 }
 
 /// Places of the entries of a sample.
@@ -67,6 +69,9 @@ struct SampleLayout {
     row_ends: Vec<usize>,
     /// For each entry of the family's pattern, its place among the entries of the sample.
     slots: Vec<usize>,
+    /// Entries of the pattern that have a place, with it, and the end of each residual's among them.
+    kept: Vec<(usize, usize)>,
+    kept_ends: Vec<usize>,
 }
 
 /// Part of a piece that a thread writes: some samples' rows.
@@ -80,6 +85,7 @@ struct Batch<'a> {
 }
 
 /// Room for what a family writes.
+#[derive(Default)]
 struct Scratch {
     /// Parameters that samples share, and those of each sample of a batch.
     shared: Vec<f64>,
@@ -141,6 +147,7 @@ impl<'p> System<'p> {
                         samples: 1,
                         row,
                         layout,
+                        scratch: Scratch::default(),
                     });
                 }
                 if let Some(piece) = pieces.last() {
@@ -173,7 +180,8 @@ impl<'p> System<'p> {
     /// Writes the cost of each residual, `½ρ`, at the free parameters `x`.
     pub(crate) fn costs(&mut self, x: &[f64], costs: &mut [f64]) -> Result<(), NonFinite> {
         self.scatter(x);
-        for piece in &self.pieces {
+        for piece in &mut self.pieces {
+            let mut scratch = std::mem::take(&mut piece.scratch);
             let block = &self.problem.blocks[piece.block];
             let shape = block.family.shape();
             let evaluate = |scratch: &mut Scratch, batch: &mut Batch| {
@@ -195,7 +203,8 @@ impl<'p> System<'p> {
             };
             let rows = piece.samples * shape.residuals;
             let costs = &mut costs[piece.row..piece.row + rows];
-            in_batches(piece, block, costs, &mut [], evaluate)?;
+            in_batches(piece, block, &mut scratch, costs, &mut [], evaluate)?;
+            piece.scratch = scratch;
         }
         let first_prior = costs.len() - self.priors.len();
         for ((column, prior), cost) in self.priors.iter().zip(&mut costs[first_prior..]) {
@@ -207,7 +216,8 @@ impl<'p> System<'p> {
     /// Fills [`Self::residuals`] and [`Self::jacobian`] at the free parameters `x`, weighted.
     pub(crate) fn linearize(&mut self, x: &[f64]) -> Result<(), NonFinite> {
         self.scatter(x);
-        for piece in &self.pieces {
+        for piece in &mut self.pieces {
+            let mut scratch = std::mem::take(&mut piece.scratch);
             let block = &self.problem.blocks[piece.block];
             let rows = piece.samples * block.family.shape().residuals;
             let first_entry = self.jacobian.row_starts[piece.row];
@@ -215,6 +225,7 @@ impl<'p> System<'p> {
             in_batches(
                 piece,
                 block,
+                &mut scratch,
                 &mut self.residuals[piece.row..piece.row + rows],
                 &mut self.jacobian.values[first_entry..end],
                 |scratch, batch| {
@@ -222,6 +233,7 @@ impl<'p> System<'p> {
                     piece.whiten(block, self.content, scratch, batch)
                 },
             )?;
+            piece.scratch = scratch;
         }
         let first_row = self.residuals.len() - self.priors.len();
         let first_entry = self.jacobian.values.len() - self.priors.len();
@@ -278,12 +290,17 @@ impl Piece {
         let shape = block.family.shape();
         let pattern = block.family.pattern();
         let width = self.layout.row_ends.last().copied().unwrap_or(0);
-        batch.entries.fill(0.0);
+        // Where no two parameters of the family are the same unknown, each entry is written once.
+        let is_once = self.layout.kept.len() == width;
+        if !is_once {
+            batch.entries.fill(0.0);
+        }
         for k in 0..batch.samples {
             let sample = batch.first + k;
             let derivatives = &scratch.derivatives[k * pattern.len()..][..pattern.len()];
             let entries = &mut batch.entries[k * width..(k + 1) * width];
-            for i in 0..shape.residuals {
+            let mut first = 0;
+            for (i, &end) in self.layout.kept_ends.iter().enumerate() {
                 let fault = |parameter| {
                     Some(NonFinite {
                         block: self.block,
@@ -305,16 +322,25 @@ impl Piece {
                 };
                 batch.residuals[k * shape.residuals + i] = residual_factor * whitened;
                 let factor = jacobian_factor * weight;
-                let range = pattern.row_starts[i] as usize..pattern.row_starts[i + 1] as usize;
-                for entry in range {
-                    let slot = self.layout.slots[entry];
-                    if slot != DROPPED {
-                        let derivative = factor * derivatives[entry];
-                        if !derivative.is_finite() {
-                            let column = pattern.columns[entry] as usize;
-                            return fault(Some(block.parameter(sample, column)));
-                        }
-                        entries[slot] += derivative;
+                let kept = &self.layout.kept[first..end];
+                first = end;
+                let mut sum = 0.0;
+                for &(entry, slot) in kept {
+                    let derivative = factor * derivatives[entry];
+                    entries[slot] = if is_once {
+                        derivative
+                    } else {
+                        entries[slot] + derivative
+                    };
+                    sum += derivative.abs();
+                }
+                // One number that is not finite makes the sum so.
+                if !sum.is_finite() {
+                    let is_wrong =
+                        |&&(entry, _): &&(usize, usize)| !(factor * derivatives[entry]).is_finite();
+                    if let Some(&(entry, _)) = kept.iter().find(is_wrong) {
+                        let column = pattern.columns[entry] as usize;
+                        return fault(Some(block.parameter(sample, column)));
                     }
                 }
             }
@@ -328,9 +354,10 @@ impl Piece {
 fn in_batches(
     piece: &Piece,
     block: &Block,
+    scratch: &mut Scratch,
     mut residuals: &mut [f64],
     mut entries: &mut [f64],
-    work: impl Fn(&mut Scratch, &mut Batch) -> Option<NonFinite> + Sync,
+    work: impl Fn(&mut Scratch, &mut Batch) -> Option<NonFinite> + Sync + Send,
 ) -> Result<(), NonFinite> {
     let rows = block.family.shape().residuals;
     let width = entries.len() / piece.samples;
@@ -348,36 +375,26 @@ fn in_batches(
         });
     }
     let fault = if batches.len() < SHARED_BATCHES {
-        let mut scratch = Scratch::new(block);
         let mut batches = batches.iter_mut();
-        batches.find_map(|batch| work(&mut scratch, batch))
+        batches.find_map(|batch| work(scratch, batch))
     } else {
-        let faults = batches.par_iter_mut().map_init(
-            || Scratch::new(block),
-            |scratch, batch| work(scratch, batch),
-        );
+        let faults = batches.par_iter_mut().map_init(Scratch::default, work);
         faults.find_map_first(|fault| fault)
     };
     fault.map_or(Ok(()), Err)
 }
 
 impl Scratch {
-    fn new(block: &Block) -> Self {
-        let shape = block.family.shape();
-        Self {
-            shared: vec![0.0; block.parameters.len()],
-            own: Vec::new(),
-            residuals: vec![0.0; BATCH * shape.residuals],
-            derivatives: vec![0.0; BATCH * block.family.pattern().len()],
-            lanes: Vec::new(),
-        }
-    }
-
     /// Asks the family for the values at a batch of samples, and for the derivatives.
     fn evaluate(&mut self, block: &Block, all: &[f64], batch: &Batch, derivatives: bool) {
         let shape = block.family.shape();
         let entries = block.family.pattern().len();
+        self.shared.resize(block.parameters.len(), 0.0);
         gather(all, &block.parameters, &mut self.shared);
+        self.residuals.resize(BATCH * shape.residuals, 0.0);
+        if derivatives {
+            self.derivatives.resize(BATCH * entries, 0.0);
+        }
         let residuals = &mut self.residuals[..batch.samples * shape.residuals];
         let derivatives = derivatives.then(|| &mut self.derivatives[..batch.samples * entries]);
         if !block.has_sample_parameters() {
@@ -429,6 +446,7 @@ fn sample_layout(block: &Block, sample: usize, column_of: &[usize]) -> (SampleLa
     let mut row_ends = Vec::with_capacity(pattern.row_starts.len());
     let mut columns: Vec<usize> = Vec::with_capacity(pattern.len());
     let mut slots = Vec::with_capacity(pattern.len());
+    let (mut kept, mut kept_ends) = (Vec::with_capacity(pattern.len()), Vec::new());
     for row in pattern.row_starts.windows(2) {
         let row_start = columns.len();
         let entries = &pattern.columns[row[0] as usize..row[1] as usize];
@@ -449,8 +467,19 @@ fn sample_layout(block: &Block, sample: usize, column_of: &[usize]) -> (SampleLa
                 .map_or(DROPPED, |place| row_start + place)
         }));
         row_ends.push(columns.len());
+        let first = row[0] as usize;
+        let places = slots[first..].iter().enumerate();
+        let places = places.filter(|(_, slot)| **slot != DROPPED);
+        kept.extend(places.map(|(entry, &slot)| (first + entry, slot)));
+        kept_ends.push(kept.len());
     }
-    (SampleLayout { row_ends, slots }, columns)
+    let layout = SampleLayout {
+        row_ends,
+        slots,
+        kept,
+        kept_ends,
+    };
+    (layout, columns)
 }
 
 /// Cost of what no free parameter changes: blocks without any, and priors of fixed parameters.

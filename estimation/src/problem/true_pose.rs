@@ -39,6 +39,15 @@ struct Closure {
     by_pose: Part,
     /// Place in its row of each entry of the family by parameters.
     slots: Vec<usize>,
+    /// Unknown of the pose that each entry of the family by pose belongs to; those by commands to none.
+    unknowns: Vec<Option<usize>>,
+}
+
+impl Closure {
+    /// True if a turn of the plate changes it.
+    fn turns(&self) -> bool {
+        self.unknowns.iter().flatten().any(|&unknown| unknown >= 3)
+    }
 }
 
 /// A family, with the places of its data and parameters.
@@ -89,10 +98,17 @@ impl TruePose {
                 row.extend(width..width + POSE_UNKNOWNS);
                 columns.extend(row.into_iter().map(number));
                 row_starts.push(number(columns.len()));
+                let by_pose = part(by_pose);
+                let columns = by_pose.instance.family.pattern().columns.iter();
+                let unknown = |&column: &u32| {
+                    let column = column as usize;
+                    (column < POSE_UNKNOWNS).then_some(column)
+                };
                 Closure {
                     slots,
+                    unknowns: columns.map(unknown).collect(),
                     by_parameters,
-                    by_pose: part(by_pose),
+                    by_pose,
                 }
             })
             .collect();
@@ -148,11 +164,12 @@ impl TruePose {
 
     /// Writes what closures take of a sample, at its true pose.
     fn at_true_pose(&self, prepared: &[f64], unknowns: &[f64], data: &mut [f64]) {
-        let pose = self.true_pose(prepared, unknowns);
+        let measured = &prepared[self.inputs.len()..];
+        let pose = LazyCell::new(|| self.true_pose(prepared, unknowns));
         let angles = LazyCell::new(|| pose.angles_rad());
         for ((value, input), &prepared) in data.iter_mut().zip(&self.inputs).zip(prepared) {
             *value = match *input {
-                Input::Position(k) | Input::TcpPosition(k) => pose.position[k],
+                Input::Position(k) | Input::TcpPosition(k) => measured[k] + unknowns[k],
                 Input::Angle(k) => angles[k],
                 Input::Rotation(k) => pose.rotation[(k / 3, k % 3)],
                 _ => prepared,
@@ -160,7 +177,13 @@ impl TruePose {
         }
     }
 
-    /// Puts derivatives of closure `k` into its row: by the parameters, and by the pose, turned by the left Jacobian of
+    /// Left Jacobian of the unknown rotation vector of a pose; `None` where no closure turns.
+    fn turned(&self, unknowns: &[f64]) -> Option<Matrix3<f64>> {
+        let turns = self.closures.iter().any(Closure::turns);
+        turns.then(|| left_jacobian(Vector3::from_column_slice(&unknowns[3..])))
+    }
+
+    /// Puts derivatives of closure `k` into its row, which is zero: by the parameters, and by the pose, turned by the left Jacobian of
     /// the unknown rotation vector.
     fn fill_row(
         &self,
@@ -168,22 +191,21 @@ impl TruePose {
         row: &mut [f64],
         by_parameters: impl Fn(usize) -> f64,
         by_pose: impl Fn(usize) -> f64,
-        turned: &Matrix3<f64>,
+        turned: Option<&Matrix3<f64>>,
     ) {
         let closure = &self.closures[k];
-        row.fill(0.0);
         for (entry, &slot) in closure.slots.iter().enumerate() {
             row[slot] += by_parameters(entry);
         }
         let mut gradient = [0.0; POSE_UNKNOWNS];
-        let columns = closure.by_pose.instance.family.pattern().columns;
-        for (entry, &column) in columns.iter().enumerate() {
-            if let Some(place) = gradient.get_mut(column as usize) {
-                *place = by_pose(entry);
+        for (entry, &unknown) in closure.unknowns.iter().enumerate() {
+            if let Some(unknown) = unknown {
+                gradient[unknown] = by_pose(entry);
             }
         }
-        let by_turn = turned.tr_mul(&Vector3::from_column_slice(&gradient[3..]));
-        gradient[3..].copy_from_slice(by_turn.as_slice());
+        if let Some(turned) = turned {
+            turn(turned, &mut gradient[3..]);
+        }
         let first = row.len() - POSE_UNKNOWNS;
         row[first..].copy_from_slice(&gradient);
     }
@@ -270,8 +292,13 @@ impl Part {
             }
             return;
         };
-        room.data.clear();
-        (room.data).extend(samples.flat_map(|data| self.data.iter().map(|&place| data[place])));
+        room.data.resize(LANES * self.data.len(), 0.0);
+        let own = room.data.chunks_exact_mut(self.data.len().max(1));
+        for (own, data) in own.zip(samples) {
+            for (own, &place) in own.iter_mut().zip(&self.data) {
+                *own = data[place];
+            }
+        }
         room.prepared.resize(family.shape().prepared, Lanes::ZERO);
         blocks.prepare_blocks(&room.data, &mut room.prepared);
         room.parameters.clear();
@@ -322,7 +349,8 @@ impl ResidualFamily for TruePose {
         jacobian: &mut [f64],
     ) {
         let (shared, unknowns) = parameters.split_at(self.parameters.len());
-        let turned = left_jacobian(Vector3::from_column_slice(&unknowns[3..]));
+        jacobian.fill(0.0);
+        let turned = self.turned(unknowns);
         let mut data = vec![0.0; self.inputs.len()];
         self.at_true_pose(prepared, unknowns, &mut data);
         for (k, closure) in self.closures.iter().enumerate() {
@@ -337,7 +365,7 @@ impl ResidualFamily for TruePose {
                 row,
                 |entry| by_parameters[entry],
                 |entry| by_pose[entry],
-                &turned,
+                turned.as_ref(),
             );
         }
     }
@@ -367,30 +395,49 @@ impl ResidualFamily for TruePose {
         let (rows, total) = (self.closures.len(), self.columns.len());
         let width = self.inputs.len();
         let (mut by_parameters, mut by_pose) = (Room::default(), Room::default());
+        jacobian.fill(0.0);
         self.each_block(prepared, own, |first, count, data| {
-            let turned: [Matrix3<f64>; LANES] = std::array::from_fn(|lane| {
+            let turned: [Option<Matrix3<f64>>; LANES] = std::array::from_fn(|lane| {
                 let sample = first + lane.min(count - 1);
-                let unknowns = &own[sample * POSE_UNKNOWNS..][..POSE_UNKNOWNS];
-                left_jacobian(Vector3::from_column_slice(&unknowns[3..]))
+                self.turned(&own[sample * POSE_UNKNOWNS..][..POSE_UNKNOWNS])
             });
             for (k, closure) in self.closures.iter().enumerate() {
                 let (one, other) = (&closure.by_parameters, &closure.by_pose);
                 one.evaluate_block((data, width), shared, true, &mut by_parameters);
                 other.evaluate_block((data, width), shared, true, &mut by_pose);
-                for (lane, turned) in turned[..count].iter().enumerate() {
+                for lane in 0..count {
                     residuals[(first + lane) * rows + k] = by_parameters.residual[0][lane];
-                    let jacobian = &mut jacobian[(first + lane) * total..][..total];
-                    self.fill_row(
-                        k,
-                        &mut jacobian[self.row(k)],
-                        |entry| by_parameters.entries[entry][lane],
-                        |entry| by_pose.entries[entry][lane],
-                        turned,
-                    );
+                }
+                let row = self.row(k);
+                let of_samples = &mut jacobian[first * total..][..count * total];
+                for (&slot, entry) in closure.slots.iter().zip(&by_parameters.entries) {
+                    let places = of_samples[row.start + slot..].iter_mut().step_by(total);
+                    for (to, value) in places.zip(entry.0) {
+                        *to += value;
+                    }
+                }
+                let unknowns = row.end - POSE_UNKNOWNS;
+                for (unknown, entry) in closure.unknowns.iter().zip(&by_pose.entries) {
+                    let Some(unknown) = unknown else { continue };
+                    let places = of_samples[unknowns + unknown..].iter_mut().step_by(total);
+                    for (to, value) in places.zip(entry.0) {
+                        *to = value;
+                    }
+                }
+                for (lane, turned) in turned[..count].iter().enumerate() {
+                    if let Some(turned) = turned {
+                        turn(turned, &mut of_samples[lane * total + unknowns + 3..][..3]);
+                    }
                 }
             }
         });
     }
+}
+
+/// Turns a gradient by rotations into one by the unknown rotation vector.
+fn turn(turned: &Matrix3<f64>, gradient: &mut [f64]) {
+    let by_turn = turned.tr_mul(&Vector3::from_column_slice(gradient));
+    gradient.copy_from_slice(by_turn.as_slice());
 }
 
 /// The left Jacobian of SO(3): `exp(w + δ) = exp(J δ) exp(w)` to first order (J. Solà et al., "A micro

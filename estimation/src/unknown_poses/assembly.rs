@@ -3,36 +3,33 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use nalgebra::{Cholesky, DMatrix, Vector3};
+use nalgebra::Vector3;
 use rayon::prelude::*;
-use tau_kinematics::{Closures, Machine, Pose};
-use tau_robot::input_error::InputError;
+use tau_kinematics::{Machine, Pose};
 use tau_robot::measurements::{Conditions, DISTANCES, Folder, PlateKind, PlateRow, TCP_POSES};
-use tau_robot::robot::{Instance, ResidualKind};
 use tau_robot::robot_file::{RobotFile, StatedNoise};
-use tau_runtime::ResidualFamily;
 
-use super::coupled::Coupled;
-use super::kinds::{AXES, FIRST_GUESS_M, drive_sigmas, kinds_of_noise};
-use super::lengths::Lengths;
+use super::kinds::{AXES, FIRST_GUESS_M, kinds_of_noise};
 use super::objects::{Object, ObjectUnknown, collect_objects};
 use super::quantity::{Measured, Quantity, base};
-use super::rows::{DRIVES, Kind, LINKS, RowPlace, Rows};
+use super::rows::{Kind, RowPlace, Rows};
 use crate::calibration::error::Error;
-use crate::problem::{CLOSURE_SHARE, POSE_UNKNOWNS, TruePose, by_pose};
+use crate::problem::POSE_UNKNOWNS;
 use crate::samples::Sample;
 
 /// A step of Newton's method (m, rad) that moves a pose by less than a sketch leaves open of it.
 const ROUGH_STEP: f64 = 1e-3;
+/// Poses that a thread takes at once.
+pub(super) const CHUNK: usize = 512;
 
 /// Readings of the drives at a pose.
 #[derive(Debug, Clone, PartialEq)]
-struct DriveReading {
+pub(super) struct DriveReading {
     commands_m: Vec<f64>,
     directions: Option<Vec<f64>>,
     tensions_n: Option<Vec<f64>>,
     conditions: Conditions,
-    place: RowPlace,
+    pub(super) place: RowPlace,
 }
 
 /// A pose of the plate that is unknown.
@@ -41,12 +38,12 @@ pub(super) struct UnknownPose {
     pub(super) number: u32,
     /// Where it is taken to be.
     pub(super) base: Pose,
-    readings: Vec<DriveReading>,
+    pub(super) readings: Vec<DriveReading>,
 }
 
 impl UnknownPose {
     /// Sample of one of its readings.
-    fn sample(&self, reading: &DriveReading) -> Sample {
+    pub(super) fn sample(&self, reading: &DriveReading) -> Sample {
         Sample::of_drives(
             self.number,
             &reading.commands_m,
@@ -221,17 +218,28 @@ impl<'a> Assembly<'a> {
     /// stated to stand. Ways between poses, along which links keep their lengths, a sketch has none.
     fn place_roughly(&mut self, machine: &Machine, stated: Pose) -> Result<(), Error> {
         let measured = self.measured_poses();
-        let placed = self.poses.par_iter_mut().map(|pose| {
-            if let Some(&base) = measured.get(&pose.number) {
-                pose.base = base;
-            } else if let Some(sample) = pose.first_sample() {
-                let view = sample.view();
-                let failed = |error| Error::at_pose(pose.number, machine.explained(error, &view));
-                let reached = machine.forward_roughly(&view.at(stated), ROUGH_STEP);
-                pose.base = reached.map_err(failed)?;
+        let place = |poses: &mut [UnknownPose]| {
+            let mut sought = vec![];
+            for (index, pose) in poses.iter_mut().enumerate() {
+                if let Some(&base) = measured.get(&pose.number) {
+                    pose.base = base;
+                } else if let Some(sample) = pose.first_sample() {
+                    sought.push((index, sample));
+                }
+            }
+            let starts: Vec<_> = sought.iter().map(|own| own.1.view().at(stated)).collect();
+            let reached = machine.forward_each_roughly(&starts, ROUGH_STEP);
+            for ((index, sample), reached) in sought.iter().zip(reached) {
+                let explained = |error| machine.explained(error, &sample.view());
+                let failed = |error| Error::at_pose(sample.number, explained(error));
+                poses[*index].base = reached.map_err(failed)?;
             }
             Ok(())
-        });
+        };
+        if self.poses.len() <= CHUNK {
+            return place(&mut self.poses);
+        }
+        let placed = self.poses.par_chunks_mut(CHUNK).map(place);
         // The first error in order, whatever thread is faster.
         placed.find_map_first(Result::err).map_or(Ok(()), Err)
     }
@@ -376,7 +384,7 @@ impl<'a> Assembly<'a> {
         Ok(rows)
     }
 
-    fn kind(&self, file: &str) -> Option<usize> {
+    pub(super) fn kind(&self, file: &str) -> Option<usize> {
         self.kinds.iter().position(|kind| kind.file == file)
     }
 
@@ -453,99 +461,6 @@ impl<'a> Assembly<'a> {
         }
         (!rows.places.is_empty()).then_some(rows)
     }
-
-    /// The closures at every reading of the drives.
-    fn closures(
-        &self,
-        machine: &Machine,
-        used: &[usize],
-        chosen: &Chosen<'_>,
-    ) -> Result<Rows, Error> {
-        let closures = closures_of(machine);
-        let count = closures.len();
-        let family = Arc::new(TruePose::new(&closures));
-        let place = |index: &usize| used.binary_search(index).unwrap_or_default();
-        let parameters = family.parameters().iter().map(place).collect();
-        let sigmas = drive_sigmas(self.file, machine.robot.commands);
-        let are_lengths = self.file.noise_of_links().is_some();
-        let inner = Arc::clone(&family) as Arc<dyn ResidualFamily>;
-        let outer: Arc<dyn ResidualFamily> = match sigmas {
-            Some(_) => Arc::new(Coupled::new(inner)),
-            None if are_lengths => Arc::new(Lengths::new(inner)),
-            None => inner,
-        };
-        let kind = self.kind(DRIVES).or_else(|| self.kind(LINKS));
-        let kind = kind.unwrap_or_default();
-        let mut rows = Rows::new("links", outer, parameters, vec![kind; count]);
-        for (index, pose) in self.poses.iter().enumerate() {
-            for reading in &pose.readings {
-                let sample = pose.sample(reading);
-                let filled = family.fill(&machine.surroundings, &sample.view(), &mut rows.data);
-                filled.map_err(|missing| sample.lacks_in(reading.place.file, missing))?;
-                rows.own
-                    .extend((0..POSE_UNKNOWNS).map(|axis| POSE_UNKNOWNS * index + axis));
-                let view = sample.view();
-                let failed = |error| Error::at_pose(sample.number, machine.explained(error, &view));
-                let by_pose = machine.closures(&view).map_err(failed)?;
-                let is_gross = |link: usize| {
-                    chosen.left_out.contains(&RowPlace {
-                        drive: Some(link),
-                        ..reading.place
-                    })
-                };
-                let weight = |link: usize| match (&sigmas, is_gross(link)) {
-                    (_, true) => 0.0,
-                    (Some(_), _) => 1.0,
-                    _ if are_lengths => 1.0,
-                    (None, _) => by_pose.slopes[link].recip(),
-                };
-                rows.weights.extend((0..count).map(weight));
-                if let Some(sigmas) = &sigmas {
-                    rows.data.extend(factor(&by_pose, sample.number, sigmas)?);
-                }
-                rows.places.push(reading.place);
-            }
-        }
-        Ok(rows)
-    }
-}
-
-/// Indices in the variant of its parameters that the closures depend on, ascending.
-pub(super) fn used(machine: &Machine) -> Vec<usize> {
-    TruePose::new(&closures_of(machine)).parameters().to_vec()
-}
-
-/// Closures by parameters, each with that by pose.
-fn closures_of(machine: &Machine) -> Vec<(Instance, Instance)> {
-    let closures = machine.variant.instances_of(ResidualKind::Closure);
-    closures
-        .filter_map(|closure| Some((closure.clone(), by_pose(machine, closure)?.clone())))
-        .collect()
-}
-
-/// Inverse Cholesky factor, by rows, of the covariance that the noise of the drives gives the closures (m²) of a pose.
-fn factor(closures: &Closures, pose: u32, sigmas: &[f64]) -> Result<Vec<f64>, Error> {
-    let count = closures.slopes.len();
-    let by_drives = DMatrix::from_fn(count, sigmas.len(), |row, command| {
-        closures.jacobian[(row, POSE_UNKNOWNS + command)] * sigmas[command]
-    });
-    let mut covariance = &by_drives * by_drives.transpose();
-    // Directions that no drive moves, and differences between links of one cart, are exact.
-    let largest = covariance.diagonal().max();
-    for row in 0..count {
-        covariance[(row, row)] += CLOSURE_SHARE.powi(2) * largest;
-    }
-    let lower = Cholesky::new(covariance).map(Cholesky::unpack);
-    let inverse =
-        lower.and_then(|lower| lower.solve_lower_triangular(&DMatrix::identity(count, count)));
-    let inverse = inverse.ok_or_else(|| {
-        let message = format!("pose {pose}: the closures do not depend on the drives");
-        InputError::whole("readings.csv", message)
-    })?;
-    let scaled = DMatrix::from_fn(count, count, |row, column| {
-        inverse[(row, column)] / closures.slopes[column]
-    });
-    Ok(scaled.transpose().as_slice().to_vec())
 }
 
 pub(super) fn place_of(row: &PlateRow) -> RowPlace {

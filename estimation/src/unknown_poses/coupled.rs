@@ -1,5 +1,6 @@
 //! Residuals whitened together: closures that share the error of a drive.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use tau_runtime::{Pattern, ResidualFamily, Shape};
@@ -9,30 +10,54 @@ pub(super) struct Coupled {
     inner: Arc<dyn ResidualFamily>,
     row_starts: Vec<u32>,
     columns: Vec<u32>,
-    /// For each row its inner rows up to itself, each with the places of its entries in the row.
-    places: Vec<Vec<Vec<usize>>>,
+    /// Entries of the matrices that are not zero throughout, by rows.
+    terms: Vec<Term>,
+    /// For each inner entry of each term its place among the coupled entries.
+    slots: Vec<u32>,
+}
+
+/// A residual of the inner family in a coupled one.
+struct Term {
+    row: usize,
+    inner: usize,
+    /// Its inner entries, and their places among [`Coupled::slots`].
+    entries: Range<usize>,
+    slots: Range<usize>,
 }
 
 impl Coupled {
-    pub(super) fn new(inner: Arc<dyn ResidualFamily>) -> Self {
-        let (mut row_starts, mut columns, mut places) = (vec![0], Vec::new(), Vec::new());
+    /// `is_coupled` tells of a row and an inner one before it if some sample's matrix has an entry there.
+    pub(super) fn new(
+        inner: Arc<dyn ResidualFamily>,
+        is_coupled: impl Fn(usize, usize) -> bool,
+    ) -> Self {
+        let (mut row_starts, mut columns) = (vec![0], Vec::new());
+        let (mut terms, mut slots) = (Vec::new(), Vec::new());
         let number = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
         {
             let pattern = inner.pattern();
-            let own = |row: usize| {
-                let range = pattern.row_starts[row] as usize..pattern.row_starts[row + 1] as usize;
-                &pattern.columns[range]
-            };
+            let range =
+                |row: usize| pattern.row_starts[row] as usize..pattern.row_starts[row + 1] as usize;
             for row in 0..inner.shape().residuals {
-                let mut all: Vec<u32> = (0..=row).flat_map(own).copied().collect();
+                let own: Vec<usize> = (0..=row)
+                    .filter(|&inner| inner == row || is_coupled(row, inner))
+                    .collect();
+                let of_inner = own.iter().flat_map(|&inner| &pattern.columns[range(inner)]);
+                let mut all: Vec<u32> = of_inner.copied().collect();
                 all.sort_unstable();
                 all.dedup();
-                let place = |column: &u32| all.binary_search(column).unwrap_or_default();
-                places.push(
-                    (0..=row)
-                        .map(|inner| own(inner).iter().map(place).collect())
-                        .collect(),
-                );
+                for inner in own {
+                    let first = slots.len();
+                    let place = |column| columns.len() + all.binary_search(column).unwrap_or(0);
+                    let entries = pattern.columns[range(inner)].iter();
+                    slots.extend(entries.map(|column| number(place(column))));
+                    terms.push(Term {
+                        row,
+                        inner,
+                        entries: range(inner),
+                        slots: first..slots.len(),
+                    });
+                }
                 columns.extend(all);
                 row_starts.push(number(columns.len()));
             }
@@ -41,7 +66,8 @@ impl Coupled {
             inner,
             row_starts,
             columns,
-            places,
+            terms,
+            slots,
         }
     }
 
@@ -53,24 +79,50 @@ impl Coupled {
     fn split_all<'a>(&self, prepared: &'a [f64]) -> (Vec<f64>, impl Iterator<Item = &'a [f64]>) {
         let own = self.inner.shape().prepared;
         let samples = prepared.chunks_exact(self.shape().prepared);
-        let inner = samples.clone().flat_map(|sample| &sample[..own]);
-        let inner = inner.copied().collect();
+        let mut inner = Vec::with_capacity(samples.len() * own);
+        for sample in samples.clone() {
+            inner.extend_from_slice(&sample[..own]);
+        }
         (inner, samples.map(move |sample| &sample[own..]))
+    }
+
+    /// The coupled residuals, from those of the inner family: from the last on, so that those before are still as they
+    /// were.
+    fn couple(&self, factor: &[f64], residuals: &mut [f64]) {
+        let rows = residuals.len();
+        let mut sum = 0.0;
+        for term in self.terms.iter().rev() {
+            // The diagonal comes last of a row, so first here.
+            let product = factor[term.row * rows + term.inner] * residuals[term.inner];
+            sum = if term.inner == term.row {
+                product
+            } else {
+                sum + product
+            };
+            residuals[term.row] = sum;
+        }
     }
 
     /// Derivatives of the coupled residuals, from those of the inner family.
     fn couple_entries(&self, factor: &[f64], entries: &[f64], jacobian: &mut [f64]) {
-        let pattern = self.inner.pattern();
-        let rows = self.places.len();
-        jacobian.fill(0.0);
-        for (row, places) in self.places.iter().enumerate() {
-            let of_row = &mut jacobian[self.row_starts[row] as usize..];
-            for (k, places) in places.iter().enumerate() {
-                let weight = factor[row * rows + k];
-                let entries = &entries[pattern.row_starts[k] as usize..];
-                for (&place, entry) in places.iter().zip(entries) {
-                    of_row[place] += weight * entry;
+        let rows = self.row_starts.len() - 1;
+        if self.terms.len() == rows {
+            // Nothing is coupled: entries stand where they stood.
+            for term in &self.terms {
+                let weight = factor[term.row * rows + term.inner];
+                let to = &mut jacobian[term.entries.clone()];
+                for (to, entry) in to.iter_mut().zip(&entries[term.entries.clone()]) {
+                    *to = weight * entry;
                 }
+            }
+            return;
+        }
+        jacobian.fill(0.0);
+        for term in &self.terms {
+            let weight = factor[term.row * rows + term.inner];
+            let places = &self.slots[term.slots.clone()];
+            for (&place, entry) in places.iter().zip(&entries[term.entries.clone()]) {
+                jacobian[place as usize] += weight * entry;
             }
         }
     }
@@ -105,7 +157,7 @@ impl ResidualFamily for Coupled {
     fn value(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
         let (own, factor) = self.split(prepared);
         self.inner.value(own, parameters, residuals);
-        couple(factor, residuals);
+        self.couple(factor, residuals);
     }
 
     fn linearize(
@@ -120,7 +172,7 @@ impl ResidualFamily for Coupled {
         self.inner
             .linearize(own, parameters, residuals, &mut entries);
         self.couple_entries(factor, &entries, jacobian);
-        couple(factor, residuals);
+        self.couple(factor, residuals);
     }
 
     fn value_each(&self, prepared: &[f64], shared: &[f64], own: &[f64], residuals: &mut [f64]) {
@@ -128,7 +180,7 @@ impl ResidualFamily for Coupled {
         self.inner.value_each(&inner, shared, own, residuals);
         let rows = self.inner.shape().residuals;
         for (factor, residuals) in factors.zip(residuals.chunks_exact_mut(rows)) {
-            couple(factor, residuals);
+            self.couple(factor, residuals);
         }
     }
 
@@ -150,17 +202,7 @@ impl ResidualFamily for Coupled {
         let of_samples = of_samples.zip(jacobian.chunks_exact_mut(self.columns.len()));
         for (factor, ((residuals, entries), jacobian)) in factors.zip(of_samples) {
             self.couple_entries(factor, entries, jacobian);
-            couple(factor, residuals);
+            self.couple(factor, residuals);
         }
-    }
-}
-
-/// Multiplies by the factor, from the last row on, so that those before are still as they were.
-fn couple(factor: &[f64], residuals: &mut [f64]) {
-    let rows = residuals.len();
-    for row in (0..rows).rev() {
-        let factors = &factor[row * rows..=row * rows + row];
-        let terms = factors.iter().zip(residuals.iter());
-        residuals[row] = terms.map(|(factor, residual)| factor * residual).sum();
     }
 }

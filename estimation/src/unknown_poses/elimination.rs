@@ -4,15 +4,19 @@
 //! columns, (I − QQᵀ)A is what they say of the shared unknowns whatever the pose. Poses that distances couple are
 //! eliminated together. Only the triangle of all these rows is kept, so memory does not grow with them.
 
+use std::ops::Range;
+
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
 use super::assembly::Assembly;
+use super::dense::{DEPENDENT, Dense, Triangle, dot, orthonormal, stacked};
 use super::rows::{Kind, Rows};
 use crate::problem::POSE_UNKNOWNS;
 
-/// A column of which the others leave less than this share depends on them: rounding leaves some 1e-13 of columns of
-/// these sizes, and what is weaker than 1e-10 no measurement tells from nothing.
-const DEPENDENT: f64 = 1e-10;
+/// Clusters or samples that a thread takes at once. Chunks are put together in their order, so that nothing depends on
+/// the number of threads.
+const CHUNK: usize = 512;
 
 /// The information of all rows about the shared unknowns.
 pub(super) struct Reduced {
@@ -38,9 +42,17 @@ impl Reduced {
 /// A row of a sample: block, index of the sample, residual.
 pub(super) type RowIndex = (usize, usize, usize);
 
-/// Rows of poses that belong together.
+/// Rows of poses that belong together, as ranges of [`Clusters`].
 struct Cluster {
     /// Indices of the free unknowns of its poses.
+    own: Range<usize>,
+    /// Block and index of each sample.
+    samples: Range<usize>,
+}
+
+/// All rows by the poses that belong together.
+struct Clusters {
+    all: Vec<Cluster>,
     own: Vec<usize>,
     samples: Vec<(usize, usize)>,
 }
@@ -88,14 +100,11 @@ impl Raw {
     }
 }
 
-/// Dense derivatives of a cluster.
-struct Dense {
-    /// By the shared unknowns, the pose's part taken away.
-    shared: DMatrix<f64>,
-    /// Basis of the columns by the poses.
-    basis: DMatrix<f64>,
-    residuals: DVector<f64>,
-    rows: Vec<RowIndex>,
+/// Column of a derivative.
+enum Place {
+    Shared(usize),
+    /// Among the free unknowns of the cluster's poses.
+    Own(usize),
 }
 
 /// Rows about a point, with what is needed to take them apart.
@@ -104,12 +113,11 @@ pub(super) struct Elimination<'a> {
     kinds: &'a [Kind],
     /// Values of the shared unknowns.
     shared: &'a [f64],
-    /// Values of those of the poses.
-    own: &'a [f64],
-    /// Coordinates of a pose that are free.
-    free: &'a [usize],
+    /// Number of unknowns of the poses.
+    own: usize,
     /// Residuals and derivatives of each block.
     linearized: Vec<Linearized>,
+    clusters: Clusters,
 }
 
 /// Residuals and derivatives of a block, one sample after the other.
@@ -122,16 +130,29 @@ impl Linearized {
     fn new(rows: &Rows, shared: &[f64], own: &[f64]) -> Self {
         let (shape, width) = (rows.family.shape(), rows.family.pattern().len());
         let samples = rows.places.len();
-        let mut prepared = vec![0.0; samples * shape.prepared];
-        rows.family.prepare_all(&rows.data, &mut prepared);
         let shared: Vec<f64> = rows.shared.iter().map(|&index| shared[index]).collect();
-        let own: Vec<f64> = rows.own.iter().map(|&index| own[index]).collect();
         let mut found = Self {
             residuals: vec![0.0; samples * shape.residuals],
             entries: vec![0.0; samples * width],
         };
-        let (residuals, entries) = (&mut found.residuals, &mut found.entries);
-        (rows.family).linearize_each(&prepared, &shared, &own, residuals, entries);
+        let residuals = found.residuals.par_chunks_mut(CHUNK * shape.residuals);
+        let entries = found.entries.par_chunks_mut((CHUNK * width).max(1));
+        let linearize = |(chunk, (residuals, entries)): (usize, (&mut [f64], &mut [f64]))| {
+            let first = CHUNK * chunk;
+            let end = first + residuals.len() / shape.residuals;
+            let mut prepared = vec![0.0; (end - first) * shape.prepared];
+            let data = &rows.data[first * shape.data..end * shape.data];
+            rows.family.prepare_all(data, &mut prepared);
+            let each = rows.own_each();
+            let indices = &rows.own[first * each..end * each];
+            let own: Vec<f64> = indices.iter().map(|&index| own[index]).collect();
+            (rows.family).linearize_each(&prepared, &shared, &own, residuals, entries);
+        };
+        if samples <= CHUNK {
+            linearize((0, (&mut found.residuals, &mut found.entries)));
+        } else {
+            residuals.zip(entries).enumerate().for_each(linearize);
+        }
         found
     }
 }
@@ -149,59 +170,23 @@ impl<'a> Elimination<'a> {
             blocks,
             kinds: &assembly.kinds,
             shared,
-            own,
-            free: assembly.free,
+            own: own.len(),
             linearized: linearized.collect(),
+            clusters: Clusters::new(blocks, own.len() / POSE_UNKNOWNS, assembly.free),
         }
-    }
-
-    fn clusters(&self) -> Vec<Cluster> {
-        let poses = self.own.len() / POSE_UNKNOWNS;
-        let mut parent: Vec<usize> = (0..poses).collect();
-        let samples = |rows: &Rows| rows.places.len();
-        for rows in self.blocks {
-            for sample in 0..samples(rows) {
-                let [a, b] = rows.poses_of(sample);
-                let (a, b) = (root(&mut parent, a), root(&mut parent, b));
-                parent[a.max(b)] = a.min(b);
-            }
-        }
-        let mut place = vec![usize::MAX; poses];
-        let mut clusters: Vec<Cluster> = vec![];
-        for pose in 0..poses {
-            let first = root(&mut parent, pose);
-            if place[first] == usize::MAX {
-                place[first] = clusters.len();
-                clusters.push(Cluster {
-                    own: vec![],
-                    samples: vec![],
-                });
-            }
-            let cluster = &mut clusters[place[first]];
-            cluster
-                .own
-                .extend(self.free.iter().map(|axis| POSE_UNKNOWNS * pose + axis));
-        }
-        for (block, rows) in self.blocks.iter().enumerate() {
-            for sample in 0..samples(rows) {
-                let first = root(&mut parent, rows.poses_of(sample)[0]);
-                clusters[place[first]].samples.push((block, sample));
-            }
-        }
-        clusters
     }
 
     /// Rows of poses that belong together, without those that say nothing.
     pub(super) fn raw_clusters(&self) -> Vec<Raw> {
-        let clusters = self.clusters().into_iter();
-        let raw = clusters.map(|cluster| self.raw(&cluster).weighed(|row| self.weight(row)));
+        let clusters = self.clusters.all.iter();
+        let raw = clusters.map(|cluster| self.raw(cluster).weighed(|row| self.weight(row)));
         raw.collect()
     }
 
     /// The least step of each of the poses' unknowns, the shared ones as they are, that takes the residuals down as far
     /// as they go to first order.
     pub(super) fn steps(&self) -> Vec<f64> {
-        let mut steps = vec![0.0; self.own.len()];
+        let mut steps = vec![0.0; self.own];
         for raw in self.raw_clusters() {
             let svd = raw.by_own.svd(true, true);
             let least = svd.singular_values.max() * DEPENDENT;
@@ -216,38 +201,64 @@ impl<'a> Elimination<'a> {
     }
 
     /// Derivatives of a cluster's rows, the poses' part projected out of those by the shared unknowns.
-    fn dense(&self, cluster: &Cluster) -> Dense {
-        let Raw {
-            by_shared,
-            by_own,
+    fn fill(&self, cluster: &Cluster, dense: &mut Dense) {
+        let count = self.row_count(cluster);
+        dense.clear(count, self.shared.len(), cluster.own.len());
+        let Dense {
+            columns,
+            own,
             residuals,
             rows,
             ..
-        } = self.raw(cluster);
-        let basis = orthonormal(by_own);
-        let mut shared = by_shared;
-        // Twice is enough (W. Kahan in B. N. Parlett, The Symmetric Eigenvalue Problem, 1980, section 6.9).
-        for _ in 0..2 {
-            shared -= &basis * basis.tr_mul(&shared);
-        }
-        Dense {
-            shared,
-            basis,
-            residuals,
-            rows,
-        }
+        } = dense;
+        self.each_entry(cluster, rows, residuals, |at, place, entry| match place {
+            Place::Shared(column) => columns[column * count + at] += entry,
+            Place::Own(column) => own[column * count + at] += entry,
+        });
+        columns[self.shared.len() * count..].copy_from_slice(residuals);
+        dense.project();
     }
 
     fn raw(&self, cluster: &Cluster) -> Raw {
-        let count: usize = (cluster.samples.iter())
-            .map(|&(block, _)| self.blocks[block].kinds.len())
-            .sum();
+        let count = self.row_count(cluster);
         let mut by_shared = DMatrix::zeros(count, self.shared.len());
         let mut by_own = DMatrix::zeros(count, cluster.own.len());
-        let mut residuals = DVector::zeros(count);
-        let mut rows = Vec::with_capacity(count);
-        let mut at = 0;
-        for &(block, sample) in &cluster.samples {
+        let (mut rows, mut residuals) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        self.each_entry(
+            cluster,
+            &mut rows,
+            &mut residuals,
+            |at, place, entry| match place {
+                Place::Shared(column) => by_shared[(at, column)] += entry,
+                Place::Own(column) => by_own[(at, column)] += entry,
+            },
+        );
+        Raw {
+            by_shared,
+            by_own,
+            residuals: DVector::from_vec(residuals),
+            rows,
+            own: self.clusters.own[cluster.own.clone()].to_vec(),
+        }
+    }
+
+    fn row_count(&self, cluster: &Cluster) -> usize {
+        let samples = self.clusters.samples[cluster.samples.clone()].iter();
+        samples
+            .map(|&(block, _)| self.blocks[block].kinds.len())
+            .sum()
+    }
+
+    /// Appends the rows of a cluster and their residuals, and visits their derivatives, all weighted.
+    fn each_entry(
+        &self,
+        cluster: &Cluster,
+        rows: &mut Vec<RowIndex>,
+        residuals: &mut Vec<f64>,
+        mut visit: impl FnMut(usize, Place, f64),
+    ) {
+        let free = &self.clusters.own[cluster.own.clone()];
+        for &(block, sample) in &self.clusters.samples[cluster.samples.clone()] {
             let of = &self.blocks[block];
             let (each, own) = (of.kinds.len(), of.own_of(sample));
             let pattern = of.family.pattern();
@@ -257,29 +268,22 @@ impl<'a> Elimination<'a> {
             for (residual, value) in found.iter().enumerate() {
                 let weight =
                     of.weights[sample * each + residual] / self.kinds[of.kinds[residual]].sigma;
-                residuals[at] = value * weight;
                 let range = pattern.row_starts[residual] as usize
                     ..pattern.row_starts[residual + 1] as usize;
                 for (column, entry) in pattern.columns[range.clone()].iter().zip(&entries[range]) {
                     let column = *column as usize;
-                    if let Some(&shared) = of.shared.get(column) {
-                        by_shared[(at, shared)] += weight * entry;
-                    } else if let Ok(place) =
-                        cluster.own.binary_search(&own[column - of.shared.len()])
-                    {
-                        by_own[(at, place)] += weight * entry;
-                    }
+                    let place = match of.shared.get(column) {
+                        Some(&shared) => Place::Shared(shared),
+                        None => match free.binary_search(&own[column - of.shared.len()]) {
+                            Ok(place) => Place::Own(place),
+                            Err(_) => continue,
+                        },
+                    };
+                    visit(rows.len(), place, weight * entry);
                 }
                 rows.push((block, sample, residual));
-                at += 1;
+                residuals.push(value * weight);
             }
-        }
-        Raw {
-            by_shared,
-            by_own,
-            residuals,
-            rows,
-            own: cluster.own.clone(),
         }
     }
 
@@ -288,82 +292,173 @@ impl<'a> Elimination<'a> {
         rows.weights[sample * rows.kinds.len() + residual]
     }
 
+    /// What `of_chunk` makes of chunks of clusters, in order.
+    fn of_chunks<T: Send>(&self, of_chunk: impl Fn(&[Cluster], &mut Dense) -> T + Sync) -> Vec<T> {
+        let chunks = self.clusters.all.par_chunks(CHUNK);
+        if self.clusters.all.len() <= CHUNK {
+            return vec![of_chunk(&self.clusters.all, &mut Dense::default())];
+        }
+        let found = chunks.map_init(Dense::default, |dense, clusters| of_chunk(clusters, dense));
+        found.collect()
+    }
+
+    /// A number for each residual, from pairs of its row and the number.
+    fn by_rows(&self, pairs: impl IntoIterator<Item = (RowIndex, f64)>) -> Vec<Vec<f64>> {
+        let blocks = self.blocks.iter();
+        let mut found: Vec<Vec<f64>> = blocks.map(|rows| vec![0.0; rows.weights.len()]).collect();
+        for ((block, sample, residual), number) in pairs {
+            found[block][sample * self.blocks[block].kinds.len() + residual] = number;
+        }
+        found
+    }
+
     /// The triangle of the shared unknowns.
     pub(super) fn reduce(&self) -> Reduced {
         let width = self.shared.len();
-        let mut found = Reduced {
-            triangle: DMatrix::zeros(width, width),
-            projected: DVector::zeros(width + 1),
-            residuals: (self.blocks.iter())
-                .map(|rows| vec![0.0; rows.weights.len()])
-                .collect(),
-            counts: vec![0; self.kinds.len()],
-            spent: 0,
-        };
-        // Residuals stand behind the derivatives as one more column.
-        let mut augmented = DMatrix::zeros(width + 1, width + 1);
-        let mut waiting: Vec<DMatrix<f64>> = vec![];
-        let mut height = 0;
-        for cluster in &self.clusters() {
-            let dense = self.dense(cluster);
-            for (&(block, sample, residual), value) in dense.rows.iter().zip(dense.residuals.iter())
-            {
-                let rows = &self.blocks[block];
-                found.residuals[block][sample * rows.kinds.len() + residual] = *value;
-                if self.weight((block, sample, residual)) > 0.0 {
-                    found.counts[rows.kinds[residual]] += 1;
-                }
+        let mut parts = self.of_chunks(|clusters, dense| {
+            // Residuals stand behind the derivatives as one more column.
+            let mut triangle = Triangle::new(width + 1);
+            let mut residuals: Vec<(RowIndex, f64)> = vec![];
+            let mut spent = 0;
+            for cluster in clusters {
+                self.fill(cluster, dense);
+                residuals.extend(
+                    dense
+                        .rows
+                        .iter()
+                        .copied()
+                        .zip(dense.residuals.iter().copied()),
+                );
+                spent += dense.rank;
+                triangle.push(&dense.columns, dense.rows.len());
             }
-            found.spent += dense.basis.ncols();
-            height += dense.shared.nrows();
-            let inside = &dense.basis * dense.basis.tr_mul(&dense.residuals);
-            let mut rows = dense.shared.insert_column(width, 0.0);
-            rows.set_column(width, &(dense.residuals - inside));
-            waiting.push(rows);
-            if height > 8 * width.max(32) {
-                augmented = stacked(&augmented, &waiting);
-                waiting.clear();
-                height = 0;
+            (triangle.finish(), residuals, spent)
+        });
+        let mut counts = vec![0; self.kinds.len()];
+        for (row, _) in parts.iter().flat_map(|(_, residuals, _)| residuals) {
+            if self.weight(*row) > 0.0 {
+                counts[self.blocks[row.0].kinds[row.2]] += 1;
             }
         }
-        augmented = stacked(&augmented, &waiting);
-        found.triangle = augmented.view((0, 0), (width, width)).into_owned();
-        found.projected = augmented.column(width).into_owned();
-        found
+        let spent = parts.iter().map(|(_, _, spent)| spent).sum();
+        let residuals = parts
+            .iter_mut()
+            .flat_map(|part| std::mem::take(&mut part.1));
+        let residuals = self.by_rows(residuals);
+        let mut triangles = parts.into_iter().map(|(triangle, _, _)| triangle);
+        let augmented = match (triangles.next(), triangles.len()) {
+            (Some(first), 0) => first,
+            (Some(first), _) => stacked(&first, &triangles.collect::<Vec<_>>()),
+            (None, _) => DMatrix::zeros(width + 1, width + 1),
+        };
+        Reduced {
+            triangle: augmented.view((0, 0), (width, width)).into_owned(),
+            projected: augmented.column(width).into_owned(),
+            residuals,
+            counts,
+            spent,
+        }
     }
 
     /// Sum of squares of what is left of the residuals when poses follow them to first order, and the number of rows less
     /// that of pose unknowns.
     pub(super) fn without_poses(&self) -> (f64, usize) {
-        let (mut squares, mut left) = (0.0, 0);
-        for cluster in &self.clusters() {
-            let dense = self.dense(cluster);
-            let own = dense.basis.tr_mul(&dense.residuals);
-            squares += dense.residuals.norm_squared() - own.norm_squared();
-            let rows = dense.rows.iter();
-            let count = rows.filter(|&&row| self.weight(row) > 0.0).count();
-            left += count - dense.basis.ncols();
-        }
-        (squares.max(0.0), left)
+        let parts = self.of_chunks(|clusters, dense| {
+            let (mut squares, mut left) = (0.0, 0);
+            for cluster in clusters {
+                self.fill(cluster, dense);
+                squares += dot(dense.rest(), dense.rest());
+                let rows = dense.rows.iter();
+                left += rows.filter(|&&row| self.weight(row) > 0.0).count() - dense.rank;
+            }
+            (squares, left)
+        });
+        parts
+            .into_iter()
+            .fold((0.0, 0), |all, part| (all.0 + part.0, all.1 + part.1))
     }
 
     /// Share of each residual that the fit absorbs, by rows and samples; `covariance` is that of the shared unknowns.
     pub(super) fn leverages(&self, covariance: &DMatrix<f64>) -> Vec<Vec<f64>> {
-        let mut found: Vec<Vec<f64>> = (self.blocks.iter())
-            .map(|rows| vec![0.0; rows.weights.len()])
-            .collect();
-        for cluster in &self.clusters() {
-            let dense = self.dense(cluster);
-            let known = &dense.shared * covariance;
-            for (index, &(block, sample, residual)) in dense.rows.iter().enumerate() {
-                let by_poses = dense.basis.row(index).norm_squared();
-                let by_shared = known.row(index).dot(&dense.shared.row(index));
-                let rows = &self.blocks[block];
-                found[block][sample * rows.kinds.len() + residual] = by_poses + by_shared;
+        let parts = self.of_chunks(|clusters, dense| {
+            let mut found: Vec<(RowIndex, f64)> = vec![];
+            let mut known = DVector::zeros(self.shared.len());
+            for cluster in clusters {
+                self.fill(cluster, dense);
+                let height = dense.rows.len();
+                for (index, &row) in dense.rows.iter().enumerate() {
+                    let by_poses: f64 = dense.basis().map(|column| column[index].powi(2)).sum();
+                    let columns = || dense.columns[index..].iter().step_by(height);
+                    known.fill(0.0);
+                    for (entry, column) in columns().zip(covariance.column_iter()) {
+                        known.axpy(*entry, &column, 1.0);
+                    }
+                    let by_shared: f64 = known.iter().zip(columns()).map(|(a, b)| a * b).sum();
+                    found.push((row, by_poses + by_shared));
+                }
+            }
+            found
+        });
+        self.by_rows(parts.into_iter().flatten())
+    }
+}
+
+impl Clusters {
+    fn new(blocks: &[Rows], poses: usize, free: &[usize]) -> Self {
+        let mut parent: Vec<usize> = (0..poses).collect();
+        let samples = |rows: &Rows| rows.places.len();
+        for rows in blocks {
+            for sample in 0..samples(rows) {
+                let [a, b] = rows.poses_of(sample);
+                let (a, b) = (root(&mut parent, a), root(&mut parent, b));
+                parent[a.max(b)] = a.min(b);
             }
         }
-        found
+        let firsts: Vec<usize> = (0..poses).map(|pose| root(&mut parent, pose)).collect();
+        let of_samples = blocks.iter().enumerate().flat_map(|(block, rows)| {
+            let firsts = &firsts;
+            (0..samples(rows))
+                .map(move |sample| (firsts[rows.poses_of(sample)[0]], (block, sample)))
+        });
+        let (sample_ends, samples) = grouped(poses, of_samples);
+        let of_poses = firsts.iter().enumerate();
+        let unknowns = of_poses.flat_map(|(pose, &first)| {
+            free.iter()
+                .map(move |axis| (first, POSE_UNKNOWNS * pose + axis))
+        });
+        let (own_ends, own) = grouped(poses, unknowns);
+        let is_first = |&pose: &usize| firsts[pose] == pose;
+        let all = (0..poses).filter(is_first).map(|pose| Cluster {
+            own: own_ends[pose]..own_ends[pose + 1],
+            samples: sample_ends[pose]..sample_ends[pose + 1],
+        });
+        Self {
+            all: all.collect(),
+            own,
+            samples,
+        }
     }
+}
+
+/// Items by their groups, in order within each, and where each group starts among them.
+fn grouped<T: Copy + Default>(
+    groups: usize,
+    items: impl Iterator<Item = (usize, T)> + Clone,
+) -> (Vec<usize>, Vec<T>) {
+    let mut starts = vec![0; groups + 1];
+    for (group, _) in items.clone() {
+        starts[group + 1] += 1;
+    }
+    for group in 0..groups {
+        starts[group + 1] += starts[group];
+    }
+    let mut next = starts.clone();
+    let mut all = vec![T::default(); starts[groups]];
+    for (group, item) in items {
+        all[next[group]] = item;
+        next[group] += 1;
+    }
+    (starts, all)
 }
 
 /// Representative of the cluster of a pose.
@@ -373,39 +468,4 @@ fn root(parent: &mut [usize], mut pose: usize) -> usize {
         pose = parent[pose];
     }
     pose
-}
-
-/// Orthonormal basis of the columns of a matrix; those that depend on others are left out.
-fn orthonormal(mut matrix: DMatrix<f64>) -> DMatrix<f64> {
-    let mut kept: Vec<usize> = vec![];
-    for column in 0..matrix.ncols() {
-        let size = matrix.column(column).norm();
-        let mut own = matrix.column(column).into_owned();
-        for _ in 0..2 {
-            for &before in &kept {
-                let share = matrix.column(before).dot(&own);
-                own.axpy(-share, &matrix.column(before), 1.0);
-            }
-        }
-        let left = own.norm();
-        if left > DEPENDENT * size {
-            matrix.set_column(column, &(own / left));
-            kept.push(column);
-        }
-    }
-    matrix.select_columns(&kept)
-}
-
-/// Upper triangle of a triangle with more rows beneath.
-pub(super) fn stacked(triangle: &DMatrix<f64>, more: &[DMatrix<f64>]) -> DMatrix<f64> {
-    let width = triangle.ncols();
-    let height = width + more.iter().map(DMatrix::nrows).sum::<usize>();
-    let mut all = DMatrix::zeros(height, width);
-    all.rows_mut(0, width).copy_from(triangle);
-    let mut at = width;
-    for rows in more {
-        all.rows_mut(at, rows.nrows()).copy_from(rows);
-        at += rows.nrows();
-    }
-    all.qr().unpack_r()
 }

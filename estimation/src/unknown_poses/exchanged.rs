@@ -6,7 +6,7 @@ use tau_robot::robot::{Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 
 use super::RowDivision;
-use super::elimination::stacked;
+use super::dense::stacked;
 use super::fit::Fit;
 use super::gauge::scaled;
 use crate::calibration::Error;

@@ -10,8 +10,10 @@ use tau_robot::robot::{Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 use tau_solver::{Parameter, Problem};
 
-use super::assembly::{self, Assembly, Chosen};
-use super::elimination::{self, Elimination, Reduced};
+use super::assembly::{Assembly, Chosen};
+use super::closures::used;
+use super::dense::stacked;
+use super::elimination::{Elimination, Reduced};
 use super::gauge::{Shared, scaled};
 use super::kinds::tells_drives;
 use super::rows::{RowPlace, Rows};
@@ -76,7 +78,7 @@ impl<'a> Fit<'a> {
             let message = "no pose of the plate is left to calibrate";
             return Err(InputError::whole(&folder.name, message).into());
         }
-        let used = assembly::used(&machine);
+        let used = used(&machine);
         let blocks = assembly.rows(&machine, &used, &chosen)?;
         let priors: Vec<Nominal> = used.iter().map(|&index| prepared.nominal[index]).collect();
         let mut start: Vec<f64> = used.iter().map(|&index| machine.values[index]).collect();
@@ -175,12 +177,13 @@ impl<'a> Fit<'a> {
             .iter()
             .zip(own.chunks_exact(POSE_UNKNOWNS))
         {
+            let name = format!("pose {} ", pose.number);
             for (coordinate, (axis, &value)) in axes.iter().zip(own).enumerate() {
-                let parameter = Parameter::new(format!("pose {} {axis}", pose.number), value);
                 parameters.push(if self.assembly.free.contains(&coordinate) {
-                    parameter
+                    Parameter::new([&name, *axis].concat(), value)
                 } else {
-                    parameter.fixed()
+                    // Nothing is ever said of a coordinate that the plate can't move along.
+                    Parameter::new("", value).fixed()
                 });
             }
         }
@@ -236,7 +239,7 @@ impl<'a> Fit<'a> {
                 .map(|has| f64::from(u8::from(has))),
         ));
         let data = scaled(triangle, &scales) / variance.sqrt();
-        let all = elimination::stacked(&data, &[priors]);
+        let all = stacked(&data, &[priors]);
         let svd = all.svd(false, true);
         let Some(v_t) = svd.v_t else {
             return DMatrix::from_element(width, width, f64::NAN);

@@ -6,7 +6,9 @@
 //! Where poses are measured fully and drives are exact, this is to first order the fit of the closures, whitened.
 
 mod assembly;
+mod closures;
 mod coupled;
+mod dense;
 mod elimination;
 mod estimated;
 mod evaluation;
@@ -128,8 +130,8 @@ pub fn calibrate(
 
 /// The fit from a start to its end, with the noise of kinds that ask for it and without gross rows.
 fn fitted(mut fit: Fit<'_>, options: &calibration::Options) -> Result<UnknownPoses, Error> {
-    fit.refuse_units()?;
     let reduced = fit.elimination(&fit.start).reduce();
+    fit.refuse_units(&reduced)?;
     let rank = fit.rank(&reduced, &fit.machine);
     fit.refuse_rank(&rank, options.free_scale)?;
     let mistakes = fit.exchanged_distances();
@@ -199,11 +201,18 @@ impl Fit<'_> {
                 solution
             };
             iterations += solution.iterations;
+
             values.clone_from(&solution.parameters);
             let moved = self.largest_move(&values);
-            let reduced = self.elimination(&values).reduce();
-            let covariance = self.covariance(&reduced.triangle, 1.0);
-            let leverages = self.elimination(&values).leverages(&covariance);
+            // Weights change until poses stay: nothing else is known before.
+            if !is_estimated && moved >= SAME_POSE && rounds < ROUNDS {
+                is_exact = true;
+                self.rebuild(&mut values)?;
+                continue;
+            }
+            let elimination = self.elimination(&values);
+            let reduced = elimination.reduce();
+            let leverages = elimination.leverages(&self.covariance(&reduced.triangle, 1.0));
             let is_last = self.loss == loss;
             let noise = if is_last && loss.is_some_and(|loss| loss != Loss::Huber) {
                 0.0

@@ -5,6 +5,7 @@ use tau_robot::measurements::{DISTANCES, Folder};
 use tau_robot::robot::Variant;
 
 use super::Rank;
+use super::elimination::Reduced;
 use super::fit::Fit;
 use crate::calibration::Error;
 
@@ -34,10 +35,8 @@ impl Fit<'_> {
         Err(InputError::whole(&self.folder.name, why).help(help).into())
     }
 
-    /// Refuses lengths in millimetres that are plausible in themselves.
-    pub(super) fn refuse_units(&self) -> Result<(), Error> {
-        let values = &self.start;
-        let reduced = self.elimination(values).reduce();
+    /// Refuses lengths in millimetres that are plausible in themselves, by the residuals at the start.
+    pub(super) fn refuse_units(&self, reduced: &Reduced) -> Result<(), Error> {
         for (rows, residuals) in self.blocks.iter().zip(&reduced.residuals).skip(1) {
             if rows.kinds.len() != 1 {
                 continue;

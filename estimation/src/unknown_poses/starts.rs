@@ -24,7 +24,7 @@ const ROWS_EACH: usize = 6;
 /// Iterations after which a start is given up for the next: most descents take dozens, some crawl along a valley for
 /// thousands.
 const DESCENT: usize = 100;
-/// Poses up to which each is eliminated by orthogonal transformations; of more, normal equations are faster.
+/// Poses up to which the solver is told to eliminate each; of more it does so by itself.
 const FEW: usize = 1000;
 /// Share of the mean length of the links that a machine may stand from where its reference says.
 const AT_REFERENCE: f64 = 0.1;

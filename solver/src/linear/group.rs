@@ -1,6 +1,8 @@
-//! A group of parameters that is eliminated, and what its rows then say of the others.
+//! Groups of parameters that are eliminated, and what their rows then say of the others.
+//!
+//! Groups of one pattern stand side by side, a lane each, so that all operations are those of vectors.
 
-use faer::Mat;
+use tau_runtime::{Kernel, LANES, Lanes, vectorized};
 
 use crate::jacobian::Jacobian;
 use crate::linear::schur::MAX_GROUP;
@@ -8,12 +10,14 @@ use crate::linear::schur::MAX_GROUP;
 /// Groups with more rows are kept: the work is quadratic in the rows.
 pub(super) const MOST_ROWS: usize = 48;
 
-/// The pattern of a group.
+/// The pattern of a block of groups.
 pub(super) struct Pattern {
     /// Columns of the group.
     pub(super) own: usize,
     /// Entries of each row, in order.
     pub(super) rows: Vec<Vec<Entry>>,
+    /// Place among the values of each entry of the rows that have kept columns.
+    places: Vec<usize>,
     /// Kept columns of each row that has some, ascending.
     pub(super) outer: Vec<Vec<usize>>,
     /// Start of each such row among all kept entries, and their number.
@@ -32,36 +36,29 @@ pub(super) enum Entry {
     Kept(usize),
 }
 
-/// Numbers of a group that the Jacobian gives.
+/// Numbers of a block of groups that the Jacobian gives.
+#[derive(Clone, Copy)]
 pub(super) struct Values<'a> {
     /// Own columns of the rows with kept columns, row-major.
-    pub(super) e: &'a [f64],
+    e: &'a [Lanes],
     /// Kept entries of these rows.
-    pub(super) f: &'a [f64],
+    f: &'a [Lanes],
     /// Residuals of these rows.
-    pub(super) r: &'a [f64],
+    r: &'a [Lanes],
     /// Normal matrix of the other rows.
-    pub(super) normal: &'a [f64],
+    normal: &'a [Lanes],
     /// Their gradient.
-    pub(super) gradient: &'a [f64],
+    gradient: &'a [Lanes],
 }
 
-/// Numbers of a group that depend on the damping.
-pub(super) struct Factors<'a> {
+/// Numbers of a block of groups that depend on the damping.
+struct Factors<'a> {
     /// Cholesky factor L of the group's normal matrix, row-major.
-    pub(super) lower: &'a mut [f64],
+    lower: &'a mut [Lanes],
     /// `L⁻¹Eᵀ`, row-major.
-    pub(super) w: &'a mut [f64],
+    w: &'a mut [Lanes],
     /// `L⁻¹` times the gradient; after back substitution, the step.
-    pub(super) z: &'a mut [f64],
-}
-
-/// Sums over the groups of a class.
-pub(super) struct Sums {
-    pub(super) products: Vec<f64>,
-    pub(super) gradient: Vec<f64>,
-    /// Room for a row of one group.
-    pub(super) scaled: Vec<f64>,
+    z: &'a mut [Lanes],
 }
 
 /// Information of groups about the kept parameters: lower triangle of the normal matrix, and gradient.
@@ -100,8 +97,16 @@ impl Pattern {
         for (r, kept) in outer.iter().enumerate() {
             products.push(products[r] + kept.len() * starts[r + 1]);
         }
+        let place = |(row, entry): (usize, &Entry)| match *entry {
+            Entry::Own(column) => row * own + column,
+            Entry::Kept(place) => outer.len() * own + place,
+        };
+        let entries = rows[..outer.len()].iter().enumerate();
+        let entries = entries
+            .flat_map(|(row, own): (usize, &Vec<Entry>)| own.iter().map(move |entry| (row, entry)));
         Self {
             own,
+            places: entries.map(place).collect(),
             rows,
             outer,
             starts,
@@ -122,7 +127,7 @@ impl Pattern {
         self.own * (self.own + self.outer.len() + 1)
     }
 
-    pub(super) fn values<'a>(&self, values: &'a [f64]) -> Values<'a> {
+    fn values<'a>(&self, values: &'a [Lanes]) -> Values<'a> {
         let outer = self.outer.len();
         let (e, rest) = values.split_at(outer * self.own);
         let (f, rest) = rest.split_at(self.kept_entries());
@@ -137,213 +142,160 @@ impl Pattern {
         }
     }
 
-    pub(super) fn factors<'a>(&self, factors: &'a mut [f64]) -> Factors<'a> {
+    fn factors<'a>(&self, factors: &'a mut [Lanes]) -> Factors<'a> {
         let (lower, rest) = factors.split_at_mut(self.own * self.own);
         let (w, z) = rest.split_at_mut(self.own * self.outer.len());
         Factors { lower, w, z }
     }
 
-    /// Takes the numbers of a group out of the Jacobian.
+    /// Square roots of the pivots of a block; lanes past the end have ones.
+    pub(super) fn pivots<'a>(&self, factors: &'a [Lanes]) -> impl Iterator<Item = f64> + 'a {
+        let diagonal = factors[..self.own * self.own].iter().step_by(self.own + 1);
+        diagonal.flat_map(|pivots| pivots.0)
+    }
+
+    /// The steps of the groups of a block, after back substitution.
+    pub(super) fn steps<'a>(&self, factors: &'a [Lanes]) -> &'a [Lanes] {
+        &factors[factors.len() - self.own..]
+    }
+
+    /// Length of the sums over blocks, and of the room that the work on one takes.
+    pub(super) fn sums_len(&self) -> usize {
+        let outer = self.outer.len();
+        self.products[outer] + 2 * self.kept_entries() + outer + 1
+    }
+
+    /// Takes the numbers of a block of groups, at most as many as there are lanes, out of the Jacobian; `rows` are those of
+    /// one group after the other. Lanes past the end are groups of unit columns that touch nothing.
     pub(super) fn load(
         &self,
         rows: &[usize],
         jacobian: &Jacobian,
         residuals: &[f64],
-        values: &mut [f64],
+        values: &mut [Lanes],
     ) {
         let (own, outer) = (self.own, self.outer.len());
-        values.fill(0.0);
+        let groups = rows.len() / self.rows.len();
+        // Groups overwrite all but what they sum up.
+        let sums = if groups == LANES {
+            outer * own + self.kept_entries() + outer
+        } else {
+            0
+        };
+        values[sums..].fill(Lanes::ZERO);
+        for (lane, rows) in rows.chunks_exact(self.rows.len()).enumerate() {
+            let mut places = self.places.iter();
+            let residual = outer * own + self.kept_entries();
+            for (k, &row) in rows[..outer].iter().enumerate() {
+                values[residual + k][lane] = residuals[row];
+                for (&value, &place) in jacobian.row(row).1.iter().zip(&mut places) {
+                    values[place][lane] = value;
+                }
+            }
+        }
+        let (_, rest) = values.split_at_mut(outer * own + self.kept_entries() + outer);
+        let (normal, gradient) = rest.split_at_mut(own * own);
+        for pivot in normal.iter_mut().step_by(own + 1) {
+            pivot.0[groups..].fill(1.0);
+        }
+        for (lane, rows) in rows.chunks_exact(self.rows.len()).enumerate() {
+            for (&row, entries) in rows.iter().zip(&self.rows).skip(outer) {
+                let numbers = jacobian.row(row).1;
+                for (first, &value) in entries.iter().zip(numbers) {
+                    let Entry::Own(i) = *first else { continue };
+                    gradient[i][lane] += value * residuals[row];
+                    for (second, &other) in entries.iter().zip(numbers) {
+                        if let Entry::Own(j) = *second {
+                            normal[i * own + j][lane] += value * other;
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// Puts a unit column in the place of one that is held at `step`, in the numbers of a lane.
+    pub(super) fn hold(&self, values: &mut [Lanes], lane: usize, column: usize, step: f64) {
+        let (own, outer) = (self.own, self.outer.len());
         let (e, rest) = values.split_at_mut(outer * own);
-        let (f, rest) = rest.split_at_mut(self.kept_entries());
+        let (_, rest) = rest.split_at_mut(self.kept_entries());
         let (r, rest) = rest.split_at_mut(outer);
         let (normal, gradient) = rest.split_at_mut(own * own);
-        for (k, (&row, entries)) in rows.iter().zip(&self.rows).enumerate() {
-            let numbers = jacobian.row(row).1;
-            if k < outer {
-                r[k] = residuals[row];
-                for (entry, &value) in entries.iter().zip(numbers) {
-                    match *entry {
-                        Entry::Own(column) => e[k * own + column] = value,
-                        Entry::Kept(place) => f[place] = value,
-                    }
-                }
-                continue;
-            }
-            for (first, &value) in entries.iter().zip(numbers) {
-                let Entry::Own(i) = *first else { continue };
-                gradient[i] += value * residuals[row];
-                for (second, &other) in entries.iter().zip(numbers) {
-                    if let Entry::Own(j) = *second {
-                        normal[i * own + j] += value * other;
-                    }
-                }
-            }
+        for (row, r) in r.iter_mut().enumerate() {
+            let entry = &mut e[row * own + column][lane];
+            r[lane] += *entry * step;
+            *entry = 0.0;
         }
+        for (i, gradient) in gradient.iter_mut().enumerate() {
+            gradient[lane] += normal[i * own + column][lane] * step;
+            normal[i * own + column][lane] = 0.0;
+            normal[column * own + i][lane] = 0.0;
+        }
+        normal[column * own + column][lane] = 1.0;
+        gradient[column][lane] = 0.0;
     }
 
-    /// Factors a group, and adds what its rows then say of the kept parameters: for each kept entry its
-    /// products with those of all rows up to its own, and its gradient. False if the group is singular.
+    /// Factors a block of groups, and adds to `sums` what their rows then say of the kept parameters: for each kept entry
+    /// its products with those of all rows up to its own, and its gradient. False if a group is singular.
     pub(super) fn eliminate(
         &self,
-        values: &Values<'_>,
-        factors: &mut Factors<'_>,
+        values: &[Lanes],
+        factors: &mut [Lanes],
         damping: f64,
-        held: impl Fn(usize) -> Option<f64>,
-        sums: &mut Sums,
+        sums: &mut [Lanes],
     ) -> bool {
-        match self.own {
-            3 => self.eliminate_columns(3, values, factors, damping, held, sums),
-            6 => self.eliminate_columns(6, values, factors, damping, held, sums),
-            own => self.eliminate_columns(own, values, factors, damping, held, sums),
-        }
-    }
-
-    #[inline(always)]
-    #[allow(
-        clippy::inline_always,
-        reason = "loops over a known number of columns unroll"
-    )]
-    pub(super) fn eliminate_columns(
-        &self,
-        own: usize,
-        values: &Values<'_>,
-        factors: &mut Factors<'_>,
-        damping: f64,
-        held: impl Fn(usize) -> Option<f64>,
-        sums: &mut Sums,
-    ) -> bool {
-        let outer = self.outer.len();
-        let mut fixed = [None; MAX_GROUP];
-        let mut right = [0.0; MOST_ROWS];
-        right[..outer].copy_from_slice(values.r);
-        factors.z.copy_from_slice(values.gradient);
-        for (j, fixed) in fixed[..own].iter_mut().enumerate() {
-            *fixed = held(j);
-            if let Some(y) = *fixed {
-                for (row, right) in right[..outer].iter_mut().enumerate() {
-                    *right += values.e[row * own + j] * y;
-                }
-                for (i, z) in factors.z.iter_mut().enumerate() {
-                    *z += values.normal[i * own + j] * y;
-                }
-            }
-        }
-        for i in 0..own {
-            for (row, right) in right[..outer].iter().enumerate() {
-                factors.z[i] += values.e[row * own + i] * right;
-            }
-            for j in 0..=i {
-                let mut sum = values.normal[i * own + j];
-                for row in values.e.chunks_exact(own) {
-                    sum += row[i] * row[j];
-                }
-                if i == j {
-                    sum += damping;
-                }
-                if fixed[i].is_some() || fixed[j].is_some() {
-                    sum = f64::from(u8::from(i == j));
-                }
-                factors.lower[i * own + j] = sum;
-            }
-            if fixed[i].is_some() {
-                factors.z[i] = 0.0;
-            }
-        }
-        if !cholesky(factors.lower, own) {
-            return false;
-        }
-        forward(factors.lower, own, factors.z);
-        let mut column = [0.0; MAX_GROUP];
-        for (row, right) in right[..outer].iter_mut().enumerate() {
-            let column = &mut column[..own];
-            for (i, entry) in column.iter_mut().enumerate() {
-                let free = fixed[i].is_none();
-                *entry = if free { values.e[row * own + i] } else { 0.0 };
-            }
-            forward(factors.lower, own, column);
-            for (i, &entry) in column.iter().enumerate() {
-                factors.w[i * outer + row] = entry;
-                *right -= entry * factors.z[i];
-            }
-        }
-        for (r, right) in right[..outer].iter().enumerate() {
-            let first = &values.f[self.starts[r]..self.starts[r + 1]];
-            for (sum, f) in sums.gradient[self.starts[r]..].iter_mut().zip(first) {
-                *sum += f * right;
-            }
-            // M_rs f_s of all rows s up to this one, side by side: the sums run over long stretches.
-            for s in 0..=r {
-                let mut m = f64::from(u8::from(r == s));
-                for i in 0..own {
-                    m -= factors.w[i * outer + r] * factors.w[i * outer + s];
-                }
-                let range = self.starts[s]..self.starts[s + 1];
-                for (scaled, f) in sums.scaled[range.clone()].iter_mut().zip(&values.f[range]) {
-                    *scaled = m * f;
-                }
-            }
-            let scaled = &sums.scaled[..self.starts[r + 1]];
-            let products = &mut sums.products[self.products[r]..self.products[r + 1]];
-            for (products, f) in products.chunks_exact_mut(scaled.len()).zip(first) {
-                for (product, scaled) in products.iter_mut().zip(scaled) {
-                    *product += f * scaled;
-                }
-            }
-        }
-        true
+        vectorized(Eliminate(self), values, &[damping], factors, sums);
+        sums[sums.len() - 1] == Lanes::ZERO
     }
 
     /// Replaces z by the step, given that of the kept parameters.
-    pub(super) fn back_substitute(
-        &self,
-        values: &Values<'_>,
-        factors: &mut Factors<'_>,
-        kept: &Mat<f64>,
-    ) {
-        let outer = self.outer.len();
-        for (r, places) in self.outer.iter().enumerate() {
-            let entries = &values.f[self.starts[r]..self.starts[r + 1]];
-            let image: f64 = entries
-                .iter()
-                .zip(places)
-                .map(|(f, &place)| f * kept[(place, 0)])
-                .sum();
-            for (z, w) in factors.z.iter_mut().zip(factors.w.chunks_exact(outer)) {
-                *z += w[r] * image;
-            }
-        }
-        backward(factors.lower, self.own, factors.z);
-        factors.z.iter_mut().for_each(|z| *z = -*z);
+    pub(super) fn back_substitute(&self, values: &[Lanes], factors: &mut [Lanes], kept: &[f64]) {
+        vectorized(BackSubstitute(self), values, kept, factors, &mut []);
     }
 
-    /// Takes `FᵀWᵀx` from a vector over the kept parameters.
-    pub(super) fn subtract_influence(&self, f: &[f64], w: &[f64], x: &[f64], kept: &mut [f64]) {
-        let outer = self.outer.len();
-        for (r, places) in self.outer.iter().enumerate() {
-            let image: f64 = x
-                .iter()
-                .zip(w.chunks_exact(outer))
-                .map(|(x, w)| x * w[r])
-                .sum();
-            let entries = &f[self.starts[r]..self.starts[r + 1]];
-            for (f, &place) in entries.iter().zip(places) {
-                kept[place] -= f * image;
+    /// Replaces x by `L⁻¹x`, and adds `FᵀWᵀL⁻¹x` to a sum for each kept entry.
+    pub(super) fn influence(
+        &self,
+        values: &[Lanes],
+        factors: &[Lanes],
+        x: &mut [Lanes],
+        sums: &mut [Lanes],
+    ) {
+        let (outer, f) = (self.outer.len(), self.values(values).f);
+        let (lower, rest) = factors.split_at(self.own * self.own);
+        forward(lower, self.own, x);
+        for r in 0..outer {
+            let mut image = Lanes::ZERO;
+            for (x, w) in x.iter().zip(rest.chunks_exact(outer)) {
+                image = plus(image, *x, w[r]);
             }
+            let range = self.starts[r]..self.starts[r + 1];
+            for (sum, f) in sums[range.clone()].iter_mut().zip(&f[range]) {
+                *sum = plus(*sum, *f, image);
+            }
+        }
+    }
+
+    /// Takes the sums for kept entries from a vector over the kept parameters; of one lane, or of all.
+    pub(super) fn subtract(&self, sums: &[Lanes], lane: Option<usize>, kept: &mut [f64]) {
+        for (sum, &place) in sums.iter().zip(self.outer.iter().flatten()) {
+            kept[place] -= lane.map_or_else(|| sum.sum(), |lane| sum[lane]);
         }
     }
 
     /// Adds up products and gradients of kept entries where they belong.
-    pub(super) fn scatter(&self, sums: &Sums, normal: &mut Normal) {
+    pub(super) fn scatter(&self, sums: &[Lanes], normal: &mut Normal) {
         let size = normal.gradient.len();
         let places: Vec<usize> = self.outer.iter().flatten().copied().collect();
-        for (&place, &value) in places.iter().zip(&sums.gradient) {
-            normal.gradient[place] += value;
+        let (products, gradient) = sums.split_at(self.products[self.outer.len()]);
+        for (&place, value) in places.iter().zip(gradient) {
+            normal.gradient[place] += value.sum();
         }
-        let mut products = sums.products.iter();
+        let mut products = products.iter().map(Lanes::sum);
         for (r, first) in self.outer.iter().enumerate() {
             for &a in first {
                 for (entry, &b) in places[..self.starts[r + 1]].iter().enumerate() {
-                    let Some(&product) = products.next() else {
+                    let Some(product) = products.next() else {
                         return;
                     };
                     let same_row = entry >= self.starts[r];
@@ -354,6 +306,143 @@ impl Pattern {
                     }
                 }
             }
+        }
+    }
+}
+
+/// Elimination of a block of groups.
+struct Eliminate<'a>(&'a Pattern);
+
+impl Kernel for Eliminate<'_> {
+    #[allow(
+        clippy::inline_always,
+        reason = "it must take on the instruction set of its caller"
+    )]
+    #[inline(always)]
+    fn run(self, values: &[Lanes], parameters: &[f64], factors: &mut [Lanes], sums: &mut [Lanes]) {
+        let &[damping] = parameters else { return };
+        // Loops over a known number of columns unroll.
+        match self.0.own {
+            2 => self.0.eliminate_columns(2, values, damping, factors, sums),
+            3 => self.0.eliminate_columns(3, values, damping, factors, sums),
+            6 => self.0.eliminate_columns(6, values, damping, factors, sums),
+            own => self
+                .0
+                .eliminate_columns(own, values, damping, factors, sums),
+        }
+    }
+}
+
+impl Pattern {
+    #[allow(
+        clippy::inline_always,
+        reason = "it must take on the instruction set of its caller"
+    )]
+    #[inline(always)]
+    fn eliminate_columns(
+        &self,
+        own: usize,
+        values: &[Lanes],
+        damping: f64,
+        factors: &mut [Lanes],
+        sums: &mut [Lanes],
+    ) {
+        let (outer, entries) = (self.outer.len(), self.kept_entries());
+        let values = self.values(values);
+        let Factors { lower, w, z } = self.factors(factors);
+        let (products, rest) = sums.split_at_mut(self.products[outer]);
+        let (gradient, rest) = rest.split_at_mut(entries);
+        let (scaled, rest) = rest.split_at_mut(entries);
+        let (right, irregular) = rest.split_at_mut(outer);
+        z.copy_from_slice(values.gradient);
+        for i in 0..own {
+            for (row, r) in values.r.iter().enumerate() {
+                z[i] = plus(z[i], values.e[row * own + i], *r);
+            }
+            for j in 0..=i {
+                let mut sum = values.normal[i * own + j];
+                for row in values.e.chunks_exact(own) {
+                    sum = plus(sum, row[i], row[j]);
+                }
+                if i == j {
+                    sum = plus(sum, Lanes::splat(1.0), Lanes::splat(damping));
+                }
+                lower[i * own + j] = sum;
+            }
+        }
+        cholesky(lower, own, &mut irregular[0]);
+        forward(lower, own, z);
+        let mut column = [Lanes::ZERO; MAX_GROUP];
+        for (row, right) in right.iter_mut().enumerate() {
+            let column = &mut column[..own];
+            column.copy_from_slice(&values.e[row * own..][..own]);
+            forward(lower, own, column);
+            *right = values.r[row];
+            for (i, &entry) in column.iter().enumerate() {
+                w[i * outer + row] = entry;
+                *right = minus(*right, entry, z[i]);
+            }
+        }
+        for (r, right) in right.iter().enumerate() {
+            let first = &values.f[self.starts[r]..self.starts[r + 1]];
+            for (sum, f) in gradient[self.starts[r]..].iter_mut().zip(first) {
+                *sum = plus(*sum, *f, *right);
+            }
+            // M_rs f_s of all rows s up to this one, side by side: the sums run over long stretches.
+            for s in 0..=r {
+                let mut m = Lanes::splat(f64::from(u8::from(r == s)));
+                for i in 0..own {
+                    m = minus(m, w[i * outer + r], w[i * outer + s]);
+                }
+                let range = self.starts[s]..self.starts[s + 1];
+                for (scaled, f) in scaled[range.clone()].iter_mut().zip(&values.f[range]) {
+                    *scaled = plus(Lanes::ZERO, m, *f);
+                }
+            }
+            let scaled = &scaled[..self.starts[r + 1]];
+            let products = &mut products[self.products[r]..self.products[r + 1]];
+            for (products, f) in products.chunks_exact_mut(scaled.len()).zip(first) {
+                for (product, scaled) in products.iter_mut().zip(scaled) {
+                    *product = plus(*product, *f, *scaled);
+                }
+            }
+        }
+    }
+}
+
+/// Back substitution in a block of groups; the kept parameters' step are the parameters.
+struct BackSubstitute<'a>(&'a Pattern);
+
+impl Kernel for BackSubstitute<'_> {
+    #[allow(
+        clippy::inline_always,
+        reason = "it must take on the instruction set of its caller"
+    )]
+    #[inline(always)]
+    fn run(self, values: &[Lanes], kept: &[f64], factors: &mut [Lanes], _: &mut [Lanes]) {
+        let (pattern, outer) = (self.0, self.0.outer.len());
+        let values = pattern.values(values);
+        let Factors { lower, w, z } = pattern.factors(factors);
+        for (r, places) in pattern.outer.iter().enumerate() {
+            let entries = &values.f[pattern.starts[r]..pattern.starts[r + 1]];
+            let mut image = Lanes::ZERO;
+            for (f, &place) in entries.iter().zip(places) {
+                image = plus(image, *f, Lanes::splat(kept[place]));
+            }
+            for (z, w) in z.iter_mut().zip(w.chunks_exact(outer)) {
+                *z = plus(*z, w[r], image);
+            }
+        }
+        let own = pattern.own;
+        for i in (0..own).rev() {
+            let mut sum = z[i];
+            for k in i + 1..own {
+                sum = minus(sum, lower[k * own + i], z[k]);
+            }
+            z[i] = over(sum, lower[i * own + i]);
+        }
+        for z in z.iter_mut() {
+            *z = minus(Lanes::ZERO, *z, Lanes::splat(1.0));
         }
     }
 }
@@ -376,55 +465,76 @@ impl Normal {
     }
 }
 
-/// Replaces the lower triangle of a matrix by its Cholesky factor; false if it is singular to rounding.
-#[inline(always)]
+/// Replaces the lower triangles of matrices by their Cholesky factors; `irregular` becomes other than zero where one is
+/// singular to rounding.
 #[allow(
     clippy::inline_always,
-    reason = "loops over a known number of columns unroll"
+    reason = "it must take on the instruction set of its caller"
 )]
-pub(super) fn cholesky(matrix: &mut [f64], size: usize) -> bool {
+#[inline(always)]
+fn cholesky(matrix: &mut [Lanes], size: usize, irregular: &mut Lanes) {
     for i in 0..size {
         let diagonal = matrix[i * size + i];
         for j in 0..=i {
             let mut sum = matrix[i * size + j];
             for k in 0..j {
-                sum -= matrix[i * size + k] * matrix[j * size + k];
+                sum = minus(sum, matrix[i * size + k], matrix[j * size + k]);
             }
-            if i > j {
-                matrix[i * size + j] = sum / matrix[j * size + j];
-            } else if sum > 8.0 * f64::EPSILON * diagonal {
-                matrix[i * size + i] = sum.sqrt();
+            matrix[i * size + j] = if i > j {
+                over(sum, matrix[j * size + j])
             } else {
-                return false;
-            }
+                for lane in 0..LANES {
+                    let is_regular = sum[lane] > 8.0 * f64::EPSILON * diagonal[lane];
+                    irregular[lane] += if is_regular { 0.0 } else { 1.0 };
+                }
+                Lanes(std::array::from_fn(|lane| sum[lane].sqrt()))
+            };
         }
     }
-    true
 }
 
 /// Replaces x by `L⁻¹x`.
-#[inline(always)]
 #[allow(
     clippy::inline_always,
-    reason = "loops over a known number of columns unroll"
+    reason = "it must take on the instruction set of its caller"
 )]
-pub(super) fn forward(lower: &[f64], size: usize, x: &mut [f64]) {
+#[inline(always)]
+fn forward(lower: &[Lanes], size: usize, x: &mut [Lanes]) {
     for i in 0..size {
         let mut sum = x[i];
         for k in 0..i {
-            sum -= lower[i * size + k] * x[k];
+            sum = minus(sum, lower[i * size + k], x[k]);
         }
-        x[i] = sum / lower[i * size + i];
+        x[i] = over(sum, lower[i * size + i]);
     }
 }
 
-/// Replaces x by `L⁻ᵀx`.
-pub(super) fn backward(lower: &[f64], size: usize, x: &mut [f64]) {
-    for i in (0..size).rev() {
-        let mut sum = x[i];
-        for k in i + 1..size {
-            sum -= lower[k * size + i] * x[k];
-        }
-        x[i] = sum / lower[i * size + i];
-    }
+/// `sum + a b`.
+#[allow(
+    clippy::inline_always,
+    reason = "it must take on the instruction set of its caller"
+)]
+#[inline(always)]
+fn plus(sum: Lanes, a: Lanes, b: Lanes) -> Lanes {
+    Lanes(std::array::from_fn(|lane| sum[lane] + a[lane] * b[lane]))
+}
+
+/// `sum − a b`.
+#[allow(
+    clippy::inline_always,
+    reason = "it must take on the instruction set of its caller"
+)]
+#[inline(always)]
+fn minus(sum: Lanes, a: Lanes, b: Lanes) -> Lanes {
+    Lanes(std::array::from_fn(|lane| sum[lane] - a[lane] * b[lane]))
+}
+
+/// `a / b`.
+#[allow(
+    clippy::inline_always,
+    reason = "it must take on the instruction set of its caller"
+)]
+#[inline(always)]
+fn over(a: Lanes, b: Lanes) -> Lanes {
+    Lanes(std::array::from_fn(|lane| a[lane] / b[lane]))
 }

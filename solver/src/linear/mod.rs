@@ -5,6 +5,7 @@
 
 mod dense;
 mod group;
+mod guarded;
 pub(crate) mod qr;
 mod schur;
 mod schur_cholesky;
@@ -14,7 +15,8 @@ pub(crate) mod svd;
 use crate::Error;
 use crate::jacobian::Jacobian;
 use dense::DenseQr;
-use schur::{Elimination, Schur};
+use guarded::GuardedSchur;
+use schur::Elimination;
 pub(crate) use schur_cholesky::SchurCholesky;
 pub(crate) use sparse::SparseCholesky;
 
@@ -35,8 +37,8 @@ const DENSE_ENTRIES: usize = 4_000_000;
 pub enum Method {
     /// By size and structure: dense QR where a part is small (by way of the normal
     /// equations where those are safe), else Schur elimination where most
-    /// parameters form small groups that share no residual (by normal equations where there are very
-    /// many), else sparse Cholesky.
+    /// parameters form small groups that share no residual (by normal equations where those are safe, or
+    /// there are very many rows), else sparse Cholesky.
     #[default]
     Auto,
     /// Dense QR, column-pivoted: the most accurate, and sure of rank.
@@ -47,7 +49,8 @@ pub enum Method {
     NormalEquations,
     /// Sparse Cholesky factorisation of the normal equations.
     SparseCholesky,
-    /// Orthogonal elimination of small groups of parameters, dense QR of the rest.
+    /// Elimination of small groups of parameters: by normal equations where those are safe, else by orthogonal
+    /// transformations, with a dense QR of the rest.
     Schur,
     /// Elimination of small groups of parameters with few residuals, dense Cholesky factorisation of the
     /// rest, both by normal equations: for very many groups, on all cores.
@@ -107,7 +110,7 @@ pub(crate) fn new_solver(
         Method::SparseCholesky => Box::new(SparseCholesky::new(jacobian)?),
         Method::Schur => {
             let elimination = elimination.unwrap_or_else(|| Elimination::detect(jacobian));
-            Box::new(Schur::new(jacobian, elimination))
+            Box::new(GuardedSchur::new(jacobian, elimination))
         }
         Method::SchurCholesky => {
             let elimination = elimination.unwrap_or_else(|| SchurCholesky::elimination(jacobian));

@@ -59,10 +59,10 @@ impl Qr {
 }
 
 /// Turns the first columns of a small row-major matrix into a triangle by reflections, which it applies to
-/// all columns.
-pub(crate) fn triangularize(matrix: &mut [f64], width: usize, columns: usize) {
+/// all columns. `work` is room for a row.
+pub(crate) fn triangularize(matrix: &mut [f64], width: usize, columns: usize, work: &mut Vec<f64>) {
     let rows = matrix.len() / width;
-    let mut work = vec![0.0; width];
+    work.resize(width, 0.0);
     for column in 0..columns.min(rows) {
         let (_, below) = matrix.split_at_mut(column * width);
         let (pivot_row, below) = below.split_at_mut(width);

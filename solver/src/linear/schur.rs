@@ -13,6 +13,8 @@ use crate::linear::{LEAST_DAMPING, LinearSolver};
 
 /// Most parameters of a group.
 pub(crate) const MAX_GROUP: usize = 12;
+/// Numbers of a filled row that are handled at once, as most processors do.
+const LANES: usize = 4;
 
 /// Choice of the parameters that are eliminated.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -28,22 +30,34 @@ impl Elimination {
     /// touch, unless the union would be too large; then they are kept.
     pub(crate) fn detect(jacobian: &Jacobian) -> Self {
         let n = jacobian.column_count;
-        let mut rows_of = vec![Vec::new(); n];
+        // Rows of each column, one column after the other.
+        let mut starts = vec![0; n + 1];
+        for &column in &jacobian.columns {
+            starts[column + 1] += 1;
+        }
+        for column in 0..n {
+            starts[column + 1] += starts[column];
+        }
+        let mut next = starts.clone();
+        let mut all = vec![0; jacobian.columns.len()];
         for row in 0..jacobian.row_count() {
             for &column in jacobian.row(row).0 {
-                rows_of[column].push(row);
+                all[next[column]] = row;
+                next[column] += 1;
             }
         }
+        let rows_of = |column: usize| &all[starts[column]..starts[column + 1]];
         let mut order: Vec<usize> = (0..n).collect();
-        order.sort_by_key(|&column| rows_of[column].len());
+        order.sort_by_key(|&column| rows_of(column).len());
 
         let mut group_of_row: Vec<Option<usize>> = vec![None; jacobian.row_count()];
         let mut groups: Vec<Vec<usize>> = Vec::new();
         let mut kept = Vec::new();
+        let mut touched: Vec<usize> = Vec::new();
         for column in order {
-            let mut touched: Vec<usize> = Vec::new();
+            touched.clear();
             let mut size = 1;
-            for group in rows_of[column].iter().filter_map(|&row| group_of_row[row]) {
+            for group in rows_of(column).iter().filter_map(|&row| group_of_row[row]) {
                 if !touched.contains(&group) {
                     touched.push(group);
                     size += groups[group].len();
@@ -60,17 +74,17 @@ impl Elimination {
                 groups.push(Vec::new());
                 groups.len() - 1
             });
-            for group in touched {
+            for group in touched.drain(..) {
                 let members = std::mem::take(&mut groups[group]);
                 for &member in &members {
-                    for &row in &rows_of[member] {
+                    for &row in rows_of(member) {
                         group_of_row[row] = Some(target);
                     }
                 }
                 groups[target].extend(members);
             }
             groups[target].push(column);
-            for &row in &rows_of[column] {
+            for &row in rows_of(column) {
                 group_of_row[row] = Some(target);
             }
         }
@@ -83,8 +97,8 @@ impl Elimination {
         Self { groups, kept }
     }
 
-    /// Keeps the groups that occur in more rows than this.
-    pub(crate) fn with_few_rows(mut self, jacobian: &Jacobian, most: usize) -> Self {
+    /// Number of rows in which each group occurs.
+    fn rows(&self, jacobian: &Jacobian) -> Vec<usize> {
         let mut group_of = vec![usize::MAX; jacobian.column_count];
         for (g, columns) in self.groups.iter().enumerate() {
             for &column in columns {
@@ -99,7 +113,18 @@ impl Elimination {
                 *rows += 1;
             }
         }
-        let mut rows = rows.into_iter();
+        rows
+    }
+
+    /// True if all groups occur in some rows, at most so many.
+    pub(crate) fn has_few_rows(&self, jacobian: &Jacobian, most: usize) -> bool {
+        let rows = self.rows(jacobian);
+        rows.iter().all(|rows| (1..=most).contains(rows))
+    }
+
+    /// Keeps the groups that occur in more rows than this.
+    pub(crate) fn with_few_rows(mut self, jacobian: &Jacobian, most: usize) -> Self {
+        let mut rows = self.rows(jacobian).into_iter();
         self.groups.retain(|columns| {
             let few = rows.next().is_some_and(|rows| (1..=most).contains(&rows));
             if !few {
@@ -148,11 +173,12 @@ pub(crate) struct Schur {
     kept_step: Vec<f64>,
 }
 
-/// Room for the matrix of one group, and for a row of it.
+/// Room for the matrix of one group, for a row of it, and for its reflections.
 #[derive(Default)]
 struct Workspace {
     matrix: Vec<f64>,
     row: Vec<f64>,
+    reflected: Vec<f64>,
 }
 
 impl Schur {
@@ -213,13 +239,7 @@ impl Schur {
                 .push((row..=size).map(|column| (column, base[(row, column)])));
         }
         for group in &mut self.groups {
-            group.damp(
-                damping,
-                held,
-                step,
-                &mut self.workspace.matrix,
-                &mut self.reduced,
-            );
+            group.damp(damping, held, step, &mut self.workspace, &mut self.reduced);
             if !group.is_regular() {
                 return false;
             }
@@ -274,9 +294,6 @@ impl Group {
     }
 
     /// Reduces the group's rows to `[R E c]`; what they say beyond it goes to `rest`.
-    ///
-    /// Rows have few kept entries each. So the reflections are not applied to these, but to unit vectors
-    /// in their place, and then the rows are put together, unless there are more rows than kept columns.
     fn reduce(
         &mut self,
         jacobian: &Jacobian,
@@ -285,46 +302,79 @@ impl Group {
         rest: &mut RowReduction,
     ) {
         let (own, width) = (self.columns.len(), self.width());
-        let apart = self.outer < self.others.len();
-        let stride = if apart { own + self.outer + 1 } else { width };
-        let Workspace { matrix, row: sums } = workspace;
+        // What reflections cost that run along filled rows, and what it costs to put rows together entry by entry.
+        let filled = 2 * own * self.rows.len() * self.others.len() / LANES;
+        let kept_entries = self.targets.iter().filter(|&&target| target >= own).count();
+        if self.outer < self.others.len() && self.rows.len() * kept_entries < filled {
+            self.reduce_apart(jacobian, residuals, workspace, rest);
+            return;
+        }
+        let Workspace {
+            matrix, reflected, ..
+        } = workspace;
+        matrix.clear();
+        matrix.resize(self.rows.len().max(own) * width, 0.0);
+        let mut targets = self.targets.iter();
+        let numbers = matrix.chunks_exact_mut(width);
+        for (&row, numbers) in self.rows.iter().zip(numbers) {
+            for (&value, &target) in jacobian.row(row).1.iter().zip(&mut targets) {
+                numbers[target] = value;
+            }
+            numbers[width - 1] = residuals[row];
+        }
+        triangularize(matrix, width, own, reflected);
+        let (own_rows, others) = matrix.split_at(own * width);
+        self.undamped.copy_from_slice(own_rows);
+        for row in others.chunks_exact(width) {
+            rest.push(self.kept_entries(row, rest.last_column()));
+        }
+    }
+
+    /// The same where rows have few kept entries each: the reflections are not applied to these, but to unit vectors in
+    /// their place, and then the rows are put together.
+    fn reduce_apart(
+        &mut self,
+        jacobian: &Jacobian,
+        residuals: &[f64],
+        workspace: &mut Workspace,
+        rest: &mut RowReduction,
+    ) {
+        let (own, width) = (self.columns.len(), self.width());
+        let stride = own + self.outer + 1;
+        let Workspace {
+            matrix,
+            row: sums,
+            reflected,
+        } = workspace;
         matrix.clear();
         matrix.resize(self.rows.len().max(own) * stride, 0.0);
         let mut targets = self.targets.iter();
-        for (i, (&row, numbers)) in self
-            .rows
-            .iter()
-            .zip(matrix.chunks_exact_mut(stride))
-            .enumerate()
-        {
+        let numbers = matrix.chunks_exact_mut(stride).enumerate();
+        for (&row, (i, numbers)) in self.rows.iter().zip(numbers) {
             for (&value, &target) in jacobian.row(row).1.iter().zip(&mut targets) {
-                if !apart || target < own {
+                if target < own {
                     numbers[target] = value;
                 }
             }
-            if apart && i < self.outer {
+            if i < self.outer {
                 numbers[own + i] = 1.0;
             }
             numbers[stride - 1] = residuals[row];
         }
-        triangularize(matrix, stride, own);
+        triangularize(matrix, stride, own, reflected);
         for (i, numbers) in matrix.chunks_exact(stride).enumerate() {
             sums.clear();
             sums.extend_from_slice(&numbers[..own]);
-            if apart {
-                sums.resize(width - 1, 0.0);
-                let mut targets = self.targets.iter();
-                for (&row, &factor) in self.rows.iter().zip(&numbers[own..stride - 1]) {
-                    for (&value, &target) in jacobian.row(row).1.iter().zip(&mut targets) {
-                        if target >= own {
-                            sums[target] += factor * value;
-                        }
+            sums.resize(width - 1, 0.0);
+            let mut targets = self.targets.iter();
+            for (&row, &factor) in self.rows.iter().zip(&numbers[own..stride - 1]) {
+                for (&value, &target) in jacobian.row(row).1.iter().zip(&mut targets) {
+                    if target >= own {
+                        sums[target] += factor * value;
                     }
                 }
-                sums.push(numbers[stride - 1]);
-            } else {
-                sums.extend_from_slice(&numbers[own..]);
             }
+            sums.push(numbers[stride - 1]);
             if i < own {
                 self.undamped[i * width..(i + 1) * width].copy_from_slice(sums);
             } else {
@@ -343,9 +393,12 @@ impl Group {
         damping: f64,
         held: &[bool],
         step: &[f64],
-        matrix: &mut Vec<f64>,
+        workspace: &mut Workspace,
         rest: &mut RowReduction,
     ) {
+        let Workspace {
+            matrix, reflected, ..
+        } = workspace;
         let (own, width) = (self.columns.len(), self.width());
         if damping == 0.0 && !self.columns.iter().any(|&column| held[column]) {
             self.leave_undamped();
@@ -363,7 +416,7 @@ impl Group {
                 }
             }
         }
-        triangularize(matrix, width, own);
+        triangularize(matrix, width, own, reflected);
         self.damped.copy_from_slice(&matrix[..own * width]);
         for row in matrix[own * width..].chunks_exact(width) {
             rest.push(self.kept_entries(row, rest.last_column()));

@@ -1,9 +1,9 @@
-//! Schur elimination of very many small groups of parameters, by normal equations.
+//! Schur elimination of small groups of parameters, by normal equations.
 //!
 //! With E the columns of a group and F the kept columns in its rows, what the rows say of the kept
 //! parameters is `Fᵀ M F` with `M = I − E (EᵀE)⁻¹ Eᵀ`. Rows touch few kept parameters each, so it is summed
 //! up row by row with row, `M_rs f_r f_sᵀ`, without ever filling a row of the kept columns; groups of the
-//! same pattern share one sum. Rows without kept parameters (priors) only add to `EᵀE`.
+//! same pattern stand side by side and share one sum. Rows without kept parameters (priors) only add to `EᵀE`.
 //!
 //! Memory is linear in the number of groups. Groups are handed out to threads in portions that do not
 //! depend on how many there are, and portions are added in order: results repeat bit for bit.
@@ -14,28 +14,29 @@ use std::fmt;
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};
 use rayon::prelude::*;
+use tau_runtime::{LANES, Lanes, block_count};
 
 use crate::jacobian::Jacobian;
-use crate::linear::group::{MOST_ROWS, Normal, Pattern, Sums, Values, forward};
+use crate::linear::group::{MOST_ROWS, Normal, Pattern};
 use crate::linear::schur::{Elimination, MAX_GROUP};
 use crate::linear::{LEAST_DAMPING, LinearSolver};
 
-/// Groups of a class that are summed up together.
-const CHUNK: usize = 256;
+/// Blocks of groups of a class that are summed up together.
+const CHUNK: usize = 32;
 /// Most portions of the work, each with a sum of its own.
 const PORTIONS: usize = 32;
 
-/// Groups of the same pattern, one after the other in each array.
+/// Groups of the same pattern, one after the other in each array, or side by side in blocks.
 struct Class {
     pattern: Pattern,
     /// Columns of each group.
     columns: Vec<usize>,
     /// Rows of each group: those with kept columns first.
     rows: Vec<usize>,
-    /// Numbers of each group that the Jacobian gives.
-    values: Vec<f64>,
-    /// Numbers of each group that depend on the damping.
-    factors: Vec<f64>,
+    /// Numbers of each block that the Jacobian gives.
+    values: Vec<Lanes>,
+    /// Numbers of each block that depend on the damping.
+    factors: Vec<Lanes>,
 }
 
 /// Some groups of a class.
@@ -43,8 +44,8 @@ struct Portion<'a> {
     pattern: &'a Pattern,
     columns: &'a [usize],
     rows: &'a [usize],
-    values: &'a mut [f64],
-    factors: &'a mut [f64],
+    values: &'a mut [Lanes],
+    factors: &'a mut [Lanes],
 }
 
 /// Solves by elimination of groups and a dense Cholesky factorisation of the kept parameters.
@@ -61,6 +62,8 @@ pub(crate) struct SchurCholesky {
     base: Normal,
     factor: Option<Llt<f64>>,
     kept_step: Mat<f64>,
+    /// True if all is factored without damping or held columns, and nothing was solved since.
+    is_undamped: bool,
 }
 
 impl fmt::Debug for SchurCholesky {
@@ -79,8 +82,8 @@ impl Class {
 
     fn portions(&mut self) -> impl Iterator<Item = Portion<'_>> {
         let pattern = &self.pattern;
-        let columns = self.columns.chunks(CHUNK * pattern.own);
-        let rows = self.rows.chunks(CHUNK * pattern.rows.len());
+        let columns = self.columns.chunks(CHUNK * LANES * pattern.own);
+        let rows = self.rows.chunks(CHUNK * LANES * pattern.rows.len());
         let values = self.values.chunks_mut(CHUNK * pattern.values_len());
         let factors = self.factors.chunks_mut(CHUNK * pattern.factors_len());
         columns.zip(rows).zip(values.zip(factors)).map(
@@ -94,19 +97,18 @@ impl Class {
         )
     }
 
-    fn factors_of(&self, group: usize) -> (&[f64], &[f64]) {
-        let (own, outer) = (self.pattern.own, self.pattern.outer.len());
-        let factors = &self.factors[group * self.pattern.factors_len()..];
+    /// Values and factors of a block.
+    fn block(&self, index: usize) -> (&[Lanes], &[Lanes]) {
+        let (values, factors) = (self.pattern.values_len(), self.pattern.factors_len());
         (
-            &factors[..own * own],
-            &factors[own * own..own * (own + outer)],
+            &self.values[index * values..(index + 1) * values],
+            &self.factors[index * factors..(index + 1) * factors],
         )
     }
 
-    fn values_of(&self, group: usize) -> Values<'_> {
-        let length = self.pattern.values_len();
-        self.pattern
-            .values(&self.values[group * length..(group + 1) * length])
+    /// Those of all blocks.
+    fn blocks(&self) -> impl Iterator<Item = (&[Lanes], &[Lanes])> {
+        (0..block_count(self.groups())).map(|index| self.block(index))
     }
 }
 
@@ -120,6 +122,15 @@ fn portions(classes: &mut [Class]) -> Vec<Vec<Portion<'_>>> {
         parts.push(all.by_ref().take(together).collect());
     }
     parts
+}
+
+/// What `work` makes of each item, in order; one item is no matter for threads.
+fn each<T: Send, R: Send>(items: Vec<T>, work: impl Fn(T) -> R + Sync + Send) -> Vec<R> {
+    if items.len() > 1 {
+        items.into_par_iter().map(work).collect()
+    } else {
+        items.into_iter().map(work).collect()
+    }
 }
 
 impl SchurCholesky {
@@ -193,9 +204,9 @@ impl SchurCholesky {
             classes[class].rows.extend(rows);
         }
         for class in &mut classes {
-            let groups = class.groups();
-            class.values = vec![0.0; groups * class.pattern.values_len()];
-            class.factors = vec![0.0; groups * class.pattern.factors_len()];
+            let blocks = block_count(class.groups());
+            class.values = vec![Lanes::ZERO; blocks * class.pattern.values_len()];
+            class.factors = vec![Lanes::ZERO; blocks * class.pattern.factors_len()];
         }
         Self {
             classes,
@@ -203,6 +214,7 @@ impl SchurCholesky {
             base: Normal::new(kept.len()),
             kept_step: Mat::zeros(kept.len(), 1),
             factor: None,
+            is_undamped: false,
             kept_place,
             eliminated,
             kept,
@@ -212,17 +224,14 @@ impl SchurCholesky {
     /// Eliminates and factors; false if something is not positive definite.
     fn factor(&mut self, damping: f64, held: &[bool], step: &[f64]) -> bool {
         let size = self.kept.len();
-        let sums: Vec<Option<Normal>> = portions(&mut self.classes)
-            .into_par_iter()
-            .map(|portions| {
-                let mut normal = Normal::new(size);
-                let mut regular = true;
-                for portion in portions {
-                    regular &= portion.eliminate(damping, held, step, &mut normal);
-                }
-                regular.then_some(normal)
-            })
-            .collect();
+        let sums: Vec<Option<Normal>> = each(portions(&mut self.classes), |portions| {
+            let mut normal = Normal::new(size);
+            let mut regular = true;
+            for portion in portions {
+                regular &= portion.eliminate(damping, held, step, &mut normal);
+            }
+            regular.then_some(normal)
+        });
         let mut normal = self.base.clone();
         for sum in &sums {
             let Some(sum) = sum else { return false };
@@ -260,7 +269,21 @@ impl SchurCholesky {
     pub(crate) fn factor_undamped(&mut self, jacobian: &Jacobian, residuals: &[f64]) -> bool {
         let n = jacobian.column_count;
         self.load(jacobian, residuals);
-        self.factor(0.0, &vec![false; n], &vec![0.0; n])
+        self.is_undamped = self.factor(0.0, &vec![false; n], &vec![0.0; n]);
+        self.is_undamped
+    }
+
+    /// The least pivot of all that is factored.
+    pub(crate) fn least_pivot(&self) -> f64 {
+        let of_groups = self.classes.iter().flat_map(|class| {
+            let blocks = class.blocks();
+            blocks.flat_map(|(_, factors)| class.pattern.pivots(factors))
+        });
+        let size = self.kept.len();
+        let factor = self.factor.iter();
+        let kept = factor.flat_map(|factor| (0..size).map(|i| factor.L()[(i, i)]));
+        let least = of_groups.chain(kept).fold(f64::INFINITY, f64::min);
+        least * least
     }
 
     /// An entry of the inverse of the matrix factored last.
@@ -287,58 +310,53 @@ impl SchurCholesky {
     /// A parameter as a combination of kept ones, and, if it is eliminated, `L⁻¹` of its unit vector.
     fn influence(&self, column: usize) -> (Vec<f64>, [f64; MAX_GROUP]) {
         let mut kept = vec![0.0; self.kept.len()];
-        let mut unit = [0.0; MAX_GROUP];
         if let Some(place) = self.kept_place[column] {
             kept[place] = 1.0;
-            return (kept, unit);
+            return (kept, [0.0; MAX_GROUP]);
         }
         let (class, group, place) = self.eliminated[column];
         let class = &self.classes[class as usize];
-        let own = class.pattern.own;
-        let (lower, w) = class.factors_of(group as usize);
-        unit[place as usize] = 1.0;
-        forward(lower, own, &mut unit[..own]);
-        let f = class.values_of(group as usize).f;
-        class
-            .pattern
-            .subtract_influence(f, w, &unit[..own], &mut kept);
-        (kept, unit)
+        let (block, lane) = (group as usize / LANES, group as usize % LANES);
+        let pattern = &class.pattern;
+        let mut x = [Lanes::ZERO; MAX_GROUP];
+        x[place as usize][lane] = 1.0;
+        let mut sums = vec![Lanes::ZERO; pattern.kept_entries()];
+        let (values, factors) = class.block(block);
+        pattern.influence(values, factors, &mut x[..pattern.own], &mut sums);
+        pattern.subtract(&sums, Some(lane), &mut kept);
+        (kept, x.map(|x| x[lane]))
     }
 }
 
 impl Portion<'_> {
-    fn groups(&self) -> usize {
-        self.columns.len() / self.pattern.own
-    }
-
     fn load(&mut self, jacobian: &Jacobian, residuals: &[f64]) {
         let pattern = self.pattern;
         let values = self.values.chunks_exact_mut(pattern.values_len());
-        for (group, values) in values.enumerate() {
-            let rows = &self.rows[group * pattern.rows.len()..(group + 1) * pattern.rows.len()];
+        for (rows, values) in self.rows.chunks(LANES * pattern.rows.len()).zip(values) {
             pattern.load(rows, jacobian, residuals, values);
         }
     }
 
     fn eliminate(self, damping: f64, held: &[bool], step: &[f64], normal: &mut Normal) -> bool {
         let pattern = self.pattern;
-        let mut sums = Sums {
-            products: vec![0.0; pattern.products[pattern.outer.len()]],
-            gradient: vec![0.0; pattern.kept_entries()],
-            scaled: vec![0.0; pattern.kept_entries()],
-        };
-        for group in 0..self.groups() {
-            let columns = &self.columns[group * pattern.own..];
-            let values = &self.values[group * pattern.values_len()..];
-            let factors = &mut self.factors[group * pattern.factors_len()..];
-            let regular = pattern.eliminate(
-                &pattern.values(&values[..pattern.values_len()]),
-                &mut pattern.factors(&mut factors[..pattern.factors_len()]),
-                damping,
-                |place| held[columns[place]].then(|| step[columns[place]]),
-                &mut sums,
-            );
-            if !regular {
+        let mut sums = vec![Lanes::ZERO; pattern.sums_len()];
+        let mut changed = vec![];
+        let values = self.values.chunks_exact(pattern.values_len());
+        let factors = self.factors.chunks_exact_mut(pattern.factors_len());
+        let blocks = self.columns.chunks(LANES * pattern.own);
+        for (columns, (mut values, factors)) in blocks.zip(values.zip(factors)) {
+            if columns.iter().any(|&column| held[column]) {
+                changed.clear();
+                changed.extend_from_slice(values);
+                for (place, &column) in columns.iter().enumerate() {
+                    if held[column] {
+                        let (lane, place) = (place / pattern.own, place % pattern.own);
+                        pattern.hold(&mut changed, lane, place, step[column]);
+                    }
+                }
+                values = &changed;
+            }
+            if !pattern.eliminate(values, factors, damping, &mut sums) {
                 return false;
             }
         }
@@ -346,26 +364,24 @@ impl Portion<'_> {
         true
     }
 
-    fn back_substitute(self, kept: &Mat<f64>) {
+    fn back_substitute(self, kept: &[f64]) {
         let pattern = self.pattern;
-        for group in 0..self.groups() {
-            let values = &self.values[group * pattern.values_len()..];
-            let factors = &mut self.factors[group * pattern.factors_len()..];
-            pattern.back_substitute(
-                &pattern.values(&values[..pattern.values_len()]),
-                &mut pattern.factors(&mut factors[..pattern.factors_len()]),
-                kept,
-            );
+        let values = self.values.chunks_exact(pattern.values_len());
+        let factors = self.factors.chunks_exact_mut(pattern.factors_len());
+        for (values, factors) in values.zip(factors) {
+            pattern.back_substitute(values, factors, kept);
         }
     }
 }
 
 impl LinearSolver for SchurCholesky {
     fn load(&mut self, jacobian: &Jacobian, residuals: &[f64]) {
-        portions(&mut self.classes)
-            .into_par_iter()
-            .flatten()
-            .for_each(|mut portion| portion.load(jacobian, residuals));
+        each(portions(&mut self.classes), |portions| {
+            for mut portion in portions {
+                portion.load(jacobian, residuals);
+            }
+        });
+        self.is_undamped = false;
         let size = self.kept.len();
         self.base.matrix.fill(0.0);
         self.base.gradient.fill(0.0);
@@ -387,7 +403,9 @@ impl LinearSolver for SchurCholesky {
 
     fn solve(&mut self, damping: f64, held: &[bool], step: &mut [f64]) -> bool {
         let mut used = damping;
-        let mut solved = self.factor(used, held, step);
+        let is_factored = std::mem::take(&mut self.is_undamped);
+        let mut solved = is_factored && damping == 0.0 && !held.contains(&true);
+        solved = solved || self.factor(used, held, step);
         while !solved && used < 1.0 {
             used = f64::max(LEAST_DAMPING, 100.0 * used);
             solved = self.factor(used, held, step);
@@ -395,11 +413,12 @@ impl LinearSolver for SchurCholesky {
         if !solved {
             return false;
         }
-        let kept_step = &self.kept_step;
-        portions(&mut self.classes)
-            .into_par_iter()
-            .flatten()
-            .for_each(|portion| portion.back_substitute(kept_step));
+        let kept_step = self.kept_step.col_as_slice(0);
+        each(portions(&mut self.classes), |portions| {
+            for portion in portions {
+                portion.back_substitute(kept_step);
+            }
+        });
         for (place, &column) in self.kept.iter().enumerate() {
             if !held[column] {
                 step[column] = self.kept_step[(place, 0)];
@@ -407,11 +426,14 @@ impl LinearSolver for SchurCholesky {
         }
         for class in &self.classes {
             let own = class.pattern.own;
-            let solutions = class.factors.chunks_exact(class.pattern.factors_len());
-            for (columns, factors) in class.columns.chunks_exact(own).zip(solutions) {
-                for (&column, &y) in columns.iter().zip(&factors[factors.len() - own..]) {
-                    if !held[column] {
-                        step[column] = y;
+            let blocks = class.columns.chunks(LANES * own);
+            for (columns, (_, factors)) in blocks.zip(class.blocks()) {
+                let steps = class.pattern.steps(factors);
+                for (lane, columns) in columns.chunks_exact(own).enumerate() {
+                    for (&column, y) in columns.iter().zip(steps) {
+                        if !held[column] {
+                            step[column] = y[lane];
+                        }
                     }
                 }
             }
@@ -422,27 +444,35 @@ impl LinearSolver for SchurCholesky {
 
     fn inverse_form(&mut self, v: &[f64]) -> f64 {
         let mut kept: Vec<f64> = self.kept.iter().map(|&column| v[column]).collect();
-        let mut form = 0.0;
-        let mut x = [0.0; MAX_GROUP];
+        let mut form = Lanes::ZERO;
         for class in &self.classes {
             let own = class.pattern.own;
-            for (group, columns) in class.columns.chunks_exact(own).enumerate() {
-                for (x, &column) in x.iter_mut().zip(columns) {
-                    *x = v[column];
+            let mut sums = vec![Lanes::ZERO; class.pattern.kept_entries()];
+            let blocks = class.columns.chunks(LANES * own);
+            for (columns, (values, factors)) in blocks.zip(class.blocks()) {
+                let mut x = [Lanes::ZERO; MAX_GROUP];
+                let x = &mut x[..own];
+                for (lane, columns) in columns.chunks_exact(own).enumerate() {
+                    for (x, &column) in x.iter_mut().zip(columns) {
+                        x[lane] = v[column];
+                    }
                 }
-                let (lower, w) = class.factors_of(group);
-                forward(lower, own, &mut x[..own]);
-                form += x[..own].iter().map(|x| x * x).sum::<f64>();
-                let f = class.values_of(group).f;
-                class.pattern.subtract_influence(f, w, &x[..own], &mut kept);
+                class.pattern.influence(values, factors, x, &mut sums);
+                for x in x {
+                    for (form, x) in form.0.iter_mut().zip(x.0) {
+                        *form += x * x;
+                    }
+                }
             }
+            class.pattern.subtract(&sums, None, &mut kept);
         }
         let mut solved = Mat::from_fn(kept.len(), 1, |i, _| kept[i]);
         if let Some(factor) = &self.factor {
             factor.solve_in_place(solved.as_mut());
         }
-        form + (0..kept.len())
-            .map(|i| kept[i] * solved[(i, 0)])
-            .sum::<f64>()
+        form.sum()
+            + (0..kept.len())
+                .map(|i| kept[i] * solved[(i, 0)])
+                .sum::<f64>()
     }
 }

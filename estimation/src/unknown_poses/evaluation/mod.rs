@@ -187,7 +187,7 @@ pub fn evaluate(
     };
     let machine = prepared.machine.clone();
     let mut fit = Fit::from(&prepared, machine, file, folder, &division, false)?;
-    fit.refuse_units()?;
+    fit.refuse_units(&fit.elimination(&fit.start).reduce())?;
     let mistakes = fit.exchanged_distances();
     let known = Known::new(&fit, of_parameters.as_ref());
     let is_known = fit.take_noise_of_calibration(options)?;

@@ -1,0 +1,160 @@
+//! Closures of the links at every reading of the drives, whitened by the noise of these.
+
+use std::sync::Arc;
+
+use nalgebra::{Cholesky, DMatrix};
+use rayon::prelude::*;
+use tau_kinematics::{Closures, Machine};
+use tau_robot::input_error::InputError;
+use tau_robot::robot::{Instance, ResidualKind};
+use tau_runtime::ResidualFamily;
+
+use super::assembly::{Assembly, CHUNK, Chosen, UnknownPose};
+use super::coupled::Coupled;
+use super::kinds::drive_sigmas;
+use super::lengths::Lengths;
+use super::rows::{DRIVES, LINKS, RowPlace, Rows};
+use crate::calibration::error::Error;
+use crate::problem::{CLOSURE_SHARE, POSE_UNKNOWNS, TruePose, by_pose};
+
+impl Assembly<'_> {
+    /// The closures at every reading of the drives.
+    pub(super) fn closures(
+        &self,
+        machine: &Machine,
+        used: &[usize],
+        chosen: &Chosen<'_>,
+    ) -> Result<Rows, Error> {
+        let closures = closures_of(machine);
+        let count = closures.len();
+        let family = Arc::new(TruePose::new(&closures));
+        let place = |index: &usize| used.binary_search(index).unwrap_or_default();
+        let parameters = family.parameters().iter().map(place).collect();
+        let sigmas = drive_sigmas(self.file, machine.robot.commands);
+        let are_lengths = self.file.noise_of_links().is_some();
+        let inner = Arc::clone(&family) as Arc<dyn ResidualFamily>;
+        let kind = self.kind(DRIVES).or_else(|| self.kind(LINKS));
+        let kind = kind.unwrap_or_default();
+        let mut rows = Rows::new("links", inner, parameters, vec![kind; count]);
+        let mut is_coupled = vec![false; count * count];
+        let of_chunk = |(chunk, poses): (usize, &[UnknownPose])| {
+            let mut found = ClosureRows {
+                is_coupled: is_coupled.clone(),
+                ..ClosureRows::default()
+            };
+            for (index, pose) in poses.iter().enumerate() {
+                let own = POSE_UNKNOWNS * (CHUNK * chunk + index);
+                for reading in &pose.readings {
+                    let sample = pose.sample(reading);
+                    let view = sample.view();
+                    let filled = family.fill(&machine.surroundings, &view, &mut found.data);
+                    filled.map_err(|missing| sample.lacks_in(reading.place.file, missing))?;
+                    found.own.extend(own..own + POSE_UNKNOWNS);
+                    let failed =
+                        |error| Error::at_pose(sample.number, machine.explained(error, &view));
+                    let by_pose = machine.closures(&view).map_err(failed)?;
+                    let is_gross = |link: usize| {
+                        chosen.left_out.contains(&RowPlace {
+                            drive: Some(link),
+                            ..reading.place
+                        })
+                    };
+                    let weight = |link: usize| match (&sigmas, is_gross(link)) {
+                        (_, true) => 0.0,
+                        (Some(_), _) => 1.0,
+                        _ if are_lengths => 1.0,
+                        (None, _) => by_pose.slopes[link].recip(),
+                    };
+                    found.weights.extend((0..count).map(weight));
+                    if let Some(sigmas) = &sigmas {
+                        let factor = factor(&by_pose, sample.number, sigmas)?;
+                        for (is_coupled, entry) in found.is_coupled.iter_mut().zip(&factor) {
+                            *is_coupled |= *entry != 0.0;
+                        }
+                        found.data.extend(factor);
+                    }
+                    found.places.push(reading.place);
+                }
+            }
+            Ok::<_, Error>(found)
+        };
+        let chunks = self.poses.chunks(CHUNK).enumerate();
+        let found: Vec<Result<ClosureRows, Error>> = if self.poses.len() <= CHUNK {
+            chunks.map(of_chunk).collect()
+        } else {
+            chunks
+                .collect::<Vec<_>>()
+                .into_par_iter()
+                .map(of_chunk)
+                .collect()
+        };
+        for found in found {
+            let found = found?;
+            rows.data.extend(found.data);
+            rows.own.extend(found.own);
+            rows.weights.extend(found.weights);
+            rows.places.extend(found.places);
+            for (is_coupled, own) in is_coupled.iter_mut().zip(found.is_coupled) {
+                *is_coupled |= own;
+            }
+        }
+        let inner = Arc::clone(&rows.family);
+        if sigmas.is_some() {
+            // Links that no drive moves together are coupled in no sample.
+            let coupled = Coupled::new(inner, |row, inner| is_coupled[row * count + inner]);
+            rows.family = Arc::new(coupled);
+        } else if are_lengths {
+            rows.family = Arc::new(Lengths::new(inner));
+        }
+        Ok(rows)
+    }
+}
+
+/// Rows of the closures of some poses.
+#[derive(Default)]
+struct ClosureRows {
+    data: Vec<f64>,
+    own: Vec<usize>,
+    weights: Vec<f64>,
+    places: Vec<RowPlace>,
+    /// True of entries of the factors that are not zero throughout.
+    is_coupled: Vec<bool>,
+}
+
+/// Indices in the variant of its parameters that the closures depend on, ascending.
+pub(super) fn used(machine: &Machine) -> Vec<usize> {
+    TruePose::new(&closures_of(machine)).parameters().to_vec()
+}
+
+/// Closures by parameters, each with that by pose.
+fn closures_of(machine: &Machine) -> Vec<(Instance, Instance)> {
+    let closures = machine.variant.instances_of(ResidualKind::Closure);
+    closures
+        .filter_map(|closure| Some((closure.clone(), by_pose(machine, closure)?.clone())))
+        .collect()
+}
+
+/// Inverse Cholesky factor, by rows, of the covariance that the noise of the drives gives the closures (m²) of a pose.
+fn factor(closures: &Closures, pose: u32, sigmas: &[f64]) -> Result<Vec<f64>, Error> {
+    let count = closures.slopes.len();
+    let by_drives = DMatrix::from_fn(count, sigmas.len(), |row, command| {
+        closures.jacobian[(row, POSE_UNKNOWNS + command)] * sigmas[command]
+    });
+    let mut covariance = &by_drives * by_drives.transpose();
+    // Directions that no drive moves, and differences between links of one cart, are exact.
+    let largest = covariance.diagonal().max();
+    for row in 0..count {
+        covariance[(row, row)] += CLOSURE_SHARE.powi(2) * largest;
+    }
+    let lower = Cholesky::new(covariance).map(Cholesky::unpack);
+    let inverse =
+        lower.and_then(|lower| lower.solve_lower_triangular(&DMatrix::identity(count, count)));
+    let inverse = inverse.ok_or_else(|| {
+        let message = format!("pose {pose}: the closures do not depend on the drives");
+        InputError::whole("readings.csv", message)
+    })?;
+    let scaled = DMatrix::from_fn(count, count, |row, column| {
+        inverse[(row, column)] / closures.slopes[column]
+    });
+    Ok(scaled.transpose().as_slice().to_vec())
+}
