@@ -312,8 +312,7 @@ pub(super) struct SimulatedNoise {
     /// Noise of rotations to state and to apply, per axis (rad); without it, that of robot.toml
     #[arg(long, value_name = "RAD")]
     pub(super) noise_rotation: Option<f64>,
-    /// Measure tensions of the links that drives lengthen, once at each TCP pose, with this noise (N), which is stated
-    /// nowhere: columns force1_N, force2_N, …
+    /// Measure tensions of driven links, force1_N, …, with this noise (N), stated nowhere
     #[arg(long, value_name = "N")]
     pub(super) noise_force: Option<f64>,
     /// True noise of sets 1, 2 and 3 over the stated one
