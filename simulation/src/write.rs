@@ -63,9 +63,10 @@ impl SimulatedFolder {
         let commands = self.shape.command_names();
         let directions: Vec<String> = (1..=commands.len()).map(|n| format!("dir{n}")).collect();
         let (commands, directions) = (commands.join(","), directions.join(","));
-        let columns = match rows.iter().any(|row| row.tensions_n.is_some()) {
-            true => self.shape.force_names(),
-            false => vec![],
+        let columns = if rows.iter().any(|row| row.tensions_n.is_some()) {
+            self.shape.force_names()
+        } else {
+            vec![]
         };
         let names: Vec<&str> = (measured.iter().copied())
             .chain(columns.iter().map(String::as_str))
