@@ -106,11 +106,15 @@ fn cases() -> Vec<Case> {
 
 /// The true value of a parameter, and its kind.
 fn truth(machine: &Machine, parameter: &Parameter) -> Option<(&'static str, f64)> {
-    let Owner::Link(link) = parameter.owner else {
-        return None;
-    };
-    let rod = &machine.rods[link];
     let component = parameter.component.unwrap_or(0);
+    let rod = match parameter.owner {
+        Owner::Link(link) => &machine.rods[link],
+        Owner::Robot => {
+            let values = machine.parameters.get(&parameter.quantity)?;
+            return Some(("machine parameters", *values.get(component)?));
+        }
+        _ => return None,
+    };
     match parameter.quantity.as_str() {
         "length" => Some(("lengths", rod.length_m)),
         "plate_joint" => Some(("plate joints", rod.plate_joint_m[component])),
@@ -152,7 +156,9 @@ fn main() {
         "| robot | case | coverage by kind, as stated → widened | consistent | outliers listed per folder (none, missed) |"
     );
     println!("| --- | --- | --- | --- | --- |");
-    for (name, robot, file) in support::robots() {
+    let five_bar = Robot::from(&tau_generated::five_bar::ROBOT);
+    let robots = support::robots().into_iter();
+    for (name, robot, file) in robots.chain([support::tracked("five bar", five_bar)]) {
         if !name.contains(&arguments.robot) {
             continue;
         }

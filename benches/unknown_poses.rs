@@ -18,6 +18,7 @@ use tau_robot::robot_file::RobotFile;
 
 const DELTA: &str = include_str!("../tests/robots/linear_delta.tau");
 const HEXAPOD: &str = include_str!("../tests/robots/stewart.tau");
+const FIVE_BAR: &str = include_str!("../generated/models/five_bar.tau");
 /// Half the width of a 95 % interval, in standard deviations.
 const HALF_WIDTH: f64 = 1.96;
 /// Noise of lengths, and of drives that are not exact (m).
@@ -135,6 +136,46 @@ fn cases() -> Vec<Case> {
             40,
             drives,
         ),
+        case(
+            "hexapod, heights and distances",
+            HEXAPOD,
+            "Full",
+            vec![rows(PlateKind::Height), Measure::Distances],
+            80,
+            "",
+        ),
+        case(
+            "five bar, positions",
+            FIVE_BAR,
+            "Full",
+            vec![rows(PlateKind::Position)],
+            40,
+            "",
+        ),
+        case(
+            "five bar, positions, drives",
+            FIVE_BAR,
+            "Full",
+            vec![rows(PlateKind::Position)],
+            40,
+            drives,
+        ),
+        case(
+            "five bar, ball bar",
+            FIVE_BAR,
+            "Full",
+            vec![rows(PlateKind::BallBar)],
+            60,
+            "",
+        ),
+        case(
+            "five bar, distances",
+            FIVE_BAR,
+            "Full",
+            vec![Measure::Distances],
+            60,
+            "",
+        ),
     ]
 }
 
@@ -201,6 +242,10 @@ fn truth(parameter: &Parameter, robot: &Robot, machine: &Machine) -> Option<f64>
     let rod = match parameter.owner {
         Owner::Link(link) => &machine.rods[link],
         Owner::Cluster(cluster) => &machine.rods[*robot.links_of_cluster(cluster).first()?],
+        Owner::Robot => {
+            let values = machine.parameters.get(&parameter.quantity)?;
+            return values.get(parameter.component.unwrap_or(0)).copied();
+        }
         _ => return None,
     };
     match parameter.quantity.as_str() {

@@ -3,7 +3,7 @@
 use std::fs;
 
 use crate::discovery_folders::effects;
-use crate::support::{ROBOTS, tau_in};
+use crate::support::{ROBOTS, number, tau_in};
 
 /// The noise of a linear delta's trackers, and nothing else.
 const DELTA: &str = "robot = \"LinearDelta\"
@@ -75,4 +75,61 @@ distances = { distance_m = 2e-5 }
     let number = line.unwrap().split("value = ").nth(1).unwrap();
     let number: f64 = number.split(',').next().unwrap().parse().unwrap();
     assert!((number - value).abs() < 3.0 * sigma, "{number} {period}");
+}
+
+/// A leg's stretch has its true size by measured forces though the stated payload is twice the true one; by statics it
+/// has half of it.
+#[test]
+fn compliance_follows_measured_forces() {
+    const STRAIN: f64 = 1.5e-6;
+    let folder = tempfile::tempdir().unwrap();
+    let line = format!(
+        "tau simulate --model hexapod --variant Full --random --poses 80 --seed 3 --payload 40 --noise-force 0.5 \
+         --effect link_compliance(leg2):strain={STRAIN:e} --out DIR/measured"
+    );
+    tau_in(folder.path(), &line).done();
+    let edit = |file: &str, edit: &dyn Fn(&str) -> String| {
+        let path = folder.path().join("measured").join(file);
+        let text = fs::read_to_string(&path).unwrap();
+        let edited = edit(&text);
+        assert_ne!(text, edited);
+        fs::write(&path, edited).unwrap();
+    };
+    edit("robot.toml", &|text| {
+        text.replace("mass_kg = 40", "mass_kg = 80")
+    });
+    let found = || {
+        let line = "tau discover DIR/measured --model hexapod --base Full --out DIR/out --json -";
+        let found = tau_in(folder.path(), line).json();
+        assert_eq!(effects(&found), ["link_compliance(leg2)"]);
+        let strain = &found["effects"][0]["parameters"]["strain"];
+        [number(&strain["value"]), number(&strain["sigma"])]
+    };
+    let is_near = |[value, sigma]: [f64; 2], expected: f64| {
+        assert!(
+            (value - expected).abs() < 4.0 * sigma && sigma < 0.1 * STRAIN,
+            "{value} {sigma}"
+        );
+    };
+    is_near(found(), STRAIN);
+    let line = "tau calibrate DIR/measured --model DIR/out/discovered.tau --variant Discovered --out DIR/again --json -";
+    assert_eq!(
+        tau_in(folder.path(), line).json()["fit"]["status"],
+        "consistent"
+    );
+    let robot = fs::read_to_string(folder.path().join("again/robot.toml")).unwrap();
+    let of_effect = robot.split("link_compliance(leg2)").nth(1).unwrap();
+    let value = of_effect.split("value = ").nth(1).unwrap();
+    let value: f64 = value
+        .split([',', ' ', '}'])
+        .next()
+        .unwrap()
+        .parse()
+        .unwrap();
+    assert!((value / STRAIN - 1.0).abs() < 0.4, "{value}");
+    edit("tcp_poses.csv", &|text| {
+        let six = |line: &str| line.rsplitn(7, ',').last().unwrap().to_owned();
+        text.lines().map(six).collect::<Vec<_>>().join("\n")
+    });
+    is_near(found(), STRAIN / 2.0);
 }

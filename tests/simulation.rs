@@ -1,6 +1,7 @@
 //! The virtual robot: physics by hand, measurements, and the estimator's view of it.
 
 mod against_estimator;
+mod forces;
 mod machines;
 mod measurements;
 mod physics;

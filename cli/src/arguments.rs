@@ -312,6 +312,9 @@ pub(super) struct SimulatedNoise {
     /// Noise of rotations to state and to apply, per axis (rad); without it, that of robot.toml
     #[arg(long, value_name = "RAD")]
     pub(super) noise_rotation: Option<f64>,
+    /// Measure tensions of driven links, force1_N, …, with this noise (N), stated nowhere
+    #[arg(long, value_name = "N")]
+    pub(super) noise_force: Option<f64>,
     /// True noise of sets 1, 2 and 3 over the stated one
     #[arg(long, value_name = "S1,S2,S3", default_value = "1,1,1")]
     pub(super) noise_scale: Triple<f64>,

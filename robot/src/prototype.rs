@@ -10,7 +10,7 @@ use crate::robot_file::RobotFile;
 /// Name under which the folder appears in reports and errors.
 pub const NAME: &str = "prototype";
 /// Name of the robot that was measured.
-const ROBOT_NAME: &str = "GantryTau";
+pub const ROBOT_NAME: &str = "GantryTau";
 /// Its three tracks, one command each, and six rods.
 pub fn shape() -> Shape {
     Shape {

@@ -393,7 +393,7 @@ pub(crate) const LISTED: &[Listed] = &[
         name: "length_scale",
         subject: Subject::LinkByLength,
         parameters: &[amplitude("scale", "1")],
-        physics: |p| length(move |at| at.length_m * p[0]),
+        physics: |p| length(move |at| at.q_m * p[0]),
     },
     Listed {
         name: "drum_radius",

@@ -13,6 +13,7 @@ mod drawing;
 mod effect;
 mod equilibrium;
 mod folder;
+mod forces;
 mod linear;
 mod machine;
 mod noise;

@@ -52,6 +52,16 @@ impl Default for Noise {
     }
 }
 
+impl Noise {
+    /// A deviate of its shape, of variance one.
+    pub(super) fn deviate(&self, random: &mut Random) -> f64 {
+        match self.tails {
+            Tails::Normal => random.normal(),
+            Tails::Heavy => random.student3(),
+        }
+    }
+}
+
 /// Displacement of a measured pose in standard deviations: position, rotation vector.
 pub(super) type Deviation = [Vector3<f64>; 2];
 
@@ -93,10 +103,7 @@ impl<'a> Generator<'a> {
     }
 
     fn fresh(&mut self) -> f64 {
-        match self.noise.tails {
-            Tails::Normal => self.random.normal(),
-            Tails::Heavy => self.random.student3(),
-        }
+        self.noise.deviate(&mut self.random)
     }
 }
 

@@ -126,6 +126,8 @@ pub(super) fn number(index: usize) -> u32 {
 pub(super) struct Stop {
     pub(super) commanded: Commanded,
     pub(super) conditions: Conditions,
+    /// Measured tension of each link (N), NaN where it is not; `None` where none is.
+    pub(super) tensions_n: Option<Vec<f64>>,
 }
 
 /// Stops, and how many points were out of reach.
@@ -346,6 +348,7 @@ impl Planner<'_> {
             scheduled.push(Stop {
                 commanded,
                 conditions,
+                tensions_n: None,
             });
         }
         Stops {

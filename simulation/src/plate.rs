@@ -6,11 +6,12 @@ use std::str::FromStr;
 
 use nalgebra::Vector3;
 use tau_robot::input_error::{InputError, quoted};
-use tau_robot::measurements::{Conditions, Distance, PlateKind, PlateRow};
+use tau_robot::measurements::{Conditions, Distance, PlateKind, PlateRow, Shape};
 use tau_robot::robot_file::{RobotFile, StatedNoise, Value};
 
+use super::forces;
 use super::machine::State;
-use super::noise::{Noise, Tails};
+use super::noise::Noise;
 use super::plan::{Stop, number};
 use super::random::Random;
 
@@ -196,7 +197,7 @@ impl Gauges<'_> {
                     };
                     let mut values = [None; 3];
                     for ((value, true_m), sigma) in values.iter_mut().zip(true_m).zip(sigmas) {
-                        *value = Some(true_m + sigma * self.deviate(&mut random));
+                        *value = Some(true_m + sigma * self.noise.deviate(&mut random));
                     }
                     measured.rows.push(PlateRow {
                         kind,
@@ -205,7 +206,7 @@ impl Gauges<'_> {
                         commands_m: stop.commanded.commands_m.clone(),
                         conditions: stop.conditions.recorded(),
                         directions: Some(stop.conditions.directions.clone()),
-                        tensions_n: None,
+                        tensions_n: stop.tensions_n.clone(),
                         values,
                         sigmas: [None; 3],
                         of: Some((*name).clone()).filter(|name| !name.is_empty()),
@@ -241,7 +242,7 @@ impl Gauges<'_> {
             measured.distances.push(Distance {
                 line: measured.distances.len() + 2,
                 poses: [number(first), number(second)],
-                distance_m: way.norm() + sigma * self.deviate(&mut random),
+                distance_m: way.norm() + sigma * self.noise.deviate(&mut random),
                 sigma_m: None,
             });
         }
@@ -273,13 +274,6 @@ impl Gauges<'_> {
             Some(StatedNoise::Estimate) | None => usual(self.file.noise.position_m),
         };
         stated * self.noise.scale[0]
-    }
-
-    fn deviate(&self, random: &mut Random) -> f64 {
-        match self.noise.tails {
-            Tails::Normal => random.normal(),
-            Tails::Heavy => random.student3(),
-        }
     }
 
     fn gross(&self, rows: usize, random: &mut Random) -> Vec<usize> {
@@ -340,7 +334,8 @@ pub(super) fn length_errors(
 }
 
 /// Text of a file of rows.
-pub(super) fn rows_text(kind: PlateKind, rows: &[&PlateRow], commands: &[String]) -> String {
+pub(super) fn rows_text(kind: PlateKind, rows: &[&PlateRow], shape: &Shape) -> String {
+    let commands = shape.command_names();
     let mut header = vec![
         "pose".to_owned(),
         "time_s".to_owned(),
@@ -353,6 +348,9 @@ pub(super) fn rows_text(kind: PlateKind, rows: &[&PlateRow], commands: &[String]
         .filter(|_| rows.iter().any(|row| row.of.is_some()));
     header.extend(object.map(|(column, _)| column.to_owned()));
     header.extend(kind.columns().iter().map(|&column| column.to_owned()));
+    if rows.iter().any(|row| row.tensions_n.is_some()) {
+        header.extend(shape.force_names());
+    }
     let mut text = header.join(",") + "\n";
     for row in rows {
         let Conditions {
@@ -366,6 +364,9 @@ pub(super) fn rows_text(kind: PlateKind, rows: &[&PlateRow], commands: &[String]
         cells.extend(object.map(|_| row.of.clone().unwrap_or_default()));
         let values = row.values.iter().take(kind.columns().len());
         cells.extend(values.map(|value| value.map_or_else(String::new, |value| value.to_string())));
+        if let Some(tensions_n) = &row.tensions_n {
+            cells.extend(forces::links(shape).map(|link| tensions_n[link].to_string()));
+        }
         text += &cells.join(",");
         text.push('\n');
     }

@@ -42,6 +42,8 @@ pub struct Request {
     pub noise_position_m: Option<f64>,
     /// Noise of rotations to state and to apply, in place of the file's (rad).
     pub noise_rotation_rad: Option<f64>,
+    /// Noise of the measured tensions of links that drives lengthen (N); without it they are not measured.
+    pub noise_force_n: Option<f64>,
     /// True noise of sets 1, 2 and 3 over the stated one.
     pub noise_scale: [f64; 3],
     /// True if the noise has heavy tails (Student's t of three degrees of freedom).
@@ -97,6 +99,7 @@ impl Default for Request {
             exact: false,
             noise_position_m: None,
             noise_rotation_rad: None,
+            noise_force_n: None,
             noise_scale: noise.scale,
             heavy_tails: false,
             common_noise: noise.common,
@@ -241,6 +244,7 @@ impl Request {
                 outliers: self.outliers,
                 outlier_size: self.outlier_size,
             },
+            noise_force_n: self.noise_force_n,
             poses: if self.random {
                 Poses::Random {
                     count: self.poses.unwrap_or(self.grid.iter().product()),
@@ -298,6 +302,14 @@ impl Request {
         if let Some(found) = self.noise_rotation_rad {
             let expected = "an angle above zero, in rad, and at most 1";
             refuse(noise(found), "--noise-rotation", &found, expected);
+        }
+        if let Some(found) = self.noise_force_n {
+            refuse(
+                size(found),
+                "--noise-force",
+                &found,
+                "a force from zero to a million newtons",
+            );
         }
         refuse(
             self.noise_scale.iter().all(|&scale| size(scale)),

@@ -11,6 +11,7 @@ use super::commanded::Commanded;
 use super::drawing::Drawing;
 use super::effect::{self, Effect};
 use super::folder::{SimulatedFolder, Truth};
+use super::forces;
 use super::machine::{Machine, State};
 use super::noise;
 use super::plan::{Planner, Poses, SECONDS, Stop, Stops, number};
@@ -89,6 +90,9 @@ impl<'a> Session<'a> {
             return Err(InputError::whole("robot.toml", message)
                 .help("add `[payload]` to the robot file, or give its mass with `--payload`"));
         }
+        if simulation.noise_force_n.is_some() {
+            forces::check(&machine)?;
+        }
         let range_m = file.range_m.unwrap_or_else(|| {
             let length = nominal.mean_length_m();
             let commands = nominal.guideways().map(|track| home.commands_m[track]);
@@ -139,7 +143,11 @@ impl<'a> Session<'a> {
         for (stop, lengths_m) in set1.stops.iter_mut().zip(lengths) {
             stop.conditions.lengths_m = lengths_m;
         }
-        let (visited, true_states) = self.reached_by_drives(set1, errors);
+        let (mut visited, true_states) = self.reached_by_drives(set1, errors);
+        if let Some(sigma_n) = simulation.noise_force_n {
+            let stops = (&mut visited.stops[..], &true_states[..]);
+            forces::measure(&self.machine, stops, (&simulation.noise, sigma_n), seed);
+        }
         let objects = plate::Objects::draw(
             &simulation.file,
             simulation.build == Build::Exact,

@@ -25,6 +25,8 @@ pub struct Simulation {
     pub effects: Vec<Effect>,
     /// Noise.
     pub noise: Noise,
+    /// Noise (N) of the measured tensions of links that drives lengthen; `None`: they are not measured.
+    pub noise_force_n: Option<f64>,
     /// Set 1.
     pub poses: Poses,
     /// Kinds of measurement of the plate at the poses of set 1.
@@ -53,6 +55,7 @@ impl Simulation {
             build: Build::default(),
             effects: Vec::new(),
             noise: Noise::default(),
+            noise_force_n: None,
             poses: Poses::default(),
             measures: vec![Measure::Poses],
             readings: 1,

@@ -117,7 +117,7 @@ impl<'a> Trackers<'a> {
                     angles_rad: zyz_angles(&seen.rotation),
                     conditions: conditions.recorded(),
                     directions: Some(conditions.directions.clone()),
-                    tensions_n: None,
+                    tensions_n: stop.tensions_n.clone(),
                     sigmas: measurements::PoseSigmas::default(),
                 }
             })

@@ -19,6 +19,7 @@ use tau_robot::robot_file::RobotFile;
 use super::angles::zyz_angles;
 use super::effect::Effect;
 use super::folder::{SimulatedFolder, Truth};
+use super::forces;
 use super::plan::number;
 use super::plate;
 
@@ -38,7 +39,7 @@ impl SimulatedFolder {
         for kind in PlateKind::ALL {
             let rows: Vec<&PlateRow> = folder.rows_of(kind).collect();
             if !rows.is_empty() {
-                files.push((kind.file(), plate::rows_text(kind, &rows, &commands)));
+                files.push((kind.file(), plate::rows_text(kind, &rows, &self.shape)));
             }
         }
         if !folder.distances.is_empty() {
@@ -62,7 +63,15 @@ impl SimulatedFolder {
         let commands = self.shape.command_names();
         let directions: Vec<String> = (1..=commands.len()).map(|n| format!("dir{n}")).collect();
         let (commands, directions) = (commands.join(","), directions.join(","));
-        let names = measured.join(",");
+        let columns = if rows.iter().any(|row| row.tensions_n.is_some()) {
+            self.shape.force_names()
+        } else {
+            vec![]
+        };
+        let names: Vec<&str> = (measured.iter().copied())
+            .chain(columns.iter().map(String::as_str))
+            .collect();
+        let names = names.join(",");
         let mut text = format!("pose,{CONDITIONS},{commands},{directions},{names}\n");
         for row in rows {
             line(&mut text, &[row.pose], |cells| {
@@ -73,6 +82,11 @@ impl SimulatedFolder {
                 let pose = POSITION.into_iter().chain(ANGLES).zip(pose);
                 let pose = pose.filter(|(name, _)| measured.contains(name));
                 cells.extend(pose.map(|(_, value)| value.to_string()));
+                if let Some(tensions_n) = &row.tensions_n {
+                    cells.extend(
+                        forces::links(&self.shape).map(|link| tensions_n[link].to_string()),
+                    );
+                }
             });
         }
         text

@@ -11,7 +11,7 @@ use super::{parsed, run};
 type V = Vector3<f64>;
 
 /// A standard robot as drawn from its tolerances, without noise.
-fn standard(name: &str, payload_kg: Option<f64>) -> Simulation {
+pub(super) fn standard(name: &str, payload_kg: Option<f64>) -> Simulation {
     let found = tau_generated::ROBOTS.iter().find(|(own, _)| *own == name);
     let robot = Robot::from(found.unwrap().1);
     let mut file = tau::prototype::parameters_of(&robot).unwrap();

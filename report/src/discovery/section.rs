@@ -5,7 +5,7 @@ use tau::discovery::Discovery;
 
 use super::method::{self, Setting};
 use super::{at, findings, tables};
-use crate::elements::{figure, table};
+use crate::elements::{figure, prose, table};
 use crate::figures::Figure;
 
 /// A part of the evidence.
@@ -53,7 +53,7 @@ pub(crate) fn sentences(found: &Discovery) -> Markup {
             ol.found {
                 @for effect in &found.effects {
                     li {
-                        b { (findings::headline(&found.model, effect)) } " "
+                        b { (prose(&findings::headline(&found.model, effect))) } " "
                         code { (at(&effect.name, &effect.place)) }
                         @for sentence in findings::effect(found, effect) { div { (sentence) } }
                     }
@@ -120,7 +120,7 @@ pub(crate) fn evidence(found: &Discovery, setting: &Setting, figures: &[Figure])
 fn gap(found: &Discovery, figures: &[Figure]) -> Markup {
     html! {
         p {
-            "After each step the model is fitted to all sets at once and predicts "
+            "After each step the model is fitted to all measurements at once and predicts "
             @if found.validation.held_out {
                 (found.validation.of.held_out()) ", which take no part in the search."
             } @else {
@@ -133,7 +133,7 @@ fn gap(found: &Discovery, figures: &[Figure]) -> Markup {
         @if let Some(effects) = tables::effects(found) {
             (table(&effects, "wide compact long"))
             p {
-                "χ² is the sum of the squared residuals of all sets, each over its noise as estimated when the effect \
+                "χ² is the sum of the squared residuals of all measurements, each over its noise as estimated when the effect \
                  joined; p is the chance of such a fall from noise alone. The mean "
                 (found.validation.of.short())
                 " falls by so much when the effect joins the model, in the order of the table: another order divides the \

@@ -4,7 +4,7 @@ use tau::discovery::Discovery;
 use tau::discovery::results::Verdict;
 use tau::discovery::results::{ErrorOf, SerialCorrelation, UsedEffect};
 
-use super::words::sizes;
+use super::words::{rest_or_error, sizes};
 use super::{at, chance, readable};
 use crate::number::{fixed, general, shared_decimals};
 use crate::table::{Cell, Table, columns, number, text};
@@ -139,7 +139,13 @@ pub(crate) fn effects(found: &Discovery) -> Option<Table> {
                 "",
                 &["Effect", "Parameter", "Value", "σ", "Unit", "p-value"],
             ),
-            ("Fall when it joined", &["of χ²", "of the mean error (µm)"]),
+            (
+                "Fall when it joined",
+                &[
+                    "of χ²",
+                    &format!("of the mean {} (µm)", rest_or_error(found)),
+                ],
+            ),
         ]),
         rows,
     })
@@ -151,10 +157,12 @@ pub(crate) fn misfit(found: &Discovery) -> Option<Table> {
         .misfit
         .iter()
         .map(|misfit| {
-            let place = match (&misfit.cart, &misfit.link) {
-                (Some(cart), _) => format!("set {}, cart {cart}", misfit.set),
-                (None, Some(link)) => format!("set {}, {link}", misfit.set),
-                (None, None) => format!("set {}", misfit.set),
+            let place = match (&misfit.cart, &misfit.link, found.validation.of) {
+                (None, Some(link), ErrorOf::Measurements) => link.clone(),
+                (None, None, ErrorOf::Measurements) => "all poses".to_owned(),
+                (Some(cart), ..) => format!("set {}, cart {cart}", misfit.set),
+                (None, Some(link), _) => format!("set {}, {link}", misfit.set),
+                (None, None, _) => format!("set {}", misfit.set),
             };
             vec![
                 text(&place),
@@ -195,7 +203,10 @@ pub(crate) fn noise(found: &Discovery) -> Option<Table> {
         .noise
         .iter()
         .map(|scale| {
-            let set = Cell::Text(format!("set {}, {}", scale.set, scale.of));
+            let set = Cell::Text(match found.validation.of {
+                ErrorOf::Position => format!("set {}, {}", scale.set, scale.of),
+                ErrorOf::Measurements => "all measurements".to_owned(),
+            });
             vec![set, Cell::Number(fixed(scale.factor, 2))]
         })
         .collect();

@@ -2,9 +2,9 @@ use roxmltree::Document;
 use tau::discovery::PValue;
 use tau::discovery::results::{
     Ambiguous, Bin, Derived, Dimension, Discovery, ErrorOf, Estimate, Evidence, FoundEffect, Gap,
-    LeftOut, Micro, Motion, NoiseScale, Pattern, PiecewiseTrack, Place, Quantity, Readable, Reason,
-    Rival, Separation, SerialCorrelation, Spectrum, Status, Step, Target, Treatment, Unnamed,
-    Unseen, UsedEffect, Validation, Wave, Whiteness,
+    LeftOut, Micro, Misfit, Motion, NoiseScale, Pattern, PiecewiseTrack, Place, Quantity, Readable,
+    Reason, Rival, Separation, SerialCorrelation, Spectrum, Status, Step, Target, Treatment,
+    Unnamed, Unseen, UsedEffect, Validation, Wave, Whiteness,
 };
 use tau::measurements::PoseCounts;
 use tau::robot::Architecture;
@@ -470,6 +470,48 @@ fn poses_that_were_searched_are_not_said_to_be_kept_apart() {
     assert_eq!(claims(&found), (true, true));
     found.validation.held_out = false;
     assert_eq!(claims(&found), (false, false));
+}
+
+/// Where no pose was measured there are no sets, no errors of positions and no poses that validate.
+#[test]
+fn measurements_without_poses_have_their_words() {
+    let mut found = found();
+    let of_link = |link: Option<&str>| Misfit {
+        set: 1,
+        cart: None,
+        link: link.map(str::to_owned),
+        coordinate: "length".to_owned(),
+        rms: 2.0,
+        expected_rms: 1.0,
+        excess_rms: 1.7,
+        unit: Micro::Metre,
+        degrees: 30.0,
+        p_value: PValue::of_chi2(120.0, 30.0),
+    };
+    found.misfit = vec![of_link(Some("top_left")), of_link(None)];
+    found.noise = vec![NoiseScale {
+        set: 1,
+        of: "closure",
+        factor: 1.0,
+    }];
+    let said = |found: &Discovery| {
+        let page = html::discovery_page(found, &setting(), "Robot", "folder");
+        let where_from = tables::misfit(found).unwrap().rows;
+        let noise = tables::noise(found).unwrap().rows;
+        (page, format!("{where_from:?} {noise:?}"))
+    };
+    let (page, rows) = said(&found);
+    assert!(
+        page.contains("of the mean error") && rows.contains("set 1"),
+        "{rows}"
+    );
+    found.validation.of = ErrorOf::Measurements;
+    let (page, rows) = said(&found);
+    assert!(page.contains("of the mean rest") && !page.contains("of the mean error"));
+    assert!(
+        !rows.contains("set ") && rows.contains("all measurements"),
+        "{rows}"
+    );
 }
 
 #[test]

@@ -1,7 +1,8 @@
 //! Name, place and size of an effect, in words: from its description alone, so that a
 //! user's own effects read like those that ship.
 
-use tau::discovery::results::{Estimate, FoundEffect, Model, Motion, Place, Target, Wave};
+use tau::discovery::Discovery;
+use tau::discovery::results::{ErrorOf, Estimate, FoundEffect, Model, Motion, Place, Target, Wave};
 use tau_codegen::language::model::{Arm, TrackShape};
 
 use super::{listed, readable, readable_at};
@@ -74,6 +75,14 @@ pub(crate) fn title(model: &Model, name: &str) -> String {
         name => name,
     };
     capital(&name.replace('_', " "))
+}
+
+/// What is shown of what took no part: the rest of its measurements, or the error of its positions.
+pub(crate) fn rest_or_error(found: &Discovery) -> &'static str {
+    match found.validation.of {
+        ErrorOf::Position => "error",
+        ErrorOf::Measurements => "rest",
+    }
 }
 
 /// The rest of its description.

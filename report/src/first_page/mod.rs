@@ -17,6 +17,7 @@ use tau::study::results::Study;
 
 use crate::discovery::findings as discovered;
 use crate::discovery::method::Setting;
+use crate::discovery::words::rest_or_error;
 use crate::elements::prose;
 use crate::machine::{self, Drawing, Errors, Pin, Scene};
 
@@ -139,7 +140,9 @@ fn list(found: &Discovery) -> Markup {
         @if !entries.is_empty() {
             h2.small {
                 "Found on the machine"
-                @if !found.effects.is_empty() { span.drop { ", with the change of the mean error" } }
+                @if !found.effects.is_empty() {
+                    span.drop { ", with the change of the mean " (rest_or_error(found)) }
+                }
             }
             ol.pinned {
                 @for (name, drop) in &entries {

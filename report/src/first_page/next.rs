@@ -3,22 +3,44 @@
 
 use tau::discovery::results::FoundEffect;
 use tau::discovery::{Discovery, Status as Found};
+use tau::prototype::ROBOT_NAME;
 use tau::study::results::Study;
 use tau::trust::{Check, Mistake, Status, Verdict};
 
-use crate::discovery::words::{capital, part, title};
+use crate::discovery::words::{capital, part, rest_or_error, title};
 use crate::discovery::{at, findings, listed};
 use crate::number::general;
 
 /// Worst poses that are named.
 const POSES: usize = 5;
 
+/// A calibration that is judged.
+struct Judged<'a> {
+    variant: &'a str,
+    verdict: &'a Verdict,
+    /// Arguments of commands that name the measurements, and the description where it is not the built-in one.
+    folder: &'static str,
+    /// What the stated noise is of.
+    noise_of: &'static str,
+}
+
 /// After a study.
 pub(super) fn of_study(study: &Study) -> Vec<String> {
-    let fit = study
-        .fit()
-        .map(|(variant, verdict)| (variant.name.as_str(), verdict));
-    advice(fit, study.check.as_ref(), study.discovery.as_ref())
+    let fit = study.fit().map(|(variant, verdict)| Judged {
+        variant: &variant.name,
+        verdict,
+        folder: if study.robot == ROBOT_NAME {
+            "FOLDER"
+        } else {
+            "FOLDER --model ROBOT"
+        },
+        noise_of: if study.rows.is_some() {
+            "the measurements"
+        } else {
+            "the tracker and the machine's repeatability"
+        },
+    });
+    advice(fit.as_ref(), study.check.as_ref(), study.discovery.as_ref())
 }
 
 /// After a search alone.
@@ -27,12 +49,12 @@ pub(super) fn of_discovery(found: &Discovery) -> Vec<String> {
 }
 
 fn advice(
-    fit: Option<(&str, &Verdict)>,
+    fit: Option<&Judged<'_>>,
     check: Option<&Check>,
     found: Option<&Discovery>,
 ) -> Vec<String> {
     let mut steps = Vec::new();
-    if let Some((_, verdict)) = fit {
+    if let Some(Judged { verdict, .. }) = fit {
         let mistakes = if verdict.mistakes.is_empty() {
             check.map_or(&[][..], |check| &check.mistakes)
         } else {
@@ -54,9 +76,9 @@ fn advice(
     }
     match found {
         Some(found) => steps.extend(after_search(found)),
-        None => steps.extend(fit.and_then(|(_, verdict)| without_search(verdict))),
+        None => steps.extend(fit.and_then(without_search)),
     }
-    if let Some((_, verdict)) = fit {
+    if let Some(Judged { verdict, .. }) = fit {
         let widening = verdict.widening();
         if widening > 1.0 && found.is_none_or(|found| found.status != Found::Explained) {
             steps.push(format!(
@@ -69,14 +91,16 @@ fn advice(
     steps.push(match (found, fit) {
         (Some(found), _) if !findings::is_base(found) => format!(
             "Calculate with what was found{}; `tau evaluate` judges the calibrated robot file on new measurements.",
-            if fit.is_some() {
-                ": `tau discover FOLDER --out found` writes the description and the robot file"
-            } else {
-                ": the description and the robot file are beside this report"
+            match fit {
+                Some(Judged { folder, .. }) => format!(
+                    ": `tau discover {folder} --base {} --out found` writes the description and the robot file",
+                    found.base
+                ),
+                None => ": the description and the robot file are beside this report".to_owned(),
             }
         ),
-        (_, Some((name, _))) => format!(
-            "`tau calibrate FOLDER --variant {name} --out calibrated` writes the robot file; `tau evaluate` judges it on \
+        (_, Some(Judged { variant, folder, .. })) => format!(
+            "`tau calibrate {folder} --variant {variant} --out calibrated` writes the robot file; `tau evaluate` judges it on \
              new measurements."
         ),
         _ => "`tau evaluate` judges a calibrated robot file on new measurements.".to_owned(),
@@ -107,11 +131,17 @@ fn worst(verdict: &Verdict) -> String {
 }
 
 /// Where nothing was searched for.
-fn without_search(verdict: &Verdict) -> Option<String> {
+fn without_search(fit: &Judged<'_>) -> Option<String> {
+    let Judged {
+        verdict,
+        folder,
+        noise_of,
+        ..
+    } = fit;
     (verdict.status == Status::Inconsistent && verdict.widening() > 1.0).then(|| {
         format!(
-            "Find what the model lacks: `tau discover FOLDER --out found`. If it finds nothing, state the noise that the \
-             tracker and the machine's repeatability really have. {}",
+            "Find what the model lacks: `tau discover {folder} --out found`. If it finds nothing, state the noise that \
+             {noise_of} really have. {}",
             worst(verdict)
         )
         .trim_end()
@@ -138,7 +168,7 @@ fn after_search(found: &Discovery) -> Vec<String> {
     }));
     match found.status {
         Found::UnnamedStructure if found.unnamed.is_empty() => steps.push(
-            "State the noise that tracker and repeatability really have, or record what else changes from pose to \
+            "State the noise that the measurements really have, or record what else changes from pose to \
              pose: nothing recorded explains the scatter."
                 .to_owned(),
         ),
@@ -160,10 +190,11 @@ fn heaviest(found: &Discovery) -> Option<String> {
         .filter(|effect| effect.heldout_drop_um > 0.0);
     let most = gains.max_by(|a, b| a.heldout_drop_um.total_cmp(&b.heldout_drop_um))?;
     Some(format!(
-        "Remove the causes on the machine, or compensate them. The heaviest is {} ({}): {} µm of the mean error.",
+        "Remove the causes on the machine, or compensate them. The heaviest is {} ({}): {} µm of the mean {}.",
         lower(&title(&found.model, &most.name)),
         part(&most.place),
-        general(most.heldout_drop_um, 2)
+        general(most.heldout_drop_um, 2),
+        rest_or_error(found)
     ))
 }
 

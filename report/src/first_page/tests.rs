@@ -1,6 +1,8 @@
 //! The first page: its sentences follow from verdict, search and check.
 
+use tau::measurements::{Folder, Split};
 use tau::trust::{Check, Gap, Mistake, PoseFit, Status, Verdict};
+use tau::unknown_poses::RowDivision;
 
 use super::{next, of_study};
 use crate::fixture;
@@ -100,4 +102,26 @@ fn the_page_says_where_it_comes_from() {
     ] {
         assert!(page.contains(expected.as_str()), "{expected}");
     }
+}
+
+/// Commands of advice name what they would refuse without: the description of another robot, and the base that was
+/// searched from. Where no pose was measured there is no tracker whose noise could be stated.
+#[test]
+fn advice_suits_the_machine_and_its_measurements() {
+    let mut study = study(Status::Inconsistent, 4.0);
+    assert!(next::of_study(&study)[0].contains("tau discover FOLDER --out"));
+    "Hangprinter".clone_into(&mut study.robot);
+    study.rows = Some(RowDivision::of(&Folder::default(), Split::All));
+    let steps = next::of_study(&study);
+    assert!(
+        steps[0].contains("tau discover FOLDER --model ROBOT --out"),
+        "{steps:?}"
+    );
+    assert!(!steps[0].contains("tracker"), "{steps:?}");
+    study.variants[2].fit = Some(verdict(Status::Consistent, 1.0));
+    let steps = next::of_study(&study);
+    assert!(
+        steps[0].contains("tau calibrate FOLDER --model ROBOT --variant Full"),
+        "{steps:?}"
+    );
 }
