@@ -361,6 +361,23 @@ fn an_inconsistent_fit_says_so() {
     assert!(fit["mistakes"].as_array().unwrap().is_empty(), "{fit:#}");
 }
 
+/// A variant that brings residuals to the noise is not blamed for what another without effects leaves: `Lengths` holds the
+/// joints.
+#[test]
+fn noise_that_is_met_is_stated_rightly() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |line: &str| tau_in(folder.path(), line);
+    run(
+        "tau simulate --model hexapod --variant Full --random --poses 80 --seed 1 --payload 40 --out DIR/measured -q \
+         --effect link_compliance(leg2):strain=1.5e-6",
+    )
+    .done();
+    run("tau discover DIR/measured --model hexapod --base Full --out DIR/found -q").done();
+    let line = "tau calibrate DIR/measured --model DIR/found/discovered.tau --variant Discovered --out DIR/fit --json - -q";
+    let found = run(line).json();
+    assert_eq!(found["fit"]["status"], "consistent", "{found:#}");
+}
+
 #[test]
 fn a_check_says_what_is_there_and_what_is_missing() {
     let folder = tempfile::tempdir().unwrap();
