@@ -17,7 +17,7 @@ fn the_study_reports_everything() {
         progress.push((now.done, now.steps));
     })
     .unwrap();
-    assert_eq!(progress, (0..=8).map(|done| (done, 8)).collect::<Vec<_>>());
+    assert_eq!(progress, (0..=9).map(|done| (done, 9)).collect::<Vec<_>>());
     let poses = study.poses;
     assert_eq!(
         (

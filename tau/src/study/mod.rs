@@ -7,6 +7,7 @@ use tau_discovery as discovery;
 use tau_estimation::assumptions;
 use tau_estimation::calibration::{Calibration, Error, calibrate};
 use tau_estimation::evaluation::{VariantResult, evaluate_knowing};
+use tau_estimation::numerics::parallel;
 use tau_estimation::sensitivity;
 use tau_estimation::trust::{self, of_calibration_knowing};
 use tau_estimation::uncertainty::Uncertainty;
@@ -50,7 +51,7 @@ pub fn run<R>(
     let mut remarks = folder.remarks.clone();
     remarks.extend(file.other_robot(robot));
     let variants = chosen_variants(robot, folder, &mut remarks);
-    let steps = variants.len() + 3;
+    let steps = variants.len() + 4;
     let mut done = 0;
     let mut next = |doing: &str| {
         progress(Progress { doing, done, steps });
@@ -71,16 +72,22 @@ pub fn run<R>(
     let mut results = Vec::new();
     let mut layouts = Vec::new();
     let (mut full, mut failure) = (None, None);
-    for variant in variants {
-        next(&format!("calibrating {}", variant.name));
-        let mut of_variant = || {
+    next("calibrating the variants");
+    let calibrated = parallel::map(&variants, |variant| -> Result<_, Error> {
+        let poses = &division.calibration;
+        let calibration = calibrate(robot, variant, file, folder, poses, &session.options())?;
+        let mut found = result(&calibration, folder, &division.validation)?;
+        found.validation_outliers = session.validation_outliers(&calibration)?;
+        Ok((calibration, found))
+    });
+    for (variant, calibrated) in variants.into_iter().zip(calibrated) {
+        next(&format!("judging {}", variant.name));
+        let of_variant = || {
+            let (calibration, mut found) = calibrated?;
+            // Mistakes that one variant found are those of all.
             let poses = &division.calibration;
-            let options = session.options();
-            let calibration = calibrate(robot, variant, file, folder, poses, &options)?;
-            let mut found = result(&calibration, folder, &division.validation)?;
             let fit = of_calibration_knowing(&calibration, file, folder, poses, &mut mistakes)?;
             found.fit = Some(fit);
-            found.validation_outliers = session.validation_outliers(&calibration)?;
             Ok((calibration, found))
         };
         match of_variant() {
