@@ -68,7 +68,7 @@ pub fn closure(mut context: Context<'_>, of: usize, pose: bool) -> Equations {
 
 /// Closure of a link or cluster, by the plate's translation, its rotation vector and the commands.
 ///
-/// The rotation is perturbed on the left, R ← (I + [ρ]×)·R, and differentiated at ρ = 0, which has no
+/// The rotation is perturbed on the left, R ← (I + ρ×)·R, and differentiated at ρ = 0, which has no
 /// singularity whatever the Euler angles are.
 pub fn closure_by_pose(mut context: Context<'_>, of: usize) -> Equations {
     let g = &mut context.g;
@@ -232,7 +232,7 @@ fn residual(context: &mut Context<'_>, of: usize, turn: Option<Vector>) -> Expr 
     residual
 }
 
-/// (I + [ρ]×)·R·v with the entries of R as data; in a plane, of a rotation about z.
+/// (I + ρ×)·R·v with the entries of R as data; in a plane, of a rotation about z.
 fn turned_by_matrix(context: &mut Context<'_>, vector: Vector, [x, y, z]: Vector) -> Vector {
     let is_in_plane = context.model.plate.is_in_plane();
     let mut entry = |row: usize, column: usize| {
