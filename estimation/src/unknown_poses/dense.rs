@@ -2,7 +2,7 @@
 
 use nalgebra::DMatrix;
 
-use super::elimination::RowIndex;
+use super::rows::RowIndex;
 
 /// A column of which the others leave less than this share depends on them: rounding leaves some 1e-13 of columns of
 /// these sizes, and what is weaker than 1e-10 no measurement tells from nothing.

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::assembly::Assembly;
 use super::dense::{DEPENDENT, Dense, Triangle, dot, orthonormal, stacked};
-use super::rows::{Kind, Rows};
+use super::rows::{Kind, RowIndex, Rows};
 use crate::problem::POSE_UNKNOWNS;
 
 /// Clusters or samples that a thread takes at once. Chunks are put together in their order, so that nothing depends on
@@ -38,9 +38,6 @@ impl Reduced {
         self.counts.iter().sum()
     }
 }
-
-/// A row of a sample: block, index of the sample, residual.
-pub(super) type RowIndex = (usize, usize, usize);
 
 /// Rows of poses that belong together, as ranges of [`Clusters`].
 struct Cluster {

@@ -15,6 +15,9 @@ pub(super) const DRIVES: &str = "drives";
 /// Name under which they are told where links have noise of their own.
 pub(super) const LINKS: &str = "links";
 
+/// A row of a sample: block, index of the sample, residual.
+pub(super) type RowIndex = (usize, usize, usize);
+
 /// A kind of residual, with a noise of its own.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Kind {
