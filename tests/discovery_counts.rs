@@ -35,7 +35,7 @@ fn measurements(seed: u64, file: &RobotFile) -> Simulation {
     }
 }
 
-/// What discovery says of a machine with effects.
+/// The answer of discovery on a machine with effects.
 fn searched(seed: u64, file: &RobotFile, build: Build, effects: &[&str]) -> Discovery {
     let (robot, (_, drawing)) = (gantry_tau(), prototype());
     let simulation = Simulation {

@@ -142,7 +142,7 @@ impl ErrorOf {
         }
     }
 
-    /// What did not take part in the search, of which the error is shown.
+    /// Measurements that took no part in the search, of which the error is shown.
     pub fn held_out(self) -> &'static str {
         match self {
             Self::Position => "the validation poses",

@@ -11,7 +11,7 @@ use crate::uncertainty::{PoseUncertainty, Uncertainty};
 use crate::unknown_poses::HeldErrors;
 use crate::weighing::Outlier;
 
-/// Poses that a thread predicts at once.
+/// Poses that a thread predicts at once: whole blocks of samples, and parts for every core where there are some hundred.
 const AT_ONCE: usize = 64;
 
 /// Mean, largest and root-mean-square of a length, in µm.

@@ -15,7 +15,8 @@ use super::machine::{Machine, POSE_COLUMNS};
 use super::newton::{LONGEST_STEP, ROUNDING_M, SETTLED};
 use super::{Error, Pose};
 
-/// Iterations after which samples are left to the method of single ones.
+/// Iterations after which samples are left to the method of single ones, which holds its steps back: Newton's method takes
+/// three to five from where a pose is nearly known.
 const MAX_ITERATIONS: usize = 12;
 /// Numbers of a pose: position, then rotation matrix by rows.
 const POSE: usize = 12;

@@ -22,7 +22,7 @@ use crate::weighing::{Loss, MOST_POSES, Outlier, Repeats, Weighing};
 
 /// Worst poses and largest pulls that are listed.
 const LISTED: usize = 5;
-/// Residuals below this share of the stated noise make it suspect.
+/// Residuals below this share of the stated noise make it suspect: by chance even twenty of them are never so small.
 const LEAST_RATIO: f64 = 1.0 / 3.0;
 
 /// The status of an answer: measurements, stated noise and parameters go together or not.

@@ -19,7 +19,8 @@ use crate::samples::Sample;
 
 /// A step of Newton's method (m, rad) that moves a pose by less than a sketch leaves open of it.
 const ROUGH_STEP: f64 = 1e-3;
-/// Poses that a thread takes at once.
+/// Poses, clusters or samples that a thread takes at once: fewer are done before another thread has woken. Chunks are put
+/// together in their order, so that nothing depends on the number of threads.
 pub(super) const CHUNK: usize = 512;
 
 /// Readings of the drives at a pose.

@@ -75,7 +75,7 @@ impl Coupled {
         prepared.split_at(self.inner.shape().prepared)
     }
 
-    /// What many samples prepared for the inner family, one after the other, and the factor of each.
+    /// Prepared data of the inner family, one sample after the other, and the factor of each.
     fn split_all<'a>(&self, prepared: &'a [f64]) -> (Vec<f64>, impl Iterator<Item = &'a [f64]>) {
         let own = self.inner.shape().prepared;
         let samples = prepared.chunks_exact(self.shape().prepared);

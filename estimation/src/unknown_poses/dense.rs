@@ -38,7 +38,7 @@ impl Dense {
         self.own[..self.rank * height].chunks_exact(height.max(1))
     }
 
-    /// What is left of the residuals.
+    /// The remainder of the residuals.
     pub(super) fn rest(&self) -> &[f64] {
         &self.columns[self.columns.len() - self.rows.len()..]
     }

@@ -9,14 +9,10 @@ use std::ops::Range;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::assembly::Assembly;
+use super::assembly::{Assembly, CHUNK};
 use super::dense::{DEPENDENT, Dense, Triangle, dot, orthonormal, stacked};
 use super::rows::{Kind, RowIndex, Rows};
 use crate::problem::POSE_UNKNOWNS;
-
-/// Clusters or samples that a thread takes at once. Chunks are put together in their order, so that nothing depends on
-/// the number of threads.
-const CHUNK: usize = 512;
 
 /// The information of all rows about the shared unknowns.
 pub(super) struct Reduced {
@@ -289,7 +285,7 @@ impl<'a> Elimination<'a> {
         rows.weights[sample * rows.kinds.len() + residual]
     }
 
-    /// What `of_chunk` makes of chunks of clusters, in order.
+    /// Results of `of_chunk` for chunks of clusters, in order.
     fn of_chunks<T: Send>(&self, of_chunk: impl Fn(&[Cluster], &mut Dense) -> T + Sync) -> Vec<T> {
         let chunks = self.clusters.all.par_chunks(CHUNK);
         if self.clusters.all.len() <= CHUNK {

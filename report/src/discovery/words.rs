@@ -77,7 +77,7 @@ pub(crate) fn title(model: &Model, name: &str) -> String {
     capital(&name.replace('_', " "))
 }
 
-/// What is shown of what took no part: the rest of its measurements, or the error of its positions.
+/// Word for the figure shown of what took no part: the rest of its measurements, or the error of its positions.
 pub(crate) fn rest_or_error(found: &Discovery) -> &'static str {
     match found.validation.of {
         ErrorOf::Position => "error",

@@ -20,7 +20,7 @@ struct Judged<'a> {
     verdict: &'a Verdict,
     /// Arguments of commands that name the measurements, and the description where it is not the built-in one.
     folder: &'static str,
-    /// What the stated noise is of.
+    /// The measurement that the stated noise is of.
     noise_of: &'static str,
 }
 

@@ -302,7 +302,7 @@ impl Group {
         rest: &mut RowReduction,
     ) {
         let (own, width) = (self.columns.len(), self.width());
-        // What reflections cost that run along filled rows, and what it costs to put rows together entry by entry.
+        // The cost of reflections along filled rows, and that of putting rows together entry by entry.
         let filled = 2 * own * self.rows.len() * self.others.len() / LANES;
         let kept_entries = self.targets.iter().filter(|&&target| target >= own).count();
         if self.outer < self.others.len() && self.rows.len() * kept_entries < filled {

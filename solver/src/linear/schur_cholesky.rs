@@ -124,7 +124,7 @@ fn portions(classes: &mut [Class]) -> Vec<Vec<Portion<'_>>> {
     parts
 }
 
-/// What `work` makes of each item, in order; one item is no matter for threads.
+/// Results of `work` on each item, in order; one item is no matter for threads.
 fn each<T: Send, R: Send>(items: Vec<T>, work: impl Fn(T) -> R + Sync + Send) -> Vec<R> {
     if items.len() > 1 {
         items.into_par_iter().map(work).collect()

@@ -81,7 +81,7 @@ fn bow(carts: &[usize]) -> DVector<f64> {
     column(carts, |q, _| q * q)
 }
 
-/// What the base absorbs.
+/// Columns that the base absorbs.
 fn offsets() -> Vec<DVector<f64>> {
     (0..3).map(|cart| column(&[cart], |_, _| 1.0)).collect()
 }
@@ -310,7 +310,7 @@ fn an_effect_that_does_too_little_leaves() {
     assert!(fall(OF_ROWS, after) > 1.0);
 }
 
-/// What stands in for an effect gives way to it.
+/// An effect that stands in for another gives way to it.
 #[test]
 fn the_effect_takes_the_place_of_its_look_alike() {
     let world = World::new("");
@@ -379,7 +379,7 @@ fn an_optional_parameter_joins_where_it_pays() {
     }
 }
 
-/// What no name explains is a family's: only where families take part, and in the place of a name that stands in.
+/// Structure that no name explains is a family's: only where families take part, and in the place of a name that stands in.
 #[test]
 fn a_family_takes_what_no_name_explains() {
     let world = World::new(FAMILY);

@@ -45,7 +45,7 @@ pub(super) struct Moved {
     pub(super) covariance: DMatrix<f64>,
 }
 
-/// What the measurements say of the shared unknowns.
+/// The shared unknowns as the measurements tell them.
 pub(super) struct Found {
     /// Sum of squares of the residuals under noise and covariance.
     pub(super) all: Sum,

@@ -57,7 +57,7 @@ pub struct RowError {
     pub coordinate: Option<&'static str>,
     /// True if it is a length, false if an angle.
     pub is_length: bool,
-    /// What the machine has there less what was measured, in the unit of the kind.
+    /// The machine's value less the measured one, in the unit of the kind.
     pub error: f64,
     /// Share of it that poses and places do not follow.
     pub redundancy: f64,
@@ -258,7 +258,7 @@ impl Fit<'_> {
     /// Takes noise that is to be estimated, and what rows are gross, from a calibration of these rows that begins at the
     /// parameters of the file, if it leaves something of each such kind; true if it does.
     ///
-    /// What a machine that has changed does to residuals is no noise, and is in most of them, so that it is no matter of
+    /// The residuals of a machine that has changed are no noise, and most of them are large, so that they are no matter of
     /// gross rows either: both are sought where parameters are free within the tolerances of the drawing, which are wide
     /// beside what the file knows, and hold what these rows leave open.
     fn take_noise_of_calibration(&mut self, options: &calibration::Options) -> Result<bool, Error> {

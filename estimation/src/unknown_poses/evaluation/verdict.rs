@@ -11,7 +11,8 @@ use crate::weighing::Outlier;
 
 /// Worst poses and parameters that are listed.
 const LISTED: usize = 5;
-/// A parameter that takes away this share of the squares beyond chance is named for them.
+/// A parameter that takes away this share of the squares beyond chance is named for them; it decides the words alone, not
+/// the status.
 const MOST: f64 = 0.8;
 
 impl HeldErrors {
