@@ -361,8 +361,7 @@ fn an_inconsistent_fit_says_so() {
     assert!(fit["mistakes"].as_array().unwrap().is_empty(), "{fit:#}");
 }
 
-/// A variant that brings residuals to the noise is not blamed for what another without effects leaves: `Lengths` holds the
-/// joints.
+/// A variant that brings residuals to the noise is not blamed for what one without effects leaves.
 #[test]
 fn noise_that_is_met_is_stated_rightly() {
     let folder = tempfile::tempdir().unwrap();
