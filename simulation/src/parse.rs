@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use std::ops::Range;
 
 use tau_codegen::language::model::Place;
-use tau_robot::input_error::{InputError, Source, suggestion};
+use tau_robot::input_error::{InputError, Source, quoted, suggestion};
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::Value;
 
@@ -231,9 +231,14 @@ impl Text<'_> {
             && !named.any(|own| is_admitted(&own))
         {
             let message = format!("`{}` acts on {links}", listed.name);
-            return Err(self
-                .error(part, message)
-                .help("choose an effect on a link, or on a cart"));
+            let others = robot.links.iter().enumerate();
+            let others = others.filter(|(own, _)| is_admitted(own));
+            let mut others = others.map(|(_, link)| link.name.as_str()).peekable();
+            let help = match others.peek() {
+                Some(_) => format!("expected one of {}", quoted(others)),
+                None => "choose an effect on a link, or on a cart".to_owned(),
+            };
+            return Err(self.error(part, message).help(help));
         }
         if listed.name == JOINT_PLACEMENT && robot.plate.is_point() {
             let message = "links that meet in a point have no plate joints to move";

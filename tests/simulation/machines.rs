@@ -238,10 +238,13 @@ fn effects_have_something_to_act_on() {
     let message = |robot: &str, text: &str| {
         let robot = standard(robot, None).robot;
         let error = tau::simulation::Effect::parse(text, &robot, "--effect").unwrap_err();
-        error.to_string()
+        error.render(false)
     };
     let on_crank = message("five_bar", "backlash(left): gap=1e-5");
     assert!(on_crank.contains("the robot has none"), "{on_crank}");
     let on_point = message("four_lines", "joint_placement(a): offset=(1e-3, 0, 0)");
     assert!(on_point.contains("no plate joints"), "{on_point}");
+    let on_held = message("four_belts", "pull_strain(top_left): strain=3e-6");
+    let pulled = "expected one of `bottom_left`, `bottom_right`";
+    assert!(on_held.contains(pulled), "{on_held}");
 }
