@@ -178,3 +178,20 @@ fn what_is_written_is_what_was_found() {
     let again = tau_in(folder.path(), line).json();
     assert_eq!(again["fit"]["status"], "consistent");
 }
+
+/// Drives that scatter as much as they are said to, and as the robot file beside them says.
+#[test]
+fn a_virtual_router_calibrates_itself() {
+    let work = tempfile::tempdir().unwrap();
+    let drives = "--measure readings --poses 60 --random --noise-drives 1e-4 --seed 5";
+    let line = format!("tau simulate --model four_belts {drives} --out DIR/measured");
+    tau_in(work.path(), &line).done();
+    let robot = fs::read_to_string(work.path().join("measured/robot.toml")).unwrap();
+    assert!(robot.contains("[drives]\nnoise_m = 0.0001"), "{robot}");
+    let line = "tau calibrate DIR/measured --model four_belts --variant Full --split all --out DIR/out --json -";
+    let found = tau_in(work.path(), line).json();
+    assert_eq!(found["fit"]["status"], "consistent", "{}", found["fit"]);
+    let ratio = number(&found["fit"]["residual_over_noise"]);
+    // Sixty poses with two readings too many each, of which some fifteen parameters take part.
+    assert!((0.7..1.3).contains(&ratio), "{ratio}");
+}

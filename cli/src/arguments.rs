@@ -312,6 +312,9 @@ pub(super) struct SimulatedNoise {
     /// Noise of rotations to state and to apply, per axis (rad); without it, that of robot.toml
     #[arg(long, value_name = "RAD")]
     pub(super) noise_rotation: Option<f64>,
+    /// Noise of the drives' readings to state and to apply (m or rad); without it, that of robot.toml
+    #[arg(long, value_name = "M")]
+    pub(super) noise_drives: Option<f64>,
     /// Measure tensions of driven links, force1_N, …, with this noise (N), stated nowhere
     #[arg(long, value_name = "N")]
     pub(super) noise_force: Option<f64>,

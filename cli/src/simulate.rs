@@ -81,6 +81,7 @@ pub(super) fn request(arguments: &arguments::Simulate) -> Request {
         exact: arguments.exact,
         noise_position_m: noise.noise_position,
         noise_rotation_rad: noise.noise_rotation,
+        noise_drives: noise.noise_drives,
         noise_force_n: noise.noise_force,
         noise_scale: noise.noise_scale.0,
         heavy_tails: noise.heavy_tails,

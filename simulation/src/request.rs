@@ -7,7 +7,7 @@ use tau_robot::input_error::{Errors, InputError};
 use tau_robot::measurements::{DISTANCES, PlateKind, plausible};
 use tau_robot::prototype;
 use tau_robot::robot::Robot;
-use tau_robot::robot_file::{Payload, RobotFile};
+use tau_robot::robot_file::{Payload, RobotFile, StatedNoise};
 
 use super::build::Build;
 use super::effect::Effect;
@@ -42,6 +42,8 @@ pub struct Request {
     pub noise_position_m: Option<f64>,
     /// Noise of rotations to state and to apply, in place of the file's (rad).
     pub noise_rotation_rad: Option<f64>,
+    /// Noise of the drives' readings to state and to apply, in place of the file's (m or rad).
+    pub noise_drives: Option<f64>,
     /// Noise of the measured tensions of links that drives lengthen (N); without it they are not measured.
     pub noise_force_n: Option<f64>,
     /// True noise of sets 1, 2 and 3 over the stated one.
@@ -99,6 +101,7 @@ impl Default for Request {
             exact: false,
             noise_position_m: None,
             noise_rotation_rad: None,
+            noise_drives: None,
             noise_force_n: None,
             noise_scale: noise.scale,
             heavy_tails: false,
@@ -200,6 +203,9 @@ impl Request {
         errors.finish()?;
         file.noise.position_m = self.noise_position_m.unwrap_or(file.noise.position_m);
         file.noise.rotation_rad = self.noise_rotation_rad.unwrap_or(file.noise.rotation_rad);
+        if let Some(sigma) = self.noise_drives {
+            file.measuring.drives = vec![StatedNoise::Known(sigma)];
+        }
         let noise = [
             ("position_m", "--noise-position", file.noise.position_m),
             ("rotation_rad", "--noise-rotation", file.noise.rotation_rad),
@@ -302,6 +308,10 @@ impl Request {
         if let Some(found) = self.noise_rotation_rad {
             let expected = "an angle above zero, in rad, and at most 1";
             refuse(noise(found), "--noise-rotation", &found, expected);
+        }
+        if let Some(found) = self.noise_drives {
+            let expected = "a length or an angle above zero, in m or rad, and at most 1";
+            refuse(noise(found), "--noise-drives", &found, expected);
         }
         if let Some(found) = self.noise_force_n {
             refuse(

@@ -171,6 +171,7 @@ fn all_mistakes_of_a_request_are_named_at_once() {
             "drift(tcp): rate=1".into(),
         ],
         noise_position_m: Some(-1.0),
+        noise_drives: Some(0.0),
         outliers: 1.5,
         serial_noise: f64::NAN,
         grid: [usize::MAX, 2, 2],
@@ -186,6 +187,7 @@ fn all_mistakes_of_a_request_are_named_at_once() {
         sources,
         [
             "--noise-position",
+            "--noise-drives",
             "--serial-noise",
             "--outliers",
             "--grid",
