@@ -10,6 +10,7 @@ mod closures;
 mod coupled;
 mod dense;
 mod elimination;
+pub mod errors_in_variables;
 mod estimated;
 mod evaluation;
 mod exchanged;
@@ -119,7 +120,15 @@ pub fn calibrate(
             ..options.clone()
         };
         let is_sketch = sketch_m.is_some();
-        let fit = Fit::from(&prepared, machine, file, folder, division, is_sketch)?;
+        let fit = Fit::from(
+            &prepared,
+            machine,
+            file,
+            folder,
+            division,
+            vec![],
+            is_sketch,
+        )?;
         fitted(fit, &options)
     };
     match sketch_m {
