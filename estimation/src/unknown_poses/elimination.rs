@@ -383,7 +383,8 @@ impl<'a> Elimination<'a> {
                     let by_poses: f64 = dense.basis().map(|column| column[index].powi(2)).sum();
                     let columns = || dense.columns[index..].iter().step_by(height);
                     known.fill(0.0);
-                    for (entry, column) in columns().zip(covariance.column_iter()) {
+                    let others = columns().zip(covariance.column_iter());
+                    for (entry, column) in others.filter(|(entry, _)| **entry != 0.0) {
                         known.axpy(*entry, &column, 1.0);
                     }
                     let by_shared: f64 = known.iter().zip(columns()).map(|(a, b)| a * b).sum();

@@ -221,7 +221,7 @@ impl Fit<'_> {
             }
             let elimination = self.elimination(&values);
             let reduced = elimination.reduce();
-            let leverages = elimination.leverages(&self.covariance(&reduced.triangle, 1.0));
+            let leverages = elimination.leverages(&self.known(&reduced.triangle, 1.0).0);
             let is_last = self.loss == loss;
             let noise = if is_last && loss.is_some_and(|loss| loss != Loss::Huber) {
                 0.0
