@@ -1,8 +1,8 @@
 //! The least-squares problem of every calibration: the residuals of a variant at samples, their noise, priors.
 //!
 //! Calibrations differ in how the noise of the measured poses meets the closures ([`Closures`]), and in what
-//! they do with the residuals: [`calibrate`](crate::calibration::calibrate) and errors in variables hand them to
-//! the solver, the [joint fit](crate::joint) linearises them itself.
+//! they do with the residuals: [`calibrate`](crate::calibration::calibrate) hands them to the solver, the
+//! [joint fit](crate::joint) linearises them itself, where [poses are unknown](crate::unknown_poses) carts join.
 
 mod true_pose;
 mod whitened;
