@@ -20,7 +20,7 @@ use tau::measurements::{Folder, TcpPose};
 use tau::robot::{Robot, Variant};
 use tau::robot_file::RobotFile;
 use tau::simulation::{Poses, Simulation, TrackPoints, simulate};
-use tau_estimation::errors_in_variables::AllSets;
+use tau_estimation::unknown_poses::{RowDivision, Unsolved};
 use tau_solver::{Options, Problem, solve};
 
 const SIZES: [usize; 4] = [100, 1_000, 10_000, 100_000];
@@ -60,6 +60,7 @@ struct Case {
     robot: Robot,
     file: RobotFile,
     folder: Folder,
+    division: RowDivision,
 }
 
 impl Case {
@@ -77,8 +78,10 @@ impl Case {
             ..Simulation::new(robot.clone(), file)
         };
         let simulated = simulate(&simulation).expect("a simulation");
+        let all: Vec<usize> = (0..poses).collect();
         Self {
             robot,
+            division: RowDivision::of_poses(&simulated.folder, &all),
             file: simulated.file,
             folder: simulated.folder,
         }
@@ -88,8 +91,8 @@ impl Case {
         self.robot.variant(VARIANT).expect("a variant")
     }
 
-    /// The residuals, and the values to start from: those that the closures of some poses give.
-    fn sets(&self) -> (AllSets, Vec<f64>) {
+    /// The problem from the values that the closures of some poses give.
+    fn sets(&self) -> Unsolved<'_> {
         let poses: Vec<usize> = (0..self.folder.tcp_poses.len()).collect();
         let options = calibration::Options::default();
         let few = &poses[..START.min(poses.len())];
@@ -102,26 +105,24 @@ impl Case {
             &options,
         )
         .expect("a calibration");
-        let sets = AllSets::of(
+        Unsolved::of_all_sets(
             &self.robot,
             self.variant(),
             &self.file,
             &self.folder,
-            &poses,
+            &self.division,
             &start,
         )
-        .expect("residuals");
-        let values = sets.start(&start);
-        (sets, values)
+        .expect("a problem")
     }
 }
 
 /// One size: prints a line of numbers for the parent process.
 fn one(poses: usize) -> ExitCode {
     let case = Case::new(poses);
-    let (sets, values) = case.sets();
+    let sets = case.sets();
     let started = Instant::now();
-    let problem = sets.problem(&values, [1.0; 4]);
+    let problem = sets.problem();
     let built = started.elapsed().as_secs_f64();
     if let Some(file) = env::var_os("TAU_PEER_DATA") {
         let text = peer_data(&case, &problem, &sets);
@@ -164,7 +165,7 @@ fn peak_memory_mib() -> f64 {
 }
 
 /// The problem as text: see `peers/ceres.cpp`.
-fn peer_data(case: &Case, problem: &Problem, sets: &AllSets) -> String {
+fn peer_data(case: &Case, problem: &Problem, sets: &Unsolved<'_>) -> String {
     let shared = sets.shared();
     let links = case.robot.links.len();
     let mut text = format!(
@@ -185,8 +186,8 @@ fn peer_data(case: &Case, problem: &Problem, sets: &AllSets) -> String {
             parameter.name, parameter.start, prior.mean, prior.sigma
         );
     }
-    let weights = sets.closure_weights().chunks(links);
-    for (pose, weights) in case.folder.tcp_poses.iter().zip(weights) {
+    let weights = sets.closure_weights();
+    for (pose, weights) in case.folder.tcp_poses.iter().zip(weights.chunks(links)) {
         text += &pose_line(pose, weights);
     }
     text

@@ -11,7 +11,7 @@ use tau::measurements::{Folder, TcpPose};
 use tau::robot::Owner;
 use tau::robot_file::{Noise, RobotFile};
 use tau::simulation::{Poses, Simulation, simulate};
-use tau_estimation::errors_in_variables::AllSets;
+use tau_estimation::unknown_poses::{RowDivision, Unsolved};
 use tau_solver::{Method, solve};
 
 use crate::support::{Random, gantry_tau, prototype};
@@ -372,8 +372,9 @@ fn every_method_and_number_of_threads_gives_the_same() {
         &Options::default(),
     );
     let start = start.unwrap();
-    let sets = AllSets::of(&robot, variant, file, folder, &poses, &start).unwrap();
-    let problem = sets.problem(&sets.start(&start), [1.0; 4]);
+    let division = RowDivision::of_poses(folder, &poses);
+    let sets = Unsolved::of_all_sets(&robot, variant, file, folder, &division, &start).unwrap();
+    let problem = sets.problem();
     let run = |method: Method, threads: usize| {
         let options = tau_solver::Options {
             method,

@@ -7,7 +7,7 @@ use tau::calibration::{self, calibrate};
 use tau::prototype;
 use tau::robot::Robot;
 use tau::simulation::{Poses, Simulation, TrackPoints, simulate};
-use tau_estimation::errors_in_variables::AllSets;
+use tau_estimation::unknown_poses::{RowDivision, Unsolved};
 use tau_solver::{Options, solve};
 
 #[global_allocator]
@@ -40,8 +40,9 @@ fn peak_bytes(poses: usize) -> f64 {
 
     let before = ALLOCATOR.current_usage();
     ALLOCATOR.reset_peak_usage();
-    let sets = AllSets::of(&robot, variant, file, folder, &all, &start).unwrap();
-    let problem = sets.problem(&sets.start(&start), [1.0; 4]);
+    let division = RowDivision::of_poses(folder, &all);
+    let sets = Unsolved::of_all_sets(&robot, variant, file, folder, &division, &start).unwrap();
+    let problem = sets.problem();
     let solution = solve(&problem, &Options::default()).unwrap();
     assert!(solution.converged());
     assert_eq!(solution.parameters.len(), 60 + 6 * poses);

@@ -3,7 +3,6 @@
 
 pub mod assumptions;
 pub mod calibration;
-pub mod errors_in_variables;
 pub mod evaluation;
 mod implicit;
 pub mod joint;

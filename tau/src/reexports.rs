@@ -22,7 +22,7 @@ pub mod effects {
 
 /// Calibration with errors in variables: the true pose behind each measured one is unknown, too.
 pub mod errors_in_variables {
-    pub use tau_estimation::errors_in_variables::{
+    pub use tau_estimation::unknown_poses::errors_in_variables::{
         Component, ErrorsInVariables, GroupFit, calibrate,
     };
 }

@@ -169,7 +169,7 @@ pub fn calibrate(
         let blocks = residuals.parts.iter().map(|part| {
             let each = part.components.len();
             let factor = |row: usize| weights[part.samples[row / each]].sqrt();
-            part.block(used.len(), |row, weight| weight * factor(row))
+            part.block(|row, weight| weight * factor(row))
         });
         let start = start.iter().copied();
         Problem {

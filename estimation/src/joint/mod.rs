@@ -273,7 +273,7 @@ impl Joint {
     pub fn problem(&self, start: &[f64], factors: &[f64]) -> Problem<'_> {
         let blocks = self.parts.iter().map(|rows| {
             let weigh = |k, weight: f64| weight * factors[rows.first + k];
-            let block = rows.part.block(self.used.len(), weigh);
+            let block = rows.part.block(weigh);
             block.with_loss(tau_solver::Loss::Huber(ROBUST))
         });
         let start = start.iter().copied();

@@ -1,8 +1,8 @@
 //! The least-squares problem of every calibration: the residuals of a variant at samples, their noise, priors.
 //!
 //! Calibrations differ in how the noise of the measured poses meets the closures ([`Closures`]), and in what
-//! they do with the residuals: [`calibrate`](crate::calibration::calibrate) and errors in variables hand them to
-//! the solver, the [joint fit](crate::joint) linearises them itself.
+//! they do with the residuals: [`calibrate`](crate::calibration::calibrate) hands them to the solver, the
+//! [joint fit](crate::joint) linearises them itself, where [poses are unknown](crate::unknown_poses) carts join.
 
 mod true_pose;
 mod whitened;
@@ -69,20 +69,16 @@ pub(crate) enum Closures<'a> {
     Whitened,
     /// The unknowns of poses that are unknown eliminated.
     Eliminated(&'a [Eliminated]),
-    /// The closures at the true pose, which is unknown; there each holds to so much of a link's length (m).
-    AtTruePose(f64),
 }
 
 /// A family with its samples.
 #[derive(Clone)]
 pub(crate) struct Part {
-    label: String,
+    pub(crate) label: String,
     pub(crate) family: Arc<dyn ResidualFamily>,
     /// Index of each parameter that the samples share: in the variant, among those of the fit once
     /// [numbered](Self::numbered).
     pub(crate) parameters: Vec<usize>,
-    /// Number of unknowns that each sample has of its own, behind those that all share.
-    own: usize,
     pub(crate) data: Vec<f64>,
     /// Index of each sample, of several that belong together the first, and its number in the file.
     pub(crate) samples: Vec<usize>,
@@ -126,47 +122,34 @@ impl Residuals {
             }
             Closures::Whitened => vec![Part::whitened(machine, samples, noise)?],
             Closures::Eliminated(groups) => Part::eliminated(machine, samples, groups)?,
-            Closures::AtTruePose(length_m) => {
-                vec![Part::at_true_poses(machine, samples, length_m)?]
-            }
         };
-        for kind in [ResidualKind::CartPose, ResidualKind::CartPosition] {
-            for instance in machine.variant.instances_of(kind) {
-                // A path interpolated through points of set 2 passes through them by itself, unless they are
-                // free to move.
-                let tracks = &machine.variant.tracks;
-                let passes_through = !matches!(closures, Closures::Whitened)
-                    && tracks[instance.of].shape == TrackShape::Piecewise;
-                parts.extend(Part::cart(
-                    machine,
-                    instance,
-                    samples,
-                    noise,
-                    passes_through,
-                )?);
-            }
-        }
+        // A path interpolated through points of set 2 passes through them by itself, unless they are free to move.
+        let are_free = matches!(closures, Closures::Whitened);
+        parts.extend(Part::carts(machine, samples, noise, are_free)?);
         let parameters = parts.iter().flat_map(|part| &part.parameters);
         let mut used: Vec<usize> = parameters.copied().collect();
         used.sort_unstable();
         used.dedup();
-        let described = &machine.variant.parameters;
         Ok(Self {
-            priors: used
-                .iter()
-                .map(|&index| match described[index].owner {
-                    Owner::Target { .. } if described[index].quantity == "position" => {
-                        Nominal::new(0.0, Some(MOUNTING_M))
-                    }
-                    _ => nominal[index],
-                })
-                .collect(),
+            priors: priors(&machine.variant, &used, nominal),
             parts: (parts.into_iter())
                 .map(|part| part.numbered(&used))
                 .collect(),
             used,
         })
     }
+}
+
+/// Priors of the parameters of a fit; `nominal` holds a value and tolerance of each of the variant.
+pub(crate) fn priors(variant: &Variant, used: &[usize], nominal: &[Nominal]) -> Vec<Nominal> {
+    let described = &variant.parameters;
+    let priors = used.iter().map(|&index| match described[index].owner {
+        Owner::Target { .. } if described[index].quantity == "position" => {
+            Nominal::new(0.0, Some(MOUNTING_M))
+        }
+        _ => nominal[index],
+    });
+    priors.collect()
 }
 
 /// The parameters of a fit as the solver takes them; `start` holds a value of each.
@@ -213,7 +196,6 @@ impl Part {
             label,
             family,
             parameters,
-            own: 0,
             data: Vec::new(),
             numbers: samples.iter().map(|&sample| all[sample].number).collect(),
             samples,
@@ -341,33 +323,21 @@ impl Part {
         Ok(parts.into_values().collect())
     }
 
-    /// All closures, at poses that are unknown themselves.
-    fn at_true_poses(machine: &Machine, samples: &[Sample], length_m: f64) -> Result<Self, Error> {
-        let closures: Vec<(Instance, Instance)> = machine
-            .variant
-            .instances_of(ResidualKind::Closure)
-            .filter_map(|closure| Some((closure.clone(), by_pose(machine, closure)?.clone())))
-            .collect();
-        let family = Arc::new(TruePose::new(&closures));
-        let parameters = family.parameters().to_vec();
-        let mut part = Self::of(
-            "closures".to_owned(),
-            (Arc::clone(&family) as Arc<dyn ResidualFamily>, parameters),
-            (samples, indices(samples, 1, None)),
-            vec![Component::Closure; closures.len()],
-        );
-        part.own = POSE_UNKNOWNS;
-        for &sample in &part.samples {
-            let sample = &samples[sample];
-            let filled = family.fill(&machine.surroundings, &sample.view(), &mut part.data);
-            filled.map_err(|missing| sample.lacks(missing))?;
-            for (_, by_pose) in &closures {
-                let [x, y, z, ..] = gradient(machine, by_pose, sample)?;
-                let slope = (x * x + y * y + z * z).sqrt();
-                part.weights.push((slope * length_m).recip());
-            }
-        }
-        Ok(part)
+    /// Carts in sets 2 and 3, those that were measured. `are_free` says that points of set 2 may move.
+    pub(crate) fn carts(
+        machine: &Machine,
+        samples: &[Sample],
+        noise: Noise,
+        are_free: bool,
+    ) -> Result<Vec<Self>, Error> {
+        let kinds = [ResidualKind::CartPose, ResidualKind::CartPosition];
+        let instances = (kinds.into_iter()).flat_map(|kind| machine.variant.instances_of(kind));
+        let parts = instances.map(|instance| {
+            let shape = machine.variant.tracks[instance.of].shape;
+            let passes_through = !are_free && shape == TrackShape::Piecewise;
+            Self::cart(machine, instance, samples, noise, passes_through)
+        });
+        parts.filter_map(Result::transpose).collect()
     }
 
     /// A cart in set 2 or 3; `None` where it was not measured.
@@ -412,63 +382,28 @@ impl Part {
         self
     }
 
-    /// Noise group of each residual.
-    pub(crate) fn components(&self) -> impl Iterator<Item = Component> {
-        self.components
-            .iter()
-            .copied()
-            .cycle()
-            .take(self.weights.len())
-    }
-
-    /// Residuals in the units of the family, at values of the shared parameters and of all samples' own unknowns.
-    pub(crate) fn values(&self, shared: &[f64], own: &[f64]) -> Vec<f64> {
-        let shape = self.family.shape();
-        let mut parameters: Vec<f64> = self.parameters.iter().map(|&p| shared[p]).collect();
+    /// Residuals in the units of the family, at values of the parameters.
+    pub(crate) fn values(&self, values: &[f64]) -> Vec<f64> {
+        let parameters: Vec<f64> = self.parameters.iter().map(|&p| values[p]).collect();
         let mut residuals = vec![0.0; self.weights.len()];
-        if self.own == 0 {
-            let mut prepared = vec![0.0; self.samples.len() * shape.prepared];
-            self.family.prepare_all(&self.data, &mut prepared);
-            (self.family).value_all(&prepared, &parameters, &mut residuals);
-            return residuals;
-        }
-        let common = parameters.len();
-        let mut prepared = vec![0.0; shape.prepared];
-        for ((residuals, data), own) in (residuals.chunks_exact_mut(shape.residuals))
-            .zip(self.data.chunks_exact(shape.data))
-            .zip(own.chunks_exact(self.own))
-        {
-            parameters.truncate(common);
-            parameters.extend_from_slice(own);
-            self.family.prepare(data, &mut prepared);
-            self.family.value(&prepared, &parameters, residuals);
-        }
+        let mut prepared = vec![0.0; self.samples.len() * self.family.shape().prepared];
+        self.family.prepare_all(&self.data, &mut prepared);
+        (self.family).value_all(&prepared, &parameters, &mut residuals);
         residuals
     }
 
-    /// [`Self::block`] with the noise of each group of [`Component::ALL`] larger than stated by a factor.
-    pub(crate) fn scaled_block(&self, shared: usize, factors: [f64; 4]) -> Block<'_> {
-        let of_sample = self.components.len();
-        let factor = |row: usize| factors[self.components[row % of_sample] as usize];
-        self.block(shared, |row, weight| weight / factor(row))
-    }
-
     /// The part for the solver. `weigh` gives the weight of a residual from its place and its reciprocal stated
-    /// noise; the samples' own unknowns stand in a row behind the `shared` ones.
-    pub(crate) fn block(&self, shared: usize, weigh: impl Fn(usize, f64) -> f64) -> Block<'_> {
+    /// noise.
+    pub(crate) fn block(&self, weigh: impl Fn(usize, f64) -> f64) -> Block<'_> {
         let weights = self.weights.iter().enumerate();
-        let block = Block::new(
+        Block::new(
             &self.label,
             &*self.family,
             self.parameters.clone(),
             &self.data,
         )
         .with_weights(weights.map(|(k, &weight)| weigh(k, weight)).collect())
-        .with_sample_names(self.numbers.clone());
-        if self.own == 0 {
-            return block;
-        }
-        block.with_sample_parameters((shared..shared + self.own * self.samples.len()).collect())
+        .with_sample_names(self.numbers.clone())
     }
 }
 

@@ -394,7 +394,7 @@ fn determine(
     let blocks = residuals
         .parts
         .iter()
-        .map(|part| part.block(used.len(), |_, weight| weight));
+        .map(|part| part.block(|_, weight| weight));
     let problem = Problem {
         parameters,
         blocks: blocks.collect(),

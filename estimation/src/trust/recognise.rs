@@ -471,10 +471,7 @@ fn far_off(case: &Case<'_>) -> Option<Vec<(usize, f64)>> {
     let parts = residuals.parts.get(..closures)?;
     let at: Vec<f64> = residuals.used.iter().map(|&p| machine.values[p]).collect();
     let square = |values: &[f64]| values.iter().map(|r| r * r).sum::<f64>();
-    let misfits: Vec<f64> = parts
-        .iter()
-        .map(|part| square(&part.values(&at, &[])))
-        .collect();
+    let misfits: Vec<f64> = parts.iter().map(|part| square(&part.values(&at))).collect();
     let mut sorted = misfits.clone();
     sorted.sort_by(f64::total_cmp);
     let usual = *sorted.get((sorted.len().max(1) - 1) / 2)?;
@@ -488,7 +485,7 @@ fn far_off(case: &Case<'_>) -> Option<Vec<(usize, f64)>> {
             let moved = |by: f64| {
                 let mut moved = at.clone();
                 moved[column] += by;
-                part.values(&moved, &[])
+                part.values(&moved)
             };
             let [low, middle, high] = [-step, 0.0, step].map(moved);
             // Sums over poses of products of a, b and c of a + b·δ + c·δ².

@@ -7,10 +7,10 @@ use tau_robot::robot::{Arm, Robot, TrackShape, Variant};
 use tau_robot::robot_file::RobotFile;
 
 use crate::calibration::{Calibration, Error};
-use crate::errors_in_variables::{Component, GroupFit};
 use crate::numerics::distribution::chi2_survival;
 use crate::numerics::parallel;
 use crate::numerics::spread::spread;
+use crate::problem::Component;
 use crate::trust::hypothesis::{self, Case};
 use crate::trust::judged::{Deviation, Judged, Misfit};
 use crate::trust::mistake::Mistake;
@@ -18,6 +18,7 @@ use crate::trust::reach::Reach;
 use crate::trust::recognise::{self, ITERATIONS};
 use crate::trust::{ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, general, numbering, weighing_words};
 use crate::uncertainty::Uncertainty;
+use crate::unknown_poses::errors_in_variables::GroupFit;
 use crate::weighing::{Loss, MOST_POSES, Outlier, Repeats, Weighing};
 
 /// Worst poses and largest pulls that are listed.

@@ -383,7 +383,8 @@ impl<'a> Elimination<'a> {
                     let by_poses: f64 = dense.basis().map(|column| column[index].powi(2)).sum();
                     let columns = || dense.columns[index..].iter().step_by(height);
                     known.fill(0.0);
-                    for (entry, column) in columns().zip(covariance.column_iter()) {
+                    let others = columns().zip(covariance.column_iter());
+                    for (entry, column) in others.filter(|(entry, _)| **entry != 0.0) {
                         known.axpy(*entry, &column, 1.0);
                     }
                     let by_shared: f64 = known.iter().zip(columns()).map(|(a, b)| a * b).sum();
@@ -402,7 +403,9 @@ impl Clusters {
         let samples = |rows: &Rows| rows.places.len();
         for rows in blocks {
             for sample in 0..samples(rows) {
-                let [a, b] = rows.poses_of(sample);
+                let Some([a, b]) = rows.poses_of(sample) else {
+                    continue;
+                };
                 let (a, b) = (root(&mut parent, a), root(&mut parent, b));
                 parent[a.max(b)] = a.min(b);
             }
@@ -410,10 +413,13 @@ impl Clusters {
         let firsts: Vec<usize> = (0..poses).map(|pose| root(&mut parent, pose)).collect();
         let of_samples = blocks.iter().enumerate().flat_map(|(block, rows)| {
             let firsts = &firsts;
-            (0..samples(rows))
-                .map(move |sample| (firsts[rows.poses_of(sample)[0]], (block, sample)))
+            // Samples of no pose stand behind all others, each for itself.
+            (0..samples(rows)).map(move |sample| {
+                let of_pose = rows.poses_of(sample).map(|poses| firsts[poses[0]]);
+                (of_pose.unwrap_or(poses), (block, sample))
+            })
         });
-        let (sample_ends, samples) = grouped(poses, of_samples);
+        let (sample_ends, samples) = grouped(poses + 1, of_samples);
         let of_poses = firsts.iter().enumerate();
         let unknowns = of_poses.flat_map(|(pose, &first)| {
             free.iter()
@@ -425,6 +431,11 @@ impl Clusters {
             own: own_ends[pose]..own_ends[pose + 1],
             samples: sample_ends[pose]..sample_ends[pose + 1],
         });
+        let alone = sample_ends[poses]..sample_ends[poses + 1];
+        let all = all.chain(alone.map(|sample| Cluster {
+            own: 0..0,
+            samples: sample..sample + 1,
+        }));
         Self {
             all: all.collect(),
             own,

@@ -15,11 +15,12 @@ use super::closures::used;
 use super::dense::stacked;
 use super::elimination::{Elimination, Reduced};
 use super::gauge::{Shared, scaled};
-use super::kinds::tells_drives;
+use super::kinds::{kinds_of_carts, tells_drives};
+use super::noise::NoiseGroup;
 use super::rows::{RowPlace, Rows};
 use super::{GrossRow, KindFit, Rank, RowDivision};
 use crate::calibration::{Error, Nominal, Prepared};
-use crate::problem::{self, POSE_UNKNOWNS};
+use crate::problem::{self, POSE_UNKNOWNS, Part};
 use crate::weighing::Loss;
 
 /// A calibration on its way.
@@ -39,6 +40,8 @@ pub(super) struct Fit<'a> {
     pub(super) start: Vec<f64>,
     pub(super) left_out: BTreeSet<RowPlace>,
     pub(super) gross: Vec<GrossRow>,
+    /// Kinds whose noise may exceed the stated one.
+    pub(super) groups: Vec<NoiseGroup>,
     /// Loss of single residuals, if it is not least squares.
     pub(super) loss: Option<Loss>,
 }
@@ -55,16 +58,18 @@ impl<'a> Fit<'a> {
         let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
         let prepared = Prepared::new(robot, variant, file, Some(folder), &all)?;
         let machine = prepared.machine.clone();
-        Self::from(&prepared, machine, file, folder, division, false)
+        Self::from(&prepared, machine, file, folder, division, vec![], false)
     }
 
-    /// From the values of a machine, under the priors of the nominal ones, which may be those of a sketch.
+    /// From the values of a machine, under the priors of the nominal ones, which may be those of a sketch. Residuals of
+    /// `carts` concern no pose.
     pub(super) fn from(
         prepared: &Prepared,
         machine: Machine,
         file: &'a RobotFile,
         folder: &'a Folder,
         division: &'a RowDivision,
+        carts: Vec<Part>,
         is_sketch: bool,
     ) -> Result<Self, Error> {
         let left_out = BTreeSet::new();
@@ -73,14 +78,22 @@ impl<'a> Fit<'a> {
             distances: &division.distances,
             left_out: &left_out,
         };
-        let assembly = Assembly::new(&machine, file, folder, &chosen, is_sketch)?;
+        let mut assembly = Assembly::new(&machine, file, folder, &chosen, is_sketch)?;
         if assembly.poses.is_empty() {
             let message = "no pose of the plate is left to calibrate";
             return Err(InputError::whole(&folder.name, message).into());
         }
-        let used = used(&machine);
-        let blocks = assembly.rows(&machine, &used, &chosen)?;
-        let priors: Vec<Nominal> = used.iter().map(|&index| prepared.nominal[index]).collect();
+        let mut used = used(&machine);
+        used.extend(carts.iter().flat_map(|part| &part.parameters));
+        used.sort_unstable();
+        used.dedup();
+        let mut blocks = assembly.rows(&machine, &used, &chosen)?;
+        if !carts.is_empty() {
+            let kinds = kinds_of_carts(file.noise);
+            blocks.extend(Rows::of_carts(carts, &used, assembly.kinds.len()));
+            assembly.kinds.extend(kinds);
+        }
+        let priors = problem::priors(&machine.variant, &used, &prepared.nominal);
         let mut start: Vec<f64> = used.iter().map(|&index| machine.values[index]).collect();
         start.extend(assembly.object_unknowns().map(|unknown| unknown.start));
         start.resize(start.len() + POSE_UNKNOWNS * assembly.poses.len(), 0.0);
@@ -97,6 +110,7 @@ impl<'a> Fit<'a> {
             start,
             left_out,
             gross: vec![],
+            groups: vec![],
             loss: None,
         })
     }
@@ -230,6 +244,20 @@ impl<'a> Fit<'a> {
     /// Covariance of the shared unknowns, priors included; infinite variances where nothing determines them. `variance` is
     /// that of what the data say, over that of least squares.
     pub(super) fn covariance(&self, triangle: &DMatrix<f64>, variance: f64) -> DMatrix<f64> {
+        let (mut covariance, lost) = self.known(triangle, variance);
+        for (place, _) in lost.iter().enumerate().filter(|(_, lost)| **lost) {
+            covariance[(place, place)] = f64::INFINITY;
+        }
+        covariance
+    }
+
+    /// The same within what residuals and priors determine, which is all that residuals depend on; true of unknowns that
+    /// are not determined.
+    pub(super) fn known(
+        &self,
+        triangle: &DMatrix<f64>,
+        variance: f64,
+    ) -> (DMatrix<f64>, Vec<bool>) {
         let scales = self.scales();
         let width = scales.len();
         let priors = DMatrix::from_diagonal(&DVector::from_iterator(
@@ -242,7 +270,10 @@ impl<'a> Fit<'a> {
         let all = stacked(&data, &[priors]);
         let svd = all.svd(false, true);
         let Some(v_t) = svd.v_t else {
-            return DMatrix::from_element(width, width, f64::NAN);
+            return (
+                DMatrix::from_element(width, width, f64::NAN),
+                vec![true; width],
+            );
         };
         let largest = svd.singular_values.max();
         let least = largest * f64::EPSILON * 8.0 * width as f64;
@@ -262,11 +293,8 @@ impl<'a> Fit<'a> {
             for j in 0..width {
                 covariance[(i, j)] *= scales[i] * scales[j];
             }
-            if lost[i] {
-                covariance[(i, i)] = f64::INFINITY;
-            }
         }
-        covariance
+        (covariance, lost)
     }
 
     pub(super) fn rank(&self, reduced: &Reduced, machine: &Machine) -> Rank {
@@ -325,7 +353,10 @@ impl<'a> Fit<'a> {
             distances: &self.division.distances,
             left_out: &self.left_out,
         };
-        self.blocks = self.assembly.rows(&self.machine, &self.used, &chosen)?;
+        let blocks = self.assembly.rows(&self.machine, &self.used, &chosen)?;
+        let before = std::mem::replace(&mut self.blocks, blocks);
+        let of_carts = before.into_iter().filter(|rows| rows.own_each() == 0);
+        self.blocks.extend(of_carts);
         Ok(())
     }
 

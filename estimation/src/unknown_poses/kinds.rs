@@ -3,9 +3,9 @@
 use tau_kinematics::Machine;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{DISTANCES, Folder, PlateKind, TCP_POSES};
-use tau_robot::robot_file::{RobotFile, StatedNoise};
+use tau_robot::robot_file::{Noise, RobotFile, StatedNoise};
 
-use super::rows::{DRIVES, Kind, LINKS};
+use super::rows::{CART_POSES, CART_POSITIONS, DRIVES, Kind, LINKS};
 use crate::calibration::error::Error;
 use crate::problem::CLOSURE_SHARE;
 
@@ -150,6 +150,23 @@ pub(super) fn kinds_of_noise(
         sigma,
     });
     Ok(kinds)
+}
+
+/// Kinds of residuals of carts, in the order of their [components](Component).
+pub(super) fn kinds_of_carts(noise: Noise) -> [Kind; 3] {
+    let (position, rotation) = (noise.position_m, noise.rotation_rad);
+    let of = [
+        (CART_POSES, "position", "m", position),
+        (CART_POSES, "rotation", "rad", rotation),
+        (CART_POSITIONS, "position", "m", position),
+    ];
+    of.map(|(file, quantity, unit, sigma)| Kind {
+        file,
+        quantity,
+        unit,
+        stated: Some(StatedNoise::Known(sigma)),
+        sigma,
+    })
 }
 
 /// Root mean square of the stated noise of the drives (m).

@@ -3,13 +3,15 @@
 //! Readings of the drives and of the plate are residuals of the true pose: each link's closure, with the
 //! noise that the drives give it; positions, heights, distances, each with its own. The solver eliminates the poses
 //! one by one (Schur complement), so that time and memory grow linearly with their number; distances couple two.
-//! Where poses are measured fully and drives are exact, this is to first order the fit of the closures, whitened.
+//! Where poses are measured fully and drives are exact, this is to first order the fit of the closures, whitened;
+//! with the carts of sets 2 and 3 beside them it is that of [errors in variables](errors_in_variables).
 
 mod assembly;
 mod closures;
 mod coupled;
 mod dense;
 mod elimination;
+pub mod errors_in_variables;
 mod estimated;
 mod evaluation;
 mod exchanged;
@@ -60,6 +62,9 @@ pub use unsolved::Unsolved;
 /// Rounds of fit, weights and noise; a handful is usual. Estimated noise of kinds with little redundancy converges
 /// slowest.
 const ROUNDS: usize = 60;
+/// Relative change of the cost at which a round ends while the noise of groups is judged: it hardly follows where cost
+/// creeps along valleys that mean nothing.
+const CREEPING_COST: f64 = 1e-4;
 /// Relative change of the cost at which a round ends while noise is still estimated: 1e-8 moves parameters by 1e-4 of their
 /// standard deviations, and noise by less.
 const ROUGH_COST: f64 = 1e-8;
@@ -119,7 +124,15 @@ pub fn calibrate(
             ..options.clone()
         };
         let is_sketch = sketch_m.is_some();
-        let fit = Fit::from(&prepared, machine, file, folder, division, is_sketch)?;
+        let fit = Fit::from(
+            &prepared,
+            machine,
+            file,
+            folder,
+            division,
+            vec![],
+            is_sketch,
+        )?;
         fitted(fit, &options)
     };
     match sketch_m {
@@ -176,7 +189,8 @@ impl Fit<'_> {
         // Yohai, 1987, MM-estimates): their own could shrink to that of the few rows that they keep.
         let loss = options.treatment.loss;
         let keeps = loss.is_some() || options.treatment.keep_outliers;
-        let is_estimated = self.assembly.kinds.iter().any(Kind::is_estimated);
+        let has_groups = !self.groups.is_empty();
+        let is_estimated = has_groups || self.assembly.kinds.iter().any(Kind::is_estimated);
         self.loss = (loss.is_some() || (is_estimated && !keeps)).then_some(Loss::Huber);
         let mut is_exact = !is_estimated;
         loop {
@@ -184,11 +198,13 @@ impl Fit<'_> {
             let solution = {
                 let problem = self.problem(&values);
                 let solver = tau_solver::Options {
-                    cost_tolerance: (options.solver.cost_tolerance).max(if is_exact {
-                        EXACT_COST
-                    } else {
-                        ROUGH_COST
-                    }),
+                    cost_tolerance: (options.solver.cost_tolerance).max(
+                        match (is_exact, has_groups) {
+                            (true, _) => EXACT_COST,
+                            (false, true) => CREEPING_COST,
+                            (false, false) => ROUGH_COST,
+                        },
+                    ),
                     ..options.solver.clone()
                 };
                 let failed = |error: tau_solver::Error| self.not_converged(error.to_string());
@@ -205,21 +221,35 @@ impl Fit<'_> {
             values.clone_from(&solution.parameters);
             let moved = self.largest_move(&values);
             // Weights change until poses stay: nothing else is known before.
-            if !is_estimated && moved >= SAME_POSE && rounds < ROUNDS {
-                is_exact = true;
+            let waits = !is_estimated || (has_groups && !is_exact);
+            if waits && moved >= SAME_POSE && rounds < ROUNDS {
+                is_exact = !is_estimated;
                 self.rebuild(&mut values)?;
                 continue;
             }
             let elimination = self.elimination(&values);
             let reduced = elimination.reduce();
-            let leverages = elimination.leverages(&self.covariance(&reduced.triangle, 1.0));
+            // The noise of groups is that of rounds before the last, which costs the most steps.
+            if has_groups && is_exact {
+                return Ok(Settled {
+                    solution,
+                    iterations,
+                    reduced,
+                    leverages: vec![],
+                });
+            }
+            let leverages = elimination.leverages(&self.known(&reduced.triangle, 1.0).0);
             let is_last = self.loss == loss;
             let noise = if is_last && loss.is_some_and(|loss| loss != Loss::Huber) {
                 0.0
             } else {
                 self.estimate_noise(&reduced, &leverages)
             };
-            let same_noise = if is_last { SAME_NOISE } else { ROUGH_NOISE };
+            let same_noise = if is_last && !has_groups {
+                SAME_NOISE
+            } else {
+                ROUGH_NOISE
+            };
             let is_settled = moved < SAME_POSE && noise < same_noise;
             let left_out = is_settled && !keeps && self.leave_out_gross(&reduced, &leverages);
             let is_done = is_settled && is_last && !left_out;

@@ -4,9 +4,11 @@ use std::collections::BTreeSet;
 
 use super::elimination::Reduced;
 use super::fit::Fit;
-use super::rows::RowPlace;
-use super::{ABSORBED, GrossRow};
-use crate::numerics::distribution::{chi2_quantile_above, f_quantile_above};
+use super::outcome::{GroupFit, SIGNIFICANT};
+use super::rows::{CART_POSES, CART_POSITIONS, Kind, RowPlace};
+use super::{ABSORBED, GrossRow, KindFit};
+use crate::numerics::distribution::{chi2_quantile_above, chi2_survival, f_quantile_above};
+use crate::problem::Component;
 
 /// Chance that the largest of all residuals is taken for a gross one though none is: one folder in a hundred loses a
 /// good row.
@@ -17,12 +19,101 @@ const MOST_GROSS: f64 = 0.1;
 /// Median of the absolute value of a normal deviate.
 const MEDIAN_OF_NORMAL: f64 = 0.674_489_750_196_081_7;
 
+/// Kinds whose noise exceeds the stated one by a factor that they share, where their misfit is significantly larger.
+pub(super) struct NoiseGroup {
+    group: Component,
+    kinds: Vec<usize>,
+    factor: f64,
+}
+
+impl NoiseGroup {
+    /// Those of the plate, links included, and each kind of carts for itself.
+    pub(super) fn all(kinds: &[Kind]) -> Vec<Self> {
+        let group = |kind: &Kind| match (kind.file, kind.quantity) {
+            (CART_POSES, "position") => Component::CartPosition,
+            (CART_POSES, _) => Component::CartRotation,
+            (CART_POSITIONS, _) => Component::Position,
+            _ => Component::Closure,
+        };
+        let groups = Component::ALL.map(|component| Self {
+            group: component,
+            kinds: (0..kinds.len())
+                .filter(|&kind| group(&kinds[kind]) == component)
+                .collect(),
+            factor: 1.0,
+        });
+        groups.into()
+    }
+}
+
 impl Fit<'_> {
+    /// Squares of each group in units of the stated noise, and the number of residuals. That of the plate counts what is
+    /// left by the unknowns of poses.
+    fn misfits(&self, reduced: &Reduced) -> Vec<(f64, usize)> {
+        let mut squares = vec![0.0; self.assembly.kinds.len()];
+        for (rows, residuals) in self.blocks.iter().zip(&reduced.residuals) {
+            for (kind, residual) in rows.kinds.iter().cycle().zip(residuals) {
+                squares[*kind] += residual * residual;
+            }
+        }
+        let groups = self.groups.iter().map(|group| {
+            let own = group.kinds.iter();
+            let rows: usize = own.clone().map(|&kind| reduced.counts[kind]).sum();
+            let spent = if group.group == Component::Closure {
+                reduced.spent
+            } else {
+                0
+            };
+            let squares: f64 = own.map(|&kind| squares[kind]).sum();
+            (squares * group.factor.powi(2), rows - spent)
+        });
+        groups.collect()
+    }
+
+    /// How groups are met.
+    pub(super) fn group_fits(&self, reduced: &Reduced) -> Vec<GroupFit> {
+        let groups = self.groups.iter().zip(self.misfits(reduced));
+        let groups = groups.filter(|(_, (_, residuals))| *residuals > 0);
+        let fits = groups.map(|(group, (squares, residuals))| GroupFit {
+            group: group.group,
+            residuals,
+            rms: (squares / residuals as f64).sqrt(),
+            noise_factor: group.factor,
+        });
+        fits.collect()
+    }
+
+    /// Estimates the noise of groups that miss the stated one significantly, by what the fit leaves of their residuals;
+    /// the largest relative change. Whether a group has more noise at all is judged as if priors settled the shared
+    /// unknowns, so as not to cry wolf, and once: under the new weights of the others it could go to and fro.
+    fn estimate_groups(&mut self, reduced: &Reduced, fits: &[KindFit]) -> f64 {
+        let mut largest: f64 = 0.0;
+        let misfits = self.misfits(reduced);
+        for (group, (squares, residuals)) in self.groups.iter_mut().zip(misfits) {
+            let is_stated = group.factor == 1.0;
+            if is_stated && chi2_survival(squares, residuals as f64) >= SIGNIFICANT {
+                continue;
+            }
+            let own = group.kinds.iter();
+            let redundancy: f64 = own.map(|&kind| fits[kind].redundancy).sum();
+            if redundancy <= (1.0 - ABSORBED) * residuals as f64 {
+                continue;
+            }
+            let ratio = (squares / redundancy).sqrt().max(1.0) / group.factor;
+            largest = largest.max((ratio - 1.0).abs());
+            group.factor *= ratio;
+            for &kind in &group.kinds {
+                self.assembly.kinds[kind].sigma *= ratio;
+            }
+        }
+        largest
+    }
+
     /// Estimates the noise of kinds that ask for it, by their squares over what the fit leaves of their number (W. Förstner,
     /// 1979); the largest relative change.
     pub(super) fn estimate_noise(&mut self, reduced: &Reduced, leverages: &[Vec<f64>]) -> f64 {
         let fits = self.kind_fits(reduced, leverages);
-        let mut largest: f64 = 0.0;
+        let mut largest = self.estimate_groups(reduced, &fits);
         for (kind, fit) in self.assembly.kinds.iter_mut().zip(fits) {
             if !kind.is_estimated() {
                 continue;

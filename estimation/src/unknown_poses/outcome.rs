@@ -12,12 +12,13 @@ use super::objects::Object;
 use super::rows::{Kind, RowPlace};
 use crate::calibration::Calibration;
 use crate::numerics::distribution::chi2_survival;
+use crate::problem::Component;
 use crate::trust::Mistake;
 use crate::weighing::Loss;
 
 /// Chance below which residuals are larger than their noise allows: one right fit in a thousand is called
 /// inconsistent.
-const SIGNIFICANT: f64 = 1e-3;
+pub(super) const SIGNIFICANT: f64 = 1e-3;
 
 /// The rows of a folder that calibrate and those that are held out.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -33,6 +34,15 @@ pub struct RowDivision {
 }
 
 impl RowDivision {
+    /// Poses of set 1, by index, that calibrate.
+    pub fn of_poses(folder: &Folder, poses: &[usize]) -> Self {
+        let numbers = poses.iter().map(|&pose| folder.tcp_poses[pose].pose);
+        Self {
+            calibration: numbers.collect(),
+            ..Self::default()
+        }
+    }
+
     /// Divides poses by their commands, as poses of set 1 are, and distances row by row.
     pub fn of(folder: &Folder, split: Split) -> Self {
         let poses = folder.plate_poses();
@@ -105,6 +115,20 @@ impl KindFit {
         let left = self.redundancy > (1.0 - ABSORBED) * self.rows as f64;
         left.then(|| (self.squares / self.redundancy).sqrt())
     }
+}
+
+/// Fit of a group of measurements.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GroupFit {
+    /// The measurements.
+    pub group: Component,
+    /// Number of residuals, less that of unknowns of poses.
+    pub residuals: usize,
+    /// Their root mean square, in units of the stated noise.
+    pub rms: f64,
+    /// Factor by which the noise was taken to exceed the stated one: 1 unless the misfit is significantly
+    /// larger.
+    pub noise_factor: f64,
 }
 
 /// A row far off the others.

@@ -6,10 +6,14 @@ use tau_robot::robot_file::StatedNoise;
 use tau_runtime::ResidualFamily;
 use tau_solver::{Block, Loss};
 
-use crate::problem::POSE_UNKNOWNS;
+use crate::problem::{Component, POSE_UNKNOWNS, Part};
 
 pub use crate::problem::RowPlace;
 
+/// Set 2.
+pub(super) const CART_POSES: &str = "cart_poses.csv";
+/// Set 3.
+pub(super) const CART_POSITIONS: &str = "cart_positions.csv";
 /// Name under which the residuals of links are told.
 pub(super) const DRIVES: &str = "drives";
 /// Name under which they are told where links have noise of their own.
@@ -75,6 +79,51 @@ impl Rows {
         }
     }
 
+    /// Carts as measured; `used` numbers their parameters, and kinds are those [of carts](super::kinds::kinds_of_carts)
+    /// from `first_kind` on.
+    pub(super) fn of_carts(parts: Vec<Part>, used: &[usize], first_kind: usize) -> Vec<Self> {
+        let file = |part: &Part| match part.components[0] {
+            Component::Position => CART_POSITIONS,
+            _ => CART_POSES,
+        };
+        // Samples of a set follow each other as the rows of its file.
+        let first = |name: &str| {
+            let own = parts.iter().filter(|part| file(part) == name);
+            own.flat_map(|part| &part.samples).min().copied()
+        };
+        let firsts = [CART_POSES, CART_POSITIONS].map(|name| (name, first(name)));
+        let rows = |part: Part| {
+            let file = file(&part);
+            let first = firsts.iter().find(|(name, _)| *name == file);
+            let first = first.and_then(|known| known.1).unwrap_or_default();
+            let part = part.numbered(used);
+            let places = part.samples.iter().zip(&part.numbers);
+            let kind = |&component: &Component| first_kind + component as usize - 1;
+            Self {
+                places: places
+                    .map(|(sample, &number)| RowPlace {
+                        file,
+                        line: sample - first + 2,
+                        pose: number,
+                        drive: None,
+                    })
+                    .collect(),
+                kinds: part.components.iter().map(kind).collect(),
+                weights: part
+                    .weights
+                    .iter()
+                    .map(|weight| f64::from(u8::from(*weight > 0.0)))
+                    .collect(),
+                label: part.label,
+                family: part.family,
+                shared: part.parameters,
+                own: vec![],
+                data: part.data,
+            }
+        };
+        parts.into_iter().map(rows).collect()
+    }
+
     /// Unknowns of poses that a sample takes.
     pub(super) fn own_each(&self) -> usize {
         self.family.shape().parameters - self.shared.len()
@@ -86,11 +135,10 @@ impl Rows {
         &self.own[sample * each..(sample + 1) * each]
     }
 
-    /// The poses that a sample is of: one, or two.
-    pub(super) fn poses_of(&self, sample: usize) -> [usize; 2] {
+    /// The poses that a sample is of: one, or two; `None` of carts.
+    pub(super) fn poses_of(&self, sample: usize) -> Option<[usize; 2]> {
         let own = self.own_of(sample);
-        let of = |index: Option<&usize>| index.map_or(0, |index| index / POSE_UNKNOWNS);
-        [of(own.first()), of(own.last())]
+        Some([own.first()?, own.last()?].map(|index| index / POSE_UNKNOWNS))
     }
 
     /// The rows for the solver; poses' unknowns stand behind the `shared` ones.

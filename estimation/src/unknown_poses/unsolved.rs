@@ -6,8 +6,9 @@ use tau_robot::robot::{Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 use tau_solver::Problem;
 
-use super::{RowDivision, fit::Fit, starts};
-use crate::calibration::{Error, prepared::Prepared};
+use super::kinds::drive_sigmas;
+use super::{RowDivision, errors_in_variables, fit::Fit, starts};
+use crate::calibration::{Calibration, Error, prepared::Prepared};
 
 /// The first least-squares problem of a calibration, for other solvers to be compared with ours.
 pub struct Unsolved<'a>(Fit<'a>);
@@ -28,7 +29,32 @@ impl<'a> Unsolved<'a> {
         let prepared = Prepared::new(robot, variant, file, Some(folder), &all)?;
         let is_sketch = starts::sketched(&prepared).is_some();
         let machine = prepared.machine.clone();
-        let fit = Fit::from(&prepared, machine, file, folder, division, is_sketch)?;
+        let fit = Fit::from(
+            &prepared,
+            machine,
+            file,
+            folder,
+            division,
+            vec![],
+            is_sketch,
+        )?;
+        Ok(Self(fit))
+    }
+
+    /// That with errors in variables, from a fit of set 1; `file` must be complete.
+    ///
+    /// # Errors
+    /// As [`errors_in_variables::calibrate`], but for what only a fit can fail on.
+    pub fn of_all_sets(
+        robot: &Robot,
+        variant: &Variant,
+        file: &'a RobotFile,
+        folder: &'a Folder,
+        division: &'a RowDivision,
+        closure_fit: &Calibration,
+    ) -> Result<Self, Error> {
+        let fit =
+            errors_in_variables::all_sets(robot, variant, file, folder, division, closure_fit)?;
         Ok(Self(fit))
     }
 
@@ -47,16 +73,23 @@ impl<'a> Unsolved<'a> {
         self.0.assembly.poses.iter().map(|pose| pose.base)
     }
 
-    /// Weight (1/m²) of each closure of each reading, where every drive has noise of its own and is that of one link.
+    /// Weight (1/m²) of each closure of each reading, where drives are exact, or each has noise of its own and is that of
+    /// one link.
     pub fn closure_weights(&self) -> Vec<f64> {
         let rows = &self.0.blocks[0];
         let (count, width) = (rows.kinds.len(), rows.family.shape().data);
+        let are_exact = drive_sigmas(self.0.file, self.0.machine.robot.commands).is_none();
         let of_row = |(row, weight): (usize, &f64)| {
             let (sample, closure) = (row / count, row % count);
             let data = &rows.data[..(sample + 1) * width];
             let factor = &data[data.len() - count * count..];
             let sigma = self.0.assembly.kinds[rows.kinds[closure]].sigma;
-            weight * factor[closure * count + closure] / sigma
+            let factor = if are_exact {
+                1.0
+            } else {
+                factor[closure * count + closure]
+            };
+            weight * factor / sigma
         };
         rows.weights.iter().enumerate().map(of_row).collect()
     }

@@ -13,11 +13,11 @@ use std::fmt;
 use std::marker::PhantomData;
 
 use tau_estimation::calibration::{self, Error, Prepared};
-use tau_estimation::errors_in_variables::{self, ErrorsInVariables};
 use tau_estimation::evaluation::{self, Evaluation};
 use tau_estimation::numerics::parallel;
 use tau_estimation::sensitivity::{self, Sensitivity};
 use tau_estimation::uncertainty::Uncertainty;
+use tau_estimation::unknown_poses::errors_in_variables::{self, ErrorsInVariables};
 use tau_estimation::weighing::Treatment;
 use tau_kinematics::Machine;
 use tau_robot::measurements::{Folder, Poses, Shape, Split};
