@@ -230,6 +230,20 @@ impl<'a> Fit<'a> {
     /// Covariance of the shared unknowns, priors included; infinite variances where nothing determines them. `variance` is
     /// that of what the data say, over that of least squares.
     pub(super) fn covariance(&self, triangle: &DMatrix<f64>, variance: f64) -> DMatrix<f64> {
+        let (mut covariance, lost) = self.determined(triangle, variance);
+        for (index, _) in lost.iter().enumerate().filter(|(_, lost)| **lost) {
+            covariance[(index, index)] = f64::INFINITY;
+        }
+        covariance
+    }
+
+    /// The same of what is determined, and unknowns that something else moves along. No residual sees that, so the share of
+    /// each that the fit absorbs is told by the rest.
+    pub(super) fn determined(
+        &self,
+        triangle: &DMatrix<f64>,
+        variance: f64,
+    ) -> (DMatrix<f64>, Vec<bool>) {
         let scales = self.scales();
         let width = scales.len();
         let priors = DMatrix::from_diagonal(&DVector::from_iterator(
@@ -242,7 +256,10 @@ impl<'a> Fit<'a> {
         let all = stacked(&data, &[priors]);
         let svd = all.svd(false, true);
         let Some(v_t) = svd.v_t else {
-            return DMatrix::from_element(width, width, f64::NAN);
+            return (
+                DMatrix::from_element(width, width, f64::NAN),
+                vec![true; width],
+            );
         };
         let largest = svd.singular_values.max();
         let least = largest * f64::EPSILON * 8.0 * width as f64;
@@ -262,11 +279,8 @@ impl<'a> Fit<'a> {
             for j in 0..width {
                 covariance[(i, j)] *= scales[i] * scales[j];
             }
-            if lost[i] {
-                covariance[(i, i)] = f64::INFINITY;
-            }
         }
-        covariance
+        (covariance, lost)
     }
 
     pub(super) fn rank(&self, reduced: &Reduced, machine: &Machine) -> Rank {
