@@ -53,7 +53,7 @@ fn searched(seed: u64, file: &RobotFile, build: Build, effects: &[&str]) -> Disc
 }
 
 /// The largest count that a right program exceeds more rarely than [`RARE`], of `trials` with a chance each.
-fn bound(trials: u32, chance: f64) -> usize {
+pub(crate) fn bound(trials: u32, chance: f64) -> usize {
     let mut mass = (1.0 - chance).powi(trials.cast_signed());
     let mut sum = mass;
     let mut count = 0;

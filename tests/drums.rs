@@ -1,11 +1,14 @@
 //! Discovery on lines that drums wind up and belts that are pulled.
 
+use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::fs;
 use std::path::Path;
 
+use rayon::prelude::*;
 use serde_json::Value;
 
+use crate::discovery_counts::bound;
 use crate::discovery_folders::effects;
 use crate::support::{Random, number, tau_in};
 
@@ -87,32 +90,52 @@ fn build_up_is_that_of_the_description() {
     assert!(is_near(&found["effects"][0], "growth", growth), "{found}");
 }
 
-/// At a constant pull that is known, stretch by tension and by an unknown pull are one signal: what is found has the
-/// other for a rival, and an error of scale, which the arm at the end of the belt does not have, where it is small.
+/// Names at the places of effects that were found, each with its rivals.
+fn sets(found: &Value) -> Vec<BTreeSet<String>> {
+    let named = |one: &Value| {
+        let [name, place] = ["name", "place"].map(|key| one[key].as_str().unwrap());
+        format!("{name}({place})")
+    };
+    let effects = found["effects"].as_array().unwrap().iter();
+    let of_effect = |effect: &Value| {
+        let rivals = effect["rivals"].as_array().unwrap().iter();
+        rivals.map(named).chain([named(effect)]).collect()
+    };
+    effects.map(of_effect).collect()
+}
+
+/// At a constant pull that is known, stretch by tension and by an unknown pull are one signal: one is found, and has the
+/// other for a rival. An error of scale, which the arm at the end of the belt does not have, looks like both where
+/// derivatives at no effect are asked, and where the stretch is strong it needs a second effect beside it: of machines
+/// told right in nineteen of twenty, one in a thousand sets of 24 has more that are not.
 #[test]
 fn stretch_at_a_constant_pull_has_rivals() {
-    for (seed, strain) in [(1, 1e-3), (2, -4e-5), (3, 5e-5)] {
+    let alike = ["link_compliance", "pull_strain"].map(|name| format!("{name}(bottom_left)"));
+    let of = |(seed, strain): (u64, f64)| {
         let work = tempfile::tempdir().unwrap();
         let hidden = format!("pull_strain(bottom_left):strain={strain:e}");
-        let found = discovered(work.path(), ("four_belts", "Full"), seed, &[&hidden]);
-        let named = found["effects"].as_array().unwrap();
-        assert_eq!(named.len(), 1, "{seed}: {named:?}");
-        let rivals = named[0]["rivals"].as_array().unwrap().iter();
-        let set: Vec<String> = (rivals.chain(named))
-            .map(|one| {
-                format!(
-                    "{}({})",
-                    one["name"].as_str().unwrap(),
-                    one["place"].as_str().unwrap()
-                )
-            })
-            .collect();
-        for name in ["link_compliance", "pull_strain"] {
-            assert!(
-                set.contains(&format!("{name}(bottom_left)")),
-                "{seed}: {set:?}"
-            );
-        }
+        sets(&discovered(
+            work.path(),
+            ("four_belts", "Full"),
+            seed,
+            &[&hidden],
+        ))
+    };
+    let strong: Vec<(u64, f64)> = (13..19)
+        .flat_map(|seed| [1e-3, -1e-3, 3e-4, -3e-4].map(|strain| (seed, strain)))
+        .collect();
+    let told = strong.into_par_iter().filter(|&machine| {
+        let found = of(machine);
+        found.len() == 1 && found[0].iter().eq(&alike)
+    });
+    let told = told.count();
+    assert!(told >= 24 - bound(24, 0.05), "{told} of 24");
+    // A weak one leaves the error of scale for a third.
+    for machine in [(2, -4e-5), (3, 5e-5)] {
+        let found = of(machine);
+        assert_eq!(found.len(), 1, "{machine:?}");
+        let has_both = alike.iter().all(|name| found[0].contains(name));
+        assert!(has_both, "{machine:?}: {found:?}");
     }
 }
 

@@ -155,7 +155,8 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
-    /// Moves that exchange nothing come first, since they take a table of scores less for each effect.
+    /// Strong effects that a look-alike explains better are exchanged first; then come moves that exchange nothing, since
+    /// they take a table of scores less for each effect.
     fn climb(&mut self, names_first: bool, progress: &mut dyn FnMut(&str)) -> Result<(), Error> {
         let kinds: &[(bool, bool)] = if names_first {
             &[(false, false), (true, false), (false, true), (true, true)]
@@ -164,6 +165,10 @@ impl<'a> Search<'a> {
         };
         let most = count(self.input.options.constants.most_effects);
         'climb: while self.state.count() < most {
+            let look_alikes = self.look_alikes();
+            if self.stepped(look_alikes, progress)? {
+                continue;
+            }
             for &(exchange, with_families) in kinds {
                 let moves = self.moves(exchange, with_families);
                 if self.stepped(moves, progress)? {

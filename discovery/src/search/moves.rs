@@ -11,6 +11,7 @@ use std::sync::Arc;
 use tau_codegen::language::model::Place;
 
 use super::super::candidate_set::{CandidateSet, Score, Table};
+use super::super::constants::Constants;
 use super::super::linear_model::LinearModel;
 use super::super::significance::Null;
 use super::Search;
@@ -285,6 +286,9 @@ impl Search<'_> {
         table: &Table,
         with_families: bool,
     ) -> Vec<Move> {
+        let is_wanted = |search: &Self, score: &Score| {
+            with_families || search.bench.candidates[score.candidate].is_named()
+        };
         let members: Vec<usize> = (0..self.state.members.len()).collect();
         let without = self.without_each(table);
         let mut moves = Vec::new();
@@ -293,7 +297,7 @@ impl Search<'_> {
             let removed = others.remove(member);
             let saved = self.cost_of(removed);
             let unnamed = self.state.unnamed.clone();
-            moves.extend(self.instead(view, without, (others, unnamed), saved, with_families));
+            moves.extend(self.instead(view, without, (others, unnamed), saved, is_wanted));
             if self.is_common(removed.candidate) {
                 moves.extend(self.split(view, removed));
             }
@@ -308,35 +312,77 @@ impl Search<'_> {
                 view: Arc::new(beside),
             };
             let rest = (self.state.members.clone(), unnamed);
-            moves.extend(self.instead(view, &without, rest, saved, true));
+            moves.extend(self.instead(view, &without, rest, saved, |_, _| true));
         }
         moves
     }
 
-    /// Each candidate in the stead of one that has left the model, whose cost is `saved`.
+    /// Wanted candidates in the stead of one that has left the model, whose cost is `saved`.
     fn instead(
         &mut self,
         view: &LinearModel,
         without: &Without,
         (members, unnamed): (Vec<Member>, Vec<Unnamed>),
         saved: f64,
-        with_families: bool,
+        is_wanted: impl Fn(&Self, &Score) -> bool,
     ) -> Vec<Move> {
         let total = without.view.total();
         let mut moves = Vec::new();
         for score in &without.table.scores {
-            let is_named = self.bench.candidates[score.candidate].is_named();
-            if self.is_in_model(score.candidate) || !(is_named || with_families) {
+            if self.is_in_model(score.candidate) || !is_wanted(self, score) {
                 continue;
             }
             let predicted =
                 self.change(view.total(), total - score.statistic) + self.cost(score) - saved;
-            if predicted >= 0.0 {
-                continue;
-            }
             moves.push(self.joined((&members, &unnamed), score, &without.view, predicted));
         }
         moves
+    }
+
+    /// Named candidates that look like an effect, in its stead, the most alike first. What a look-alike may miss of a strong
+    /// effect is worth more than what two models may differ by, and the linear model does not tell it: derivatives bend
+    /// by more than noise. A refit does, and comes before a second effect makes up for what the wrong one misses.
+    pub(super) fn look_alikes(&mut self) -> Vec<Move> {
+        let Constants { as_good, alike, .. } = self.input.options.constants;
+        let is_strong = |&member: &usize| {
+            let own = self.state.own_statistic(&self.context(), member);
+            own.is_some_and(|own| (1.0 - alike) * own > as_good)
+        };
+        let strong: Vec<usize> = (0..self.state.members.len()).filter(is_strong).collect();
+        if strong.is_empty() {
+            return vec![];
+        }
+        let view = Arc::new(self.state.view(&self.bench));
+        let table = self.table(&view, false);
+        let without = self.without_each(&table);
+        let mut moves = vec![];
+        for member in strong {
+            let mut rest = (self.state.members.clone(), self.state.unnamed.clone());
+            let saved = self.cost_of(rest.0.remove(member));
+            let without = &without[member];
+            let own = self
+                .state
+                .own_subspace(&self.context(), member, &without.view);
+            moves.extend(self.instead(&view, without, rest, saved, |search, score| {
+                search.is_alike(&without.view, &own, score)
+            }));
+        }
+        moves.sort_by(|a, b| a.predicted.total_cmp(&b.predicted));
+        moves
+    }
+
+    /// True if the signal of a named candidate is the effect's own, which `own` is all that explains beside a model without.
+    fn is_alike(&self, without: &LinearModel, own: &Subspace, score: &Score) -> bool {
+        let described = &self.bench.candidates[score.candidate];
+        let alike = self.input.options.constants.alike;
+        if !described.is_named()
+            || described.search.is_some()
+            || score.statistic < alike * own.statistic(&without.residuals)
+        {
+            return false;
+        }
+        let subspace = self.bench.subspace(without, score.candidate, None);
+        subspace.is_some_and(|(_, subspace)| cosine(without, own, &[subspace]).powi(2) > alike)
     }
 
     /// The places of an effect that pay, each with an amplitude of its own, in the stead of one that is common to all
@@ -497,6 +543,16 @@ impl Search<'_> {
             .map(|&(family, _)| self.cost_of(Member::plain(family)));
         named + families.sum::<f64>() + self.number(members.len() + unnamed.len())
     }
+}
+
+/// Cosine between the signal of an effect and what a rival can make of it, whose subspaces follow each other, each
+/// without what is in those before.
+pub(super) fn cosine(view: &LinearModel, own: &Subspace, rival: &[Subspace]) -> f64 {
+    let signal = &own.u * own.u.tr_mul(&view.residuals);
+    let made = rival
+        .iter()
+        .map(|rival| rival.u.tr_mul(&signal).norm_squared());
+    (made.sum::<f64>().sqrt() / signal.norm().max(1e-300)).min(1.0)
 }
 
 impl Places {

@@ -10,7 +10,7 @@ use super::super::p_value::PValue;
 use super::super::results::Separation;
 use super::super::separation::{Signal, separate_by};
 use super::Search;
-use super::moves::Without;
+use super::moves::{Without, cosine};
 use super::state::{Member, State, Unnamed};
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::parallel;
@@ -286,14 +286,4 @@ impl Search<'_> {
         };
         separate_by(&self.bench, &self.state.fit, &own, &rivals, &base)
     }
-}
-
-/// Cosine between the signal of an effect and what a rival can make of it, whose subspaces follow each other, each
-/// without what is in those before.
-fn cosine(view: &LinearModel, own: &Subspace, rival: &[Subspace]) -> f64 {
-    let signal = &own.u * own.u.tr_mul(&view.residuals);
-    let made = rival
-        .iter()
-        .map(|rival| rival.u.tr_mul(&signal).norm_squared());
-    (made.sum::<f64>().sqrt() / signal.norm().max(1e-300)).min(1.0)
 }

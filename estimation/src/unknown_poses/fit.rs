@@ -244,16 +244,16 @@ impl<'a> Fit<'a> {
     /// Covariance of the shared unknowns, priors included; infinite variances where nothing determines them. `variance` is
     /// that of what the data say, over that of least squares.
     pub(super) fn covariance(&self, triangle: &DMatrix<f64>, variance: f64) -> DMatrix<f64> {
-        let (mut covariance, lost) = self.known(triangle, variance);
-        for (place, _) in lost.iter().enumerate().filter(|(_, lost)| **lost) {
-            covariance[(place, place)] = f64::INFINITY;
+        let (mut covariance, lost) = self.determined(triangle, variance);
+        for (index, _) in lost.iter().enumerate().filter(|(_, lost)| **lost) {
+            covariance[(index, index)] = f64::INFINITY;
         }
         covariance
     }
 
-    /// The same within what residuals and priors determine, which is all that residuals depend on; true of unknowns that
-    /// are not determined.
-    pub(super) fn known(
+    /// The same of what is determined, and unknowns that something else moves along. No residual sees that, so the share of
+    /// each that the fit absorbs is told by the rest.
+    pub(super) fn determined(
         &self,
         triangle: &DMatrix<f64>,
         variance: f64,

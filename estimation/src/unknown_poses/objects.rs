@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use tau_robot::input_error::{InputError, quoted};
 use tau_robot::measurements::{Folder, PlateKind};
 use tau_robot::robot_file::{Measuring, Value};
@@ -97,11 +97,14 @@ fn unknowns(
 ) -> (Vec<ObjectUnknown>, Vector3<f64>) {
     let called = if name.is_empty() { "ball" } else { name };
     let axes = ["x", "y", "z"];
-    let coordinate = |axis: usize, start: f64, value: Option<&Value>| ObjectUnknown {
-        name: format!("{called}.{}", axes[axis]),
-        unit: "m",
-        start: value.map_or(start, |value| value.value[axis]),
-        prior: value.map(|value| (value.value[axis], value.tol)),
+    let place = |start: Vector3<f64>, stated: Option<&Value>| {
+        let coordinate = |axis: usize| ObjectUnknown {
+            name: format!("{called}.{}", axes[axis]),
+            unit: "m",
+            start: start[axis],
+            prior: stated.map(|stated| (stated.value[axis], stated.tol)),
+        };
+        (0..3).map(coordinate).collect()
     };
     match kind {
         PlateKind::Height => {
@@ -131,36 +134,71 @@ fn unknowns(
         }
         PlateKind::BallBar => {
             let stated = measuring.balls.get(name);
-            let start = centre_of(rows);
-            let each = (0..3).map(|axis| coordinate(axis, start[axis], stated));
-            (each.collect(), Vector3::z())
+            (place(place_of_ball(rows, stated), stated), Vector3::z())
         }
         _ => {
             let stated = measuring.targets.get(name);
-            (
-                (0..3).map(|axis| coordinate(axis, 0.0, stated)).collect(),
-                Vector3::z(),
-            )
+            let start = stated.map_or(Vector3::zeros(), stated_place);
+            (place(start, stated), Vector3::z())
         }
     }
 }
 
-/// Centre of the sphere whose distances from points are nearest to given ones, by the linear equations of differences of
-/// squares; the mean of the points where these do not say.
-fn centre_of(rows: &[(Vector3<f64>, f64)]) -> Vector3<f64> {
+fn stated_place(stated: &Value) -> Vector3<f64> {
+    Vector3::from_column_slice(&stated.value)
+}
+
+/// Place of a ball, to start from: as stated, or else the centre of the sphere whose distances from points are nearest to
+/// those of `rows`, by the linear equations of differences of squares.
+///
+/// These tell little along the direction in which the points spread least, nothing where a plate moves in a plane. The mean
+/// of the squares tells how far the ball is off in all, and so how far along that direction, but for the side. There the
+/// distances depend on the square of its height alone, to which a start in the plane is blind: it lies so far off as the
+/// squares, or a stated place, are uncertain.
+fn place_of_ball(rows: &[(Vector3<f64>, f64)], stated: Option<&Value>) -> Vector3<f64> {
     let count = rows.len().max(1) as f64;
     let mean = rows.iter().map(|(at, _)| at).sum::<Vector3<f64>>() / count;
-    let squares =
+    let square =
         |(at, distance): &(Vector3<f64>, f64)| (at - mean).norm_squared() - distance * distance;
-    let average = rows.iter().map(squares).sum::<f64>() / count;
-    let matrix = DMatrix::from_fn(rows.len(), 3, |row, axis| 2.0 * (rows[row].0 - mean)[axis]);
-    let right = DVector::from_fn(rows.len(), |row, _| squares(&rows[row]) - average);
-    let normal = matrix.tr_mul(&matrix);
-    let found = normal
-        .cholesky()
-        .map(|factor| factor.solve(&matrix.tr_mul(&right)));
-    let found = found.filter(|found| found.iter().all(|value| value.is_finite()));
-    found.map_or(mean, |found| {
-        mean + Vector3::new(found[0], found[1], found[2])
-    })
+    let average = rows.iter().map(square).sum::<f64>() / count;
+    let (mut scatter, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    for row in rows {
+        let off = row.0 - mean;
+        scatter += off * off.transpose();
+        right += off * (0.5 * (square(row) - average));
+    }
+    let SymmetricEigen {
+        eigenvectors: axes,
+        eigenvalues: spreads,
+    } = scatter.symmetric_eigen();
+    let least = spreads.imin();
+    let across = axes.column(least);
+    let spread_m = (spreads[least] / count).max(0.0).sqrt();
+    if let Some(stated) = stated {
+        let place = stated_place(stated);
+        let side = (1.0_f64).copysign(across.dot(&(place - mean)));
+        let is_seen = spread_m > stated.tol;
+        return place + across * if is_seen { 0.0 } else { side * stated.tol };
+    }
+    let by_differences = |axis: usize| {
+        let is_told = spreads[axis] > f64::EPSILON * spreads.max();
+        let found = axes.column(axis).dot(&right) / spreads[axis];
+        if is_told { found } else { 0.0 }
+    };
+    let mut found = Vector3::from_fn(|axis, _| by_differences(axis));
+    found[least] = 0.0;
+    let in_plane = axes * found;
+    let left = -average - in_plane.norm_squared();
+    let misfit = |row: &(Vector3<f64>, f64)| {
+        (square(row) - average - 2.0 * in_plane.dot(&(row.0 - mean))).powi(2)
+    };
+    let uncertain = (rows.iter().map(misfit).sum::<f64>() / count).sqrt();
+    let height_m = left.max(uncertain).sqrt();
+    let told = by_differences(least);
+    found[least] = if spread_m > height_m {
+        told
+    } else {
+        height_m.copysign(told)
+    };
+    mean + axes * found
 }
