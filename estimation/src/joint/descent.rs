@@ -16,7 +16,7 @@ use nalgebra::DVector;
 use tau_runtime::Owner;
 
 use crate::calibration::error::Error;
-use crate::joint::{Component, Joint};
+use crate::joint::{Component, Joint, Linear};
 use crate::numerics::projection::{Damped, Normal};
 use crate::samples::Sample;
 use crate::samples::outliers;
@@ -89,8 +89,11 @@ impl Descent {
         weights: Vec<f64>,
     ) -> Result<Self, Error> {
         let factors = joint.factors(&scales, &weights);
-        let linear = joint.linearize(&fitted, &factors);
-        let Some(normal) = Normal::from(linear.jacobian) else {
+        let Linear {
+            residuals,
+            jacobian,
+        } = joint.linearize(&fitted, &factors);
+        let Some(normal) = Normal::from(jacobian) else {
             return Err(not_converged(&joint, "the derivatives are not finite"));
         };
         Ok(Self {
@@ -99,9 +102,26 @@ impl Descent {
             scales,
             weights,
             factors,
-            residuals: linear.residuals,
+            residuals,
             normal,
             is_settled: true,
+        })
+    }
+
+    /// The same at other values.
+    fn moved_to(self, fitted: Vec<f64>) -> Result<Self, Error> {
+        let Linear {
+            residuals,
+            jacobian,
+        } = (self.joint).relinearize(&fitted, &self.factors, self.normal.into_jacobian());
+        let Some(normal) = Normal::from(jacobian) else {
+            return Err(not_converged(&self.joint, "the derivatives are not finite"));
+        };
+        Ok(Self {
+            fitted,
+            residuals,
+            normal,
+            ..self
         })
     }
 
@@ -215,7 +235,7 @@ impl Descent {
                 return Ok(self);
             };
             damping = f64::max(damping / DAMPED, LEAST_DAMPING);
-            self = Self::from(self.joint, moved, self.scales, self.weights)?;
+            self = self.moved_to(moved)?;
             if fall < end.share * cost {
                 return Ok(self);
             }

@@ -7,7 +7,7 @@ mod start;
 pub mod unknown;
 pub mod variant;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 use tau_kinematics::Machine;
 use tau_robot::robot_file::Noise;
 use tau_solver::Problem;
@@ -16,7 +16,8 @@ pub use crate::problem::{Component, Eliminated, Origin, RowPlace};
 
 use crate::calibration::error::Error;
 use crate::calibration::nominal::Nominal;
-use crate::numerics::grouped::{Grouped, Groups};
+use crate::joint::knots::Knots;
+use crate::numerics::grouped::{Filling, Grouped, Groups};
 use crate::numerics::parallel;
 use crate::problem::{self, Closures, Part, Residuals, parameters};
 use crate::samples::Sample;
@@ -48,9 +49,8 @@ pub struct Joint {
     /// Prior of each of them.
     pub priors: Vec<Nominal>,
     parts: Vec<Rows>,
-    /// Derivatives of all rows, in units of the stated noise, by the displacements of the points that
-    /// piecewise tracks pass through: unknowns of the fit behind the parameters.
-    knots: DMatrix<f64>,
+    /// Displacements of the points that piecewise tracks pass through: unknowns of the fit behind the parameters.
+    knots: Knots,
     /// Dependence of rows, those of the priors too, on columns.
     pub(crate) groups: Groups,
     /// Sample, component and place within the sample of each row.
@@ -115,9 +115,9 @@ impl Joint {
         let closures = Closures::Eliminated(&groups);
         let mut joint = Self::with(machine, nominal, samples, noise, closures)?;
         if !objects.is_empty() {
-            let of_paths = joint.knots.ncols();
-            let of_objects = knots::columns_of_objects(&groups, joint.rows.len());
-            joint.knots = knots::beside(&joint.knots, &of_objects);
+            let of_paths = joint.displacements();
+            let of_objects = Knots::of_objects(&groups, joint.rows.len());
+            joint.knots = joint.knots.beside(&of_objects);
             let unknown = Nominal::new(0.0, None);
             (joint.priors).extend(std::iter::repeat_n(unknown, of_paths));
             joint.priors.extend_from_slice(objects);
@@ -165,13 +165,13 @@ impl Joint {
             used,
             priors,
             parts,
-            knots: DMatrix::zeros(rows.len(), 0),
+            knots: Knots::none(rows.len()),
             groups: Groups::default(),
             rows,
             eliminated: vec![],
         };
         joint.groups = joint.groups();
-        if let Some(knots) = knots::columns(&joint, samples) {
+        if let Some(knots) = knots::measured(&joint, samples) {
             joint.knots = knots;
             joint.groups = joint.groups();
         }
@@ -182,17 +182,17 @@ impl Joint {
     /// prior, since no sample measures them.
     #[must_use]
     pub(crate) fn with_path_noise(mut self, samples: &[Sample], position_m: f64) -> Self {
-        if let Some(knots) = knots::columns_of_data(&self, samples) {
+        if let Some(knots) = knots::of_data(&self, samples) {
             let prior = Nominal::new(0.0, Some(position_m));
-            (self.priors).extend(std::iter::repeat_n(prior, knots.ncols()));
             self.knots = knots;
+            (self.priors).extend(std::iter::repeat_n(prior, self.displacements()));
             self.groups = self.groups();
         }
         self
     }
 
     fn groups(&self) -> Groups {
-        let columns = self.used.len() + self.knots.ncols();
+        let columns = self.used.len() + self.displacements();
         // Priors are none of the components.
         let of_priors = std::iter::repeat_n(Component::ALL.len(), columns);
         let kinds = self.rows.iter().map(|row| row.component as usize);
@@ -209,7 +209,7 @@ impl Joint {
                     }
                 }
             }
-            for (k, knot) in self.knots.column_iter().enumerate() {
+            for (k, knot) in self.knots.columns.column_iter().enumerate() {
                 for (row, _) in knot.iter().enumerate().filter(|(_, value)| **value != 0.0) {
                     mark(row, self.used.len() + k);
                 }
@@ -220,7 +220,7 @@ impl Joint {
 
     /// Number of displacements of measured points that are unknown.
     pub fn displacements(&self) -> usize {
-        self.knots.ncols()
+        self.knots.columns.ncols()
     }
 
     /// The values of the whole variant.
@@ -321,18 +321,33 @@ impl Joint {
 
     /// Adds what the displacements of measured points do; they are small, so it is linear in them.
     fn displace(&self, fitted: &[f64], factors: &[f64], residuals: &mut DVector<f64>) {
-        for (knot, amount) in self.knots.column_iter().zip(&fitted[self.used.len()..]) {
-            for (row, derivative) in knot.iter().enumerate() {
-                residuals[row] += derivative * amount * factors[row];
-            }
+        let moved = self.knots.moved(&fitted[self.used.len()..]);
+        for ((residual, moved), factor) in residuals.iter_mut().zip(moved).zip(factors) {
+            *residual += moved * factor;
         }
     }
 
     /// Residuals and Jacobian at a point, in units of the noise times `factors`.
     pub fn linearize(&self, fitted: &[f64], factors: &[f64]) -> Linear {
+        let mut jacobian = self.groups.zeros();
+        for row in 0..self.rows.len() {
+            let derivatives = self.knots.columns.row(row);
+            let own = derivatives
+                .iter()
+                .map(|derivative| derivative * factors[row]);
+            jacobian.set_row(row, (self.used.len()..).zip(own));
+        }
+        self.linearized(fitted, factors, jacobian)
+    }
+
+    /// The same from the Jacobian at another point with these factors: derivatives by displacements are the same everywhere.
+    pub(crate) fn relinearize(&self, fitted: &[f64], factors: &[f64], before: Grouped) -> Linear {
+        self.linearized(fitted, factors, before.refilling(self.used.len()))
+    }
+
+    fn linearized(&self, fitted: &[f64], factors: &[f64], mut jacobian: Filling) -> Linear {
         let (rows, columns) = (self.rows.len(), fitted.len());
         let mut residuals = DVector::zeros(rows + columns);
-        let mut jacobian = self.groups.zeros();
         let of_parts = parallel::map(&self.parts, |rows| {
             let (part, local) = (&rows.part, rows.local(fitted));
             let mut plain = vec![0.0; part.weights.len()];
@@ -353,29 +368,26 @@ impl Joint {
                     pattern.row_starts[within + 1] as usize,
                 );
                 let offset = k / shape.residuals * pattern.len();
-                for entry in start..end {
-                    let column = part.parameters[pattern.columns[entry] as usize];
-                    jacobian.set(row, column, entries[offset + entry] * weight);
-                }
+                let of_row = pattern.columns[start..end].iter();
+                let columns = of_row.map(|&column| part.parameters[column as usize]);
+                let own = entries[offset + start..offset + end].iter();
+                jacobian.set_row(row, columns.zip(own.map(|entry| entry * weight)));
             }
         }
         self.displace(fitted, factors, &mut residuals);
-        for (k, knot) in self.knots.column_iter().enumerate() {
-            for (row, derivative) in knot.iter().enumerate() {
-                jacobian.set(row, self.used.len() + k, derivative * factors[row]);
-            }
-        }
         for (column, &value) in fitted.iter().enumerate() {
             let row = rows + column;
             let prior = self.priors.get(column);
             let known = prior.and_then(|p| Some((p.value, p.tolerance.filter(|t| *t > 0.0)?)));
             if let Some((mean, tolerance)) = known {
-                jacobian.set(row, column, tolerance.recip());
                 residuals[row] = (value - mean) / tolerance;
-            } else {
+                if column < jacobian.open() {
+                    jacobian.set_row(row, [(column, tolerance.recip())]);
+                }
+            } else if column < jacobian.open() {
                 let norm = jacobian.norm(column);
                 let weak = if norm > 0.0 { WEAK * norm } else { 1.0 };
-                jacobian.set(row, column, weak);
+                jacobian.set_row(row, [(column, weak)]);
             }
         }
         Linear {

@@ -51,7 +51,7 @@ pub fn run<R>(
     let mut remarks = folder.remarks.clone();
     remarks.extend(file.other_robot(robot));
     let variants = chosen_variants(robot, folder, &mut remarks);
-    let steps = variants.len() + 4;
+    let steps = 4;
     let mut done = 0;
     let mut next = |doing: &str| {
         progress(Progress { doing, done, steps });
@@ -66,7 +66,6 @@ pub fn run<R>(
         (&division, None),
         CATALOGUE,
     )?;
-    let mut mistakes = Some(check.mistakes.clone());
     next("checking assumptions");
     let assumptions = assumptions::check(robot, file, folder);
     let mut results = Vec::new();
@@ -76,21 +75,26 @@ pub fn run<R>(
     let calibrated = parallel::map(&variants, |variant| -> Result<_, Error> {
         let poses = &division.calibration;
         let calibration = calibrate(robot, variant, file, folder, poses, &session.options())?;
-        let mut found = result(&calibration, folder, &division.validation)?;
-        found.validation_outliers = session.validation_outliers(&calibration)?;
+        let ((found, outliers), fit) = parallel::both(
+            || {
+                parallel::both(
+                    || result(&calibration, folder, &division.validation),
+                    || session.validation_outliers(&calibration),
+                )
+            },
+            || {
+                // Mistakes of the input are those of all variants.
+                let mut known = Some(check.mistakes.clone());
+                of_calibration_knowing(&calibration, file, folder, poses, &mut known)
+            },
+        );
+        let mut found = found?;
+        found.validation_outliers = outliers?;
+        found.fit = Some(fit?);
         Ok((calibration, found))
     });
     for (variant, calibrated) in variants.into_iter().zip(calibrated) {
-        next(&format!("judging {}", variant.name));
-        let of_variant = || {
-            let (calibration, mut found) = calibrated?;
-            // Mistakes that one variant found are those of all.
-            let poses = &division.calibration;
-            let fit = of_calibration_knowing(&calibration, file, folder, poses, &mut mistakes)?;
-            found.fit = Some(fit);
-            Ok((calibration, found))
-        };
-        match of_variant() {
+        match calibrated {
             Ok((calibration, found)) => {
                 results.push(found);
                 layouts.extend(layout(&calibration, folder));
