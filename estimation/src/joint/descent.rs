@@ -202,7 +202,7 @@ impl Descent {
         self.is_settled = true;
         for iteration in 1..=end.iterations {
             let cost = self.residuals.norm_squared();
-            let mut gradient = self.normal.gradient(&self.residuals);
+            let mut gradient = self.gradient(&self.residuals);
             let held = self.held(&gradient);
             for &k in &held {
                 gradient[k] = 0.0;
@@ -244,6 +244,11 @@ impl Descent {
         Ok(self)
     }
 
+    /// `Jᵀe`.
+    fn gradient(&self, residuals: &DVector<f64>) -> DVector<f64> {
+        (self.joint).gradient(self.normal.jacobian(), &self.factors, residuals)
+    }
+
     /// Unknowns at a bound that the residuals push against.
     fn held(&self, gradient: &DVector<f64>) -> Vec<usize> {
         let parameters = &self.joint.machine.variant.parameters;
@@ -283,7 +288,7 @@ impl Descent {
         let Some(b) = self.normal.inverse_factor() else {
             return self.scales;
         };
-        let step = -(&b * b.tr_mul(&self.normal.gradient(&self.residuals)));
+        let step = -(&b * b.tr_mul(&self.gradient(&self.residuals)));
         let after = &self.residuals + self.normal.moved(&step);
         let absorbed: [f64; Component::ALL.len()] = self.normal.absorbed(&b);
         Component::ALL.map(|component| {
@@ -327,7 +332,7 @@ impl Descent {
         let mut residuals = self.joint.residuals(&moved, &self.factors);
         for _ in 0..CORRECTIONS {
             let before = residuals.norm_squared();
-            let correction = -damped.solve(&self.normal.gradient(&residuals));
+            let correction = -damped.solve(&self.gradient(&residuals));
             let corrected = self.stepped(&moved, &correction, 1.0);
             let after = self.joint.residuals(&corrected, &self.factors);
             let now = after.norm_squared();

@@ -88,6 +88,16 @@ impl Knots {
         (self.by_point.iter())
             .map(move |own| own.iter().map(|&(point, by)| by * points[point]).sum())
     }
+
+    /// Products of all columns with a number for each row.
+    pub(super) fn gradient(&self, rows: impl Iterator<Item = f64>) -> DVector<f64> {
+        let mut of_points = DVector::zeros(self.shapes.nrows());
+        for (own, number) in self.by_point.iter().zip(rows) {
+            own.iter()
+                .for_each(|&(point, by)| of_points[point] += by * number);
+        }
+        self.shapes.tr_mul(&of_points)
+    }
 }
 
 /// By the displacements of the points of all piecewise tracks that set 2 takes part for; `None` where there are none.

@@ -327,6 +327,32 @@ impl Joint {
         }
     }
 
+    /// `Jᵀe` of a Jacobian with these factors.
+    pub(crate) fn gradient(
+        &self,
+        jacobian: &Grouped,
+        factors: &[f64],
+        residuals: &DVector<f64>,
+    ) -> DVector<f64> {
+        let first = self.used.len();
+        let mut gradient = jacobian.gradient_before(first, residuals);
+        let weighed = residuals.iter().zip(factors);
+        let by_knots = self
+            .knots
+            .gradient(weighed.map(|(residual, factor)| residual * factor));
+        for (k, own) in by_knots.iter().enumerate() {
+            gradient[first + k] += own;
+        }
+        // Where there is no prior, its row has no residual.
+        let of_priors = self.priors.iter().enumerate().skip(first);
+        for (column, prior) in of_priors {
+            if let Some(tolerance) = prior.tolerance.filter(|tolerance| *tolerance > 0.0) {
+                gradient[column] += residuals[self.rows.len() + column] / tolerance;
+            }
+        }
+        gradient
+    }
+
     /// Residuals and Jacobian at a point, in units of the noise times `factors`.
     pub fn linearize(&self, fitted: &[f64], factors: &[f64]) -> Linear {
         let mut jacobian = self.groups.zeros();
@@ -406,11 +432,15 @@ pub(crate) mod tests {
 
     /// Every fifth pose of the prototype under `Full`.
     pub(crate) fn of_set_1() -> (Joint, Vec<Sample>) {
+        of_set_1_on("Full")
+    }
+
+    fn of_set_1_on(variant: &str) -> (Joint, Vec<Sample>) {
         let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
         let folder = tau_robot::prototype::folder().unwrap();
         let file = tau_robot::prototype::robot_file().unwrap();
         let poses: Vec<usize> = (0..folder.tcp_poses.len()).step_by(5).collect();
-        let variant = robot.variant("Full").unwrap();
+        let variant = robot.variant(variant).unwrap();
         let prepared = Prepared::new(&robot, variant, &file, Some(&folder), &poses).unwrap();
         let samples = Sample::all(&robot, &folder, &poses, &Frames::default());
         let joint = Joint::new(prepared.machine, &prepared.nominal, &samples, file.noise);
@@ -451,6 +481,33 @@ pub(crate) mod tests {
         let of_rows = |vector: &DVector<f64>| vector.rows(0, joint.rows.len()).into_owned();
         let off = of_rows(&(found - &expected)).amax() / of_rows(&expected).amax();
         assert!(off < 1e-7, "{off}");
+    }
+
+    /// Displacements of points have derivatives that stay where the fit goes, and touch few rows.
+    #[test]
+    fn what_stays_is_what_is_made_anew() {
+        let (joint, samples) = of_set_1_on("FullPiecewise");
+        let joint = joint.with_path_noise(&samples, 1e-5);
+        assert!(joint.displacements() > 0);
+        let weights: Vec<f64> = (0..samples.len()).map(|k| 0.8 + 0.01 * k as f64).collect();
+        let factors = joint.factors(&[1.3, 1.0, 1.0, 1.0], &weights);
+        let at = joint.fitted(&joint.machine.values);
+        let moved: Vec<f64> = at.iter().map(|value| value + 1e-5).collect();
+        let before = joint.linearize(&at, &factors).jacobian;
+        let _known = before.gram();
+        let again = joint.relinearize(&moved, &factors, before);
+        let anew = joint.linearize(&moved, &factors);
+        assert_eq!(again.residuals, anew.residuals);
+        let dense = anew.jacobian.dense();
+        assert_eq!(again.jacobian.dense(), dense);
+        let gram = dense.tr_mul(&dense);
+        assert!((again.jacobian.gram() - &gram).amax() < 1e-12 * gram.amax());
+        let gradient = dense.tr_mul(&anew.residuals);
+        let found = joint.gradient(&again.jacobian, &factors, &anew.residuals);
+        for (column, (found, expected)) in found.iter().zip(&gradient).enumerate() {
+            let scale = dense.column(column).norm() * anew.residuals.norm();
+            assert!((found - expected).abs() < 1e-12 * scale, "column {column}");
+        }
     }
 
     /// Those of the priors too, off their means.

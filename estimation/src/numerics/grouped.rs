@@ -143,6 +143,11 @@ impl Pattern {
             places,
         }
     }
+
+    /// Number of its columns that come before one of the matrix.
+    fn before(&self, end: usize) -> usize {
+        self.columns.partition_point(|&column| column < end)
+    }
 }
 
 impl Filling {
@@ -180,10 +185,9 @@ impl Filling {
     }
 
     pub(crate) fn filled(self) -> Grouped {
-        let open = |pattern: &Pattern| pattern.columns.partition_point(|&k| k < self.known_from);
         let blocks = (self.groups.patterns.iter())
             .zip(self.blocks)
-            .map(|(pattern, block)| (open(pattern), block))
+            .map(|(pattern, block)| (pattern.before(self.known_from), block))
             .collect();
         Grouped {
             blocks: parallel::map_owned(blocks, |(open, block)| block.known_behind(open)),
@@ -422,9 +426,15 @@ impl Grouped {
 
     /// `Jᵀe`.
     pub fn gradient(&self, residuals: &DVector<f64>) -> DVector<f64> {
+        self.gradient_before(self.groups.columns, residuals)
+    }
+
+    /// The same of the first columns; zero of the others.
+    pub(crate) fn gradient_before(&self, end: usize, residuals: &DVector<f64>) -> DVector<f64> {
         let mut gradient = DVector::zeros(self.groups.columns);
         for (pattern, block) in self.iter() {
-            let own = (block.entries).tr_mul(&residuals.select_rows(&pattern.rows));
+            let first = block.entries.columns(0, pattern.before(end));
+            let own = first.tr_mul(&residuals.select_rows(&pattern.rows));
             for (&column, value) in pattern.columns.iter().zip(own.iter()) {
                 gradient[column] += block.factor * value;
             }
@@ -462,14 +472,31 @@ mod tests {
             _ => 0.25,
         };
         let of_rows: Vec<f64> = (0..200).map(factors).collect();
-        let mut scaled = matrix.clone();
-        for (mut row, &factor) in scaled.row_iter_mut().zip(&of_rows) {
-            row *= factor;
-        }
+        // Few rows of a group, whose products are known.
+        let of_few: Vec<f64> = (0..200)
+            .map(|row| if row % 9 == 2 { 0.3 } else { 1.0 })
+            .collect();
+        let scaled = |matrix: &DMatrix<f64>, factors: &[f64]| {
+            DMatrix::from_fn(200, 70, |row, column| factors[row] * matrix[(row, column)])
+        };
         let grouped = Grouped::of(&matrix);
         assert_eq!(grouped.blocks.len(), 4);
-        let grouped_scaled = Grouped::of(&matrix).scaled(&of_rows);
-        for (matrix, grouped) in [(matrix, grouped), (scaled, grouped_scaled)] {
+        let by_rows = scaled(&matrix, &of_rows);
+        let by_few = scaled(&by_rows, &of_few);
+        let grouped_by_rows = Grouped::of(&matrix).scaled(&of_rows);
+        let _known = grouped_by_rows.gram();
+        let grouped_by_few = grouped_by_rows.clone().scaled(&of_few);
+        assert!(
+            grouped_by_few
+                .blocks
+                .iter()
+                .all(|block| block.gram.get().is_some())
+        );
+        for (matrix, grouped) in [
+            (matrix, grouped),
+            (by_rows, grouped_by_rows),
+            (by_few, grouped_by_few),
+        ] {
             assert!((grouped.dense() - &matrix).amax() < 1e-12);
             let product = &matrix * &right;
             assert!((grouped.times(&right) - &product).amax() < 1e-12);
@@ -491,7 +518,7 @@ mod tests {
         });
         let mut filling = groups.zeros();
         for row in 0..90 {
-            (0..3).for_each(|column| filling.set(row, column, matrix[(row, column)]));
+            filling.set_row(row, (0..3).map(|column| (column, matrix[(row, column)])));
         }
         assert!((filling.norm(1) - matrix.column(1).norm()).abs() < 1e-12);
         let traces: [f64; 2] = filling.filled().traces(&DMatrix::identity(3, 3));
