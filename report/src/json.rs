@@ -3,6 +3,7 @@
 //! Values that do not apply are `null`: the orientation of a reduced arm, the direction of a piecewise track. So
 //! is a number that is not finite.
 
+use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 use tau::assumptions::{PathDeviation, TrackComparison, TrackLinearity};
 use tau::calibration::{LinkResult, ParameterEstimate};
@@ -32,11 +33,10 @@ pub fn document(mut value: Value) -> String {
 ///
 /// `discovery` is `null` where the search for effects was left out, or failed; then a remark says why.
 pub fn study(study: &Study) -> Value {
-    let variants: Map<_, _> = study
-        .variants
-        .iter()
+    let variants: Vec<_> = (study.variants.par_iter())
         .map(|result| (result.name.clone(), variant(result)))
         .collect();
+    let variants = Map::from_iter(variants);
     let order: Vec<_> = study
         .variants
         .iter()

@@ -14,10 +14,10 @@ pub(crate) const MANIFEST: &str = "manifest.json";
 const FIELD: &str = "files";
 
 /// The manifest of some files: names and contents.
-pub(crate) fn manifest(files: &[(&str, &str)]) -> String {
+pub(crate) fn manifest(files: &[(String, String)]) -> String {
     let sums: BTreeMap<&str, String> = files
         .iter()
-        .map(|(name, text)| (*name, Input::new(name, text.as_bytes()).sha256))
+        .map(|(name, text)| (name.as_str(), Input::new(name, text.as_bytes()).sha256))
         .collect();
     format!("{:#}\n", json!({ FIELD: sums }))
 }

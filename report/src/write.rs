@@ -31,24 +31,28 @@ pub fn write_study(folder: &Path, study: &Study, record: &Record) -> io::Result<
 
 /// Files of [`write_study`]: paths and contents.
 pub fn study_files(folder: &Path, study: &Study, record: &Record) -> Vec<(PathBuf, String)> {
-    let figures = figures::all(study);
-    let page = html::page(study, &figures, record);
+    let drawn = || {
+        let figures = figures::all(study);
+        let page = html::page(study, &figures, record);
+        (figures, page)
+    };
+    let results = || json::document(timeless(json::study(study)));
+    let ((figures, page), results) = rayon::join(drawn, results);
     let machine = first_page::drawing(study).map(|drawing| drawing.svg);
-    let named = figures
-        .iter()
-        .map(|figure| (figure.file_name.as_str(), figure.svg.as_str()));
-    let drawn: Vec<(&str, &str)> = (machine.iter().map(|svg| ("machine.svg", svg.as_str())))
-        .chain(named)
-        .collect();
-    let results = json::document(timeless(json::study(study)));
-    let mut files = vec![("report.html", page.as_str()), ("study.json", &results)];
-    files.extend(drawn);
+    let mut files = vec![
+        ("report.html".to_owned(), page),
+        ("study.json".to_owned(), results),
+    ];
+    files.extend(machine.map(|svg| ("machine.svg".to_owned(), svg)));
+    files.extend(
+        figures
+            .into_iter()
+            .map(|figure| (figure.file_name, figure.svg)),
+    );
     let manifest = stale::manifest(&files);
-    files.push((MANIFEST, &manifest));
-    files
-        .into_iter()
-        .map(|(name, content)| (folder.join(name), content.to_owned()))
-        .collect()
+    files.push((MANIFEST.to_owned(), manifest));
+    let at_place = |(name, content): (String, String)| (folder.join(name), content);
+    files.into_iter().map(at_place).collect()
 }
 
 /// A study without the time that its search took, so that the file is the same where the results are.

@@ -16,7 +16,7 @@ use nalgebra::DVector;
 use tau_runtime::Owner;
 
 use crate::calibration::error::Error;
-use crate::joint::{Component, Joint};
+use crate::joint::{Component, Joint, Linear};
 use crate::numerics::projection::{Damped, Normal};
 use crate::samples::Sample;
 use crate::samples::outliers;
@@ -89,8 +89,11 @@ impl Descent {
         weights: Vec<f64>,
     ) -> Result<Self, Error> {
         let factors = joint.factors(&scales, &weights);
-        let linear = joint.linearize(&fitted, &factors);
-        let Some(normal) = Normal::from(linear.jacobian) else {
+        let Linear {
+            residuals,
+            jacobian,
+        } = joint.linearize(&fitted, &factors);
+        let Some(normal) = Normal::from(jacobian) else {
             return Err(not_converged(&joint, "the derivatives are not finite"));
         };
         Ok(Self {
@@ -99,9 +102,26 @@ impl Descent {
             scales,
             weights,
             factors,
-            residuals: linear.residuals,
+            residuals,
             normal,
             is_settled: true,
+        })
+    }
+
+    /// The same at other values.
+    fn moved_to(self, fitted: Vec<f64>) -> Result<Self, Error> {
+        let Linear {
+            residuals,
+            jacobian,
+        } = (self.joint).relinearize(&fitted, &self.factors, self.normal.into_jacobian());
+        let Some(normal) = Normal::from(jacobian) else {
+            return Err(not_converged(&self.joint, "the derivatives are not finite"));
+        };
+        Ok(Self {
+            fitted,
+            residuals,
+            normal,
+            ..self
         })
     }
 
@@ -182,7 +202,7 @@ impl Descent {
         self.is_settled = true;
         for iteration in 1..=end.iterations {
             let cost = self.residuals.norm_squared();
-            let mut gradient = self.normal.gradient(&self.residuals);
+            let mut gradient = self.gradient(&self.residuals);
             let held = self.held(&gradient);
             for &k in &held {
                 gradient[k] = 0.0;
@@ -215,13 +235,18 @@ impl Descent {
                 return Ok(self);
             };
             damping = f64::max(damping / DAMPED, LEAST_DAMPING);
-            self = Self::from(self.joint, moved, self.scales, self.weights)?;
+            self = self.moved_to(moved)?;
             if fall < end.share * cost {
                 return Ok(self);
             }
             self.is_settled = iteration < end.iterations || fall < UNSETTLED * cost;
         }
         Ok(self)
+    }
+
+    /// `Jᵀe`.
+    fn gradient(&self, residuals: &DVector<f64>) -> DVector<f64> {
+        (self.joint).gradient(self.normal.jacobian(), &self.factors, residuals)
     }
 
     /// Unknowns at a bound that the residuals push against.
@@ -263,7 +288,7 @@ impl Descent {
         let Some(b) = self.normal.inverse_factor() else {
             return self.scales;
         };
-        let step = -(&b * b.tr_mul(&self.normal.gradient(&self.residuals)));
+        let step = -(&b * b.tr_mul(&self.gradient(&self.residuals)));
         let after = &self.residuals + self.normal.moved(&step);
         let absorbed: [f64; Component::ALL.len()] = self.normal.absorbed(&b);
         Component::ALL.map(|component| {
@@ -307,7 +332,7 @@ impl Descent {
         let mut residuals = self.joint.residuals(&moved, &self.factors);
         for _ in 0..CORRECTIONS {
             let before = residuals.norm_squared();
-            let correction = -damped.solve(&self.normal.gradient(&residuals));
+            let correction = -damped.solve(&self.gradient(&residuals));
             let corrected = self.stepped(&moved, &correction, 1.0);
             let after = self.joint.residuals(&corrected, &self.factors);
             let now = after.norm_squared();

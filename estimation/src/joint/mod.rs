@@ -7,7 +7,7 @@ mod start;
 pub mod unknown;
 pub mod variant;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 use tau_kinematics::Machine;
 use tau_robot::robot_file::Noise;
 use tau_solver::Problem;
@@ -16,7 +16,8 @@ pub use crate::problem::{Component, Eliminated, Origin, RowPlace};
 
 use crate::calibration::error::Error;
 use crate::calibration::nominal::Nominal;
-use crate::numerics::grouped::{Grouped, Groups};
+use crate::joint::knots::Knots;
+use crate::numerics::grouped::{Filling, Grouped, Groups};
 use crate::numerics::parallel;
 use crate::problem::{self, Closures, Part, Residuals, parameters};
 use crate::samples::Sample;
@@ -48,9 +49,8 @@ pub struct Joint {
     /// Prior of each of them.
     pub priors: Vec<Nominal>,
     parts: Vec<Rows>,
-    /// Derivatives of all rows, in units of the stated noise, by the displacements of the points that
-    /// piecewise tracks pass through: unknowns of the fit behind the parameters.
-    knots: DMatrix<f64>,
+    /// Displacements of the points that piecewise tracks pass through: unknowns of the fit behind the parameters.
+    knots: Knots,
     /// Dependence of rows, those of the priors too, on columns.
     pub(crate) groups: Groups,
     /// Sample, component and place within the sample of each row.
@@ -115,9 +115,9 @@ impl Joint {
         let closures = Closures::Eliminated(&groups);
         let mut joint = Self::with(machine, nominal, samples, noise, closures)?;
         if !objects.is_empty() {
-            let of_paths = joint.knots.ncols();
-            let of_objects = knots::columns_of_objects(&groups, joint.rows.len());
-            joint.knots = knots::beside(&joint.knots, &of_objects);
+            let of_paths = joint.displacements();
+            let of_objects = Knots::of_objects(&groups, joint.rows.len());
+            joint.knots = joint.knots.beside(&of_objects);
             let unknown = Nominal::new(0.0, None);
             (joint.priors).extend(std::iter::repeat_n(unknown, of_paths));
             joint.priors.extend_from_slice(objects);
@@ -165,13 +165,13 @@ impl Joint {
             used,
             priors,
             parts,
-            knots: DMatrix::zeros(rows.len(), 0),
+            knots: Knots::none(rows.len()),
             groups: Groups::default(),
             rows,
             eliminated: vec![],
         };
         joint.groups = joint.groups();
-        if let Some(knots) = knots::columns(&joint, samples) {
+        if let Some(knots) = knots::measured(&joint, samples) {
             joint.knots = knots;
             joint.groups = joint.groups();
         }
@@ -182,17 +182,17 @@ impl Joint {
     /// prior, since no sample measures them.
     #[must_use]
     pub(crate) fn with_path_noise(mut self, samples: &[Sample], position_m: f64) -> Self {
-        if let Some(knots) = knots::columns_of_data(&self, samples) {
+        if let Some(knots) = knots::of_data(&self, samples) {
             let prior = Nominal::new(0.0, Some(position_m));
-            (self.priors).extend(std::iter::repeat_n(prior, knots.ncols()));
             self.knots = knots;
+            (self.priors).extend(std::iter::repeat_n(prior, self.displacements()));
             self.groups = self.groups();
         }
         self
     }
 
     fn groups(&self) -> Groups {
-        let columns = self.used.len() + self.knots.ncols();
+        let columns = self.used.len() + self.displacements();
         // Priors are none of the components.
         let of_priors = std::iter::repeat_n(Component::ALL.len(), columns);
         let kinds = self.rows.iter().map(|row| row.component as usize);
@@ -209,7 +209,7 @@ impl Joint {
                     }
                 }
             }
-            for (k, knot) in self.knots.column_iter().enumerate() {
+            for (k, knot) in self.knots.columns.column_iter().enumerate() {
                 for (row, _) in knot.iter().enumerate().filter(|(_, value)| **value != 0.0) {
                     mark(row, self.used.len() + k);
                 }
@@ -220,7 +220,7 @@ impl Joint {
 
     /// Number of displacements of measured points that are unknown.
     pub fn displacements(&self) -> usize {
-        self.knots.ncols()
+        self.knots.columns.ncols()
     }
 
     /// The values of the whole variant.
@@ -321,18 +321,59 @@ impl Joint {
 
     /// Adds what the displacements of measured points do; they are small, so it is linear in them.
     fn displace(&self, fitted: &[f64], factors: &[f64], residuals: &mut DVector<f64>) {
-        for (knot, amount) in self.knots.column_iter().zip(&fitted[self.used.len()..]) {
-            for (row, derivative) in knot.iter().enumerate() {
-                residuals[row] += derivative * amount * factors[row];
+        let moved = self.knots.moved(&fitted[self.used.len()..]);
+        for ((residual, moved), factor) in residuals.iter_mut().zip(moved).zip(factors) {
+            *residual += moved * factor;
+        }
+    }
+
+    /// `Jᵀe` of a Jacobian with these factors.
+    pub(crate) fn gradient(
+        &self,
+        jacobian: &Grouped,
+        factors: &[f64],
+        residuals: &DVector<f64>,
+    ) -> DVector<f64> {
+        let first = self.used.len();
+        let mut gradient = jacobian.gradient_before(first, residuals);
+        let weighed = residuals.iter().zip(factors);
+        let by_knots = self
+            .knots
+            .gradient(weighed.map(|(residual, factor)| residual * factor));
+        for (k, own) in by_knots.iter().enumerate() {
+            gradient[first + k] += own;
+        }
+        // Where there is no prior, its row has no residual.
+        let of_priors = self.priors.iter().enumerate().skip(first);
+        for (column, prior) in of_priors {
+            if let Some(tolerance) = prior.tolerance.filter(|tolerance| *tolerance > 0.0) {
+                gradient[column] += residuals[self.rows.len() + column] / tolerance;
             }
         }
+        gradient
     }
 
     /// Residuals and Jacobian at a point, in units of the noise times `factors`.
     pub fn linearize(&self, fitted: &[f64], factors: &[f64]) -> Linear {
+        let mut jacobian = self.groups.zeros();
+        for row in 0..self.rows.len() {
+            let derivatives = self.knots.columns.row(row);
+            let own = derivatives
+                .iter()
+                .map(|derivative| derivative * factors[row]);
+            jacobian.set_row(row, (self.used.len()..).zip(own));
+        }
+        self.linearized(fitted, factors, jacobian)
+    }
+
+    /// The same from the Jacobian at another point with these factors: derivatives by displacements are the same everywhere.
+    pub(crate) fn relinearize(&self, fitted: &[f64], factors: &[f64], before: Grouped) -> Linear {
+        self.linearized(fitted, factors, before.refilling(self.used.len()))
+    }
+
+    fn linearized(&self, fitted: &[f64], factors: &[f64], mut jacobian: Filling) -> Linear {
         let (rows, columns) = (self.rows.len(), fitted.len());
         let mut residuals = DVector::zeros(rows + columns);
-        let mut jacobian = self.groups.zeros();
         let of_parts = parallel::map(&self.parts, |rows| {
             let (part, local) = (&rows.part, rows.local(fitted));
             let mut plain = vec![0.0; part.weights.len()];
@@ -353,29 +394,26 @@ impl Joint {
                     pattern.row_starts[within + 1] as usize,
                 );
                 let offset = k / shape.residuals * pattern.len();
-                for entry in start..end {
-                    let column = part.parameters[pattern.columns[entry] as usize];
-                    jacobian.set(row, column, entries[offset + entry] * weight);
-                }
+                let of_row = pattern.columns[start..end].iter();
+                let columns = of_row.map(|&column| part.parameters[column as usize]);
+                let own = entries[offset + start..offset + end].iter();
+                jacobian.set_row(row, columns.zip(own.map(|entry| entry * weight)));
             }
         }
         self.displace(fitted, factors, &mut residuals);
-        for (k, knot) in self.knots.column_iter().enumerate() {
-            for (row, derivative) in knot.iter().enumerate() {
-                jacobian.set(row, self.used.len() + k, derivative * factors[row]);
-            }
-        }
         for (column, &value) in fitted.iter().enumerate() {
             let row = rows + column;
             let prior = self.priors.get(column);
             let known = prior.and_then(|p| Some((p.value, p.tolerance.filter(|t| *t > 0.0)?)));
             if let Some((mean, tolerance)) = known {
-                jacobian.set(row, column, tolerance.recip());
                 residuals[row] = (value - mean) / tolerance;
-            } else {
+                if column < jacobian.open() {
+                    jacobian.set_row(row, [(column, tolerance.recip())]);
+                }
+            } else if column < jacobian.open() {
                 let norm = jacobian.norm(column);
                 let weak = if norm > 0.0 { WEAK * norm } else { 1.0 };
-                jacobian.set(row, column, weak);
+                jacobian.set_row(row, [(column, weak)]);
             }
         }
         Linear {
@@ -394,11 +432,15 @@ pub(crate) mod tests {
 
     /// Every fifth pose of the prototype under `Full`.
     pub(crate) fn of_set_1() -> (Joint, Vec<Sample>) {
+        of_set_1_on("Full")
+    }
+
+    fn of_set_1_on(variant: &str) -> (Joint, Vec<Sample>) {
         let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
         let folder = tau_robot::prototype::folder().unwrap();
         let file = tau_robot::prototype::robot_file().unwrap();
         let poses: Vec<usize> = (0..folder.tcp_poses.len()).step_by(5).collect();
-        let variant = robot.variant("Full").unwrap();
+        let variant = robot.variant(variant).unwrap();
         let prepared = Prepared::new(&robot, variant, &file, Some(&folder), &poses).unwrap();
         let samples = Sample::all(&robot, &folder, &poses, &Frames::default());
         let joint = Joint::new(prepared.machine, &prepared.nominal, &samples, file.noise);
@@ -439,6 +481,33 @@ pub(crate) mod tests {
         let of_rows = |vector: &DVector<f64>| vector.rows(0, joint.rows.len()).into_owned();
         let off = of_rows(&(found - &expected)).amax() / of_rows(&expected).amax();
         assert!(off < 1e-7, "{off}");
+    }
+
+    /// Displacements of points have derivatives that stay where the fit goes, and touch few rows.
+    #[test]
+    fn what_stays_is_what_is_made_anew() {
+        let (joint, samples) = of_set_1_on("FullPiecewise");
+        let joint = joint.with_path_noise(&samples, 1e-5);
+        assert!(joint.displacements() > 0);
+        let weights: Vec<f64> = (0..samples.len()).map(|k| 0.8 + 0.01 * k as f64).collect();
+        let factors = joint.factors(&[1.3, 1.0, 1.0, 1.0], &weights);
+        let at = joint.fitted(&joint.machine.values);
+        let moved: Vec<f64> = at.iter().map(|value| value + 1e-5).collect();
+        let before = joint.linearize(&at, &factors).jacobian;
+        let _known = before.gram();
+        let again = joint.relinearize(&moved, &factors, before);
+        let anew = joint.linearize(&moved, &factors);
+        assert_eq!(again.residuals, anew.residuals);
+        let dense = anew.jacobian.dense();
+        assert_eq!(again.jacobian.dense(), dense);
+        let gram = dense.tr_mul(&dense);
+        assert!((again.jacobian.gram() - &gram).amax() < 1e-12 * gram.amax());
+        let gradient = dense.tr_mul(&anew.residuals);
+        let found = joint.gradient(&again.jacobian, &factors, &anew.residuals);
+        for (column, (found, expected)) in found.iter().zip(&gradient).enumerate() {
+            let scale = dense.column(column).norm() * anew.residuals.norm();
+            assert!((found - expected).abs() < 1e-12 * scale, "column {column}");
+        }
     }
 
     /// Those of the priors too, off their means.

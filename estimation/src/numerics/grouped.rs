@@ -6,12 +6,12 @@
 //! are traces of them with the covariance.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use nalgebra::{DMatrix, DVector};
 
 use crate::numerics::parallel;
-use crate::numerics::products::transposed_times;
+use crate::numerics::products::{transposed_times, transposed_times_columns};
 
 /// Rows that are fewer share a group with others of their kind, whatever columns these have.
 const FEWEST: usize = 16;
@@ -47,14 +47,16 @@ pub struct Grouped {
 struct Block {
     entries: DMatrix<f64>,
     factor: f64,
-    /// Products of the columns with each other, without the factor.
-    gram: DMatrix<f64>,
+    /// Products of the columns with each other, without the factor, once they were asked for.
+    gram: OnceLock<DMatrix<f64>>,
 }
 
 /// A matrix that is being filled.
-pub(crate) struct Filling<'a> {
-    groups: &'a Groups,
-    entries: Vec<DMatrix<f64>>,
+pub(crate) struct Filling {
+    groups: Groups,
+    blocks: Vec<Block>,
+    /// Columns from this one on have their entries already.
+    known_from: usize,
 }
 
 impl Groups {
@@ -111,13 +113,14 @@ impl Groups {
     }
 
     /// A matrix of zeros, to be filled.
-    pub(crate) fn zeros(&self) -> Filling<'_> {
-        let patterns = self.patterns.iter();
+    pub(crate) fn zeros(&self) -> Filling {
+        let zeros = |pattern: &Pattern| {
+            Block::of(DMatrix::zeros(pattern.rows.len(), pattern.columns.len()))
+        };
         Filling {
-            groups: self,
-            entries: patterns
-                .map(|pattern| DMatrix::zeros(pattern.rows.len(), pattern.columns.len()))
-                .collect(),
+            groups: self.clone(),
+            blocks: self.patterns.iter().map(zeros).collect(),
+            known_from: self.columns,
         }
     }
 }
@@ -140,47 +143,97 @@ impl Pattern {
             places,
         }
     }
+
+    /// Number of its columns that come before one of the matrix.
+    fn before(&self, end: usize) -> usize {
+        self.columns.partition_point(|&column| column < end)
+    }
 }
 
-impl Filling<'_> {
-    /// Sets an entry that was marked.
-    pub(crate) fn set(&mut self, row: usize, column: usize, value: f64) {
-        if let Some((group, row)) = self.groups.places[row]
-            && let Some(column) = self.groups.patterns[group].places[column]
-        {
-            self.entries[group][(row, column)] = value;
-        } else {
-            debug_assert!(value == 0.0, "row {row}, column {column} was not marked");
+impl Filling {
+    /// Sets entries of a row that were marked.
+    pub(crate) fn set_row(&mut self, row: usize, entries: impl IntoIterator<Item = (usize, f64)>) {
+        let place = self.groups.places[row];
+        let mut own = place.map(|(group, row)| {
+            let places = &self.groups.patterns[group].places;
+            (places, row, &mut self.blocks[group].entries)
+        });
+        for (column, value) in entries {
+            if let Some((places, row, block)) = &mut own
+                && let Some(column) = places[column]
+            {
+                block[(*row, column)] = value;
+            } else {
+                debug_assert!(value == 0.0, "row {row}, column {column} was not marked");
+            }
         }
+    }
+
+    /// Number of the columns to be filled; those behind them are.
+    pub(crate) fn open(&self) -> usize {
+        self.known_from
     }
 
     /// Length of a column.
     pub(crate) fn norm(&self, column: usize) -> f64 {
-        let groups = self.groups.patterns.iter().zip(&self.entries);
-        let squares = groups.filter_map(|(pattern, entries)| {
+        let groups = self.groups.patterns.iter().zip(&self.blocks);
+        let squares = groups.filter_map(|(pattern, block)| {
             let place = pattern.places[column]?;
-            Some(entries.column(place).norm_squared())
+            Some(block.entries.column(place).norm_squared())
         });
         squares.sum::<f64>().sqrt()
     }
 
     pub(crate) fn filled(self) -> Grouped {
-        let grams = parallel::map(&self.entries, gram);
-        let blocks = self.entries.into_iter().zip(grams);
+        let blocks = (self.groups.patterns.iter())
+            .zip(self.blocks)
+            .map(|(pattern, block)| (pattern.before(self.known_from), block))
+            .collect();
         Grouped {
-            groups: self.groups.clone(),
-            blocks: blocks
-                .map(|(entries, gram)| Block {
-                    entries,
-                    factor: 1.0,
-                    gram,
-                })
-                .collect(),
+            blocks: parallel::map_owned(blocks, |(open, block)| block.known_behind(open)),
+            groups: self.groups,
         }
     }
 }
 
 impl Block {
+    fn of(entries: DMatrix<f64>) -> Self {
+        Self {
+            entries,
+            factor: 1.0,
+            gram: OnceLock::new(),
+        }
+    }
+
+    /// Products of the columns with each other, without the factor.
+    fn gram(&self) -> &DMatrix<f64> {
+        (self.gram).get_or_init(|| transposed_times(&self.entries, &self.entries))
+    }
+
+    /// The same after the first columns changed: products of the others, if they were known, stay.
+    fn known_behind(mut self, changed: usize) -> Self {
+        if let Some(gram) = self.gram.get_mut() {
+            let columns = 0..self.entries.ncols();
+            let anew =
+                transposed_times_columns((&self.entries, columns), (&self.entries, 0..changed));
+            gram.rows_mut(0, changed).copy_from(&anew.transpose());
+            gram.columns_mut(0, changed).copy_from(&anew);
+        }
+        self
+    }
+
+    /// The same with its factor among its entries.
+    fn plain(mut self) -> Self {
+        if self.factor != 1.0 {
+            self.entries *= self.factor;
+            if let Some(gram) = self.gram.get_mut() {
+                *gram *= self.factor.powi(2);
+            }
+            self.factor = 1.0;
+        }
+        self
+    }
+
     /// The same with a factor on each row.
     fn scaled(mut self, factors: &[f64]) -> Self {
         let first = factors.first().copied().unwrap_or(1.0);
@@ -188,41 +241,58 @@ impl Block {
             self.factor *= first;
             return self;
         }
+        // Where few rows change, their products do.
+        let changed: Vec<usize> = (0..factors.len())
+            .filter(|&row| factors[row] != 1.0)
+            .collect();
+        let known = self.gram.take();
+        let gram = known
+            .filter(|_| 2 * changed.len() < factors.len())
+            .map(|gram| {
+                let before = self.entries.select_rows(&changed);
+                let mut change = before.clone();
+                for (mut row, &of) in change.row_iter_mut().zip(&changed) {
+                    row *= factors[of].powi(2) - 1.0;
+                }
+                (gram + transposed_times(&before, &change)) * self.factor.powi(2)
+            });
         for mut column in self.entries.column_iter_mut() {
             let entries = column.iter_mut().zip(factors);
             entries.for_each(|(entry, factor)| *entry *= self.factor * factor);
         }
         Self {
-            gram: gram(&self.entries),
-            factor: 1.0,
-            ..self
+            gram: gram.map_or_else(OnceLock::new, OnceLock::from),
+            ..Self::of(self.entries)
         }
     }
-}
-
-fn gram(entries: &DMatrix<f64>) -> DMatrix<f64> {
-    transposed_times(entries, entries)
 }
 
 impl Grouped {
     /// Of a matrix by the zeros that it has.
     pub fn of(matrix: &DMatrix<f64>) -> Self {
-        let entries = || {
-            let columns = matrix.column_iter().enumerate();
-            columns.flat_map(|(column, values)| {
-                let values: Vec<f64> = values.iter().copied().collect();
-                let is_there = move |(row, value): (usize, f64)| {
-                    (value != 0.0).then_some((row, column, value))
-                };
-                values.into_iter().enumerate().filter_map(is_there)
-            })
-        };
         let groups = Groups::of(&vec![0; matrix.nrows()], matrix.ncols(), |mark| {
-            entries().for_each(|(row, column, _)| mark(row, column));
+            for (column, values) in matrix.column_iter().enumerate() {
+                let is_there = values
+                    .iter()
+                    .enumerate()
+                    .filter(|(_, value)| **value != 0.0);
+                is_there.for_each(|(row, _)| mark(row, column));
+            }
         });
         let mut filling = groups.zeros();
-        entries().for_each(|(row, column, value)| filling.set(row, column, value));
+        for (row, values) in matrix.row_iter().enumerate() {
+            filling.set_row(row, values.iter().copied().enumerate());
+        }
         filling.filled()
+    }
+
+    /// To be filled anew in the columns before one; from it on, entries and what is known of them stay.
+    pub(crate) fn refilling(self, known_from: usize) -> Filling {
+        Filling {
+            groups: self.groups,
+            blocks: self.blocks.into_iter().map(Block::plain).collect(),
+            known_from,
+        }
     }
 
     /// The whole matrix.
@@ -292,9 +362,11 @@ impl Grouped {
     /// `JᵀJ`.
     pub fn gram(&self) -> DMatrix<f64> {
         let mut gram = DMatrix::zeros(self.groups.columns, self.groups.columns);
+        // Those that are not known yet, side by side.
+        self.map(|_, block| _ = block.gram());
         for (pattern, block) in self.iter() {
             let square = block.factor * block.factor;
-            for (&column, own) in pattern.columns.iter().zip(block.gram.column_iter()) {
+            for (&column, own) in pattern.columns.iter().zip(block.gram().column_iter()) {
                 let mut target = gram.column_mut(column);
                 for (&row, value) in pattern.columns.iter().zip(own.iter()) {
                     target[row] += square * value;
@@ -312,7 +384,7 @@ impl Grouped {
                 continue;
             };
             let square = block.factor * block.factor;
-            for (&column, own) in pattern.columns.iter().zip(block.gram.column_iter()) {
+            for (&column, own) in pattern.columns.iter().zip(block.gram().column_iter()) {
                 let variances = covariance.column(column);
                 let products = pattern.columns.iter().zip(own.iter());
                 *trace += square
@@ -354,9 +426,15 @@ impl Grouped {
 
     /// `Jᵀe`.
     pub fn gradient(&self, residuals: &DVector<f64>) -> DVector<f64> {
+        self.gradient_before(self.groups.columns, residuals)
+    }
+
+    /// The same of the first columns; zero of the others.
+    pub(crate) fn gradient_before(&self, end: usize, residuals: &DVector<f64>) -> DVector<f64> {
         let mut gradient = DVector::zeros(self.groups.columns);
         for (pattern, block) in self.iter() {
-            let own = (block.entries).tr_mul(&residuals.select_rows(&pattern.rows));
+            let first = block.entries.columns(0, pattern.before(end));
+            let own = first.tr_mul(&residuals.select_rows(&pattern.rows));
             for (&column, value) in pattern.columns.iter().zip(own.iter()) {
                 gradient[column] += block.factor * value;
             }
@@ -394,14 +472,31 @@ mod tests {
             _ => 0.25,
         };
         let of_rows: Vec<f64> = (0..200).map(factors).collect();
-        let mut scaled = matrix.clone();
-        for (mut row, &factor) in scaled.row_iter_mut().zip(&of_rows) {
-            row *= factor;
-        }
+        // Few rows of a group, whose products are known.
+        let of_few: Vec<f64> = (0..200)
+            .map(|row| if row % 9 == 2 { 0.3 } else { 1.0 })
+            .collect();
+        let scaled = |matrix: &DMatrix<f64>, factors: &[f64]| {
+            DMatrix::from_fn(200, 70, |row, column| factors[row] * matrix[(row, column)])
+        };
         let grouped = Grouped::of(&matrix);
         assert_eq!(grouped.blocks.len(), 4);
-        let grouped_scaled = Grouped::of(&matrix).scaled(&of_rows);
-        for (matrix, grouped) in [(matrix, grouped), (scaled, grouped_scaled)] {
+        let by_rows = scaled(&matrix, &of_rows);
+        let by_few = scaled(&by_rows, &of_few);
+        let grouped_by_rows = Grouped::of(&matrix).scaled(&of_rows);
+        let _known = grouped_by_rows.gram();
+        let grouped_by_few = grouped_by_rows.clone().scaled(&of_few);
+        assert!(
+            grouped_by_few
+                .blocks
+                .iter()
+                .all(|block| block.gram.get().is_some())
+        );
+        for (matrix, grouped) in [
+            (matrix, grouped),
+            (by_rows, grouped_by_rows),
+            (by_few, grouped_by_few),
+        ] {
             assert!((grouped.dense() - &matrix).amax() < 1e-12);
             let product = &matrix * &right;
             assert!((grouped.times(&right) - &product).amax() < 1e-12);
@@ -423,7 +518,7 @@ mod tests {
         });
         let mut filling = groups.zeros();
         for row in 0..90 {
-            (0..3).for_each(|column| filling.set(row, column, matrix[(row, column)]));
+            filling.set_row(row, (0..3).map(|column| (column, matrix[(row, column)])));
         }
         assert!((filling.norm(1) - matrix.column(1).norm()).abs() < 1e-12);
         let traces: [f64; 2] = filling.filled().traces(&DMatrix::identity(3, 3));

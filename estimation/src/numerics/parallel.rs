@@ -21,6 +21,12 @@ pub fn map<T: Sync, R: Send>(items: &[T], work: impl Fn(&T) -> R + Sync) -> Vec<
     items.par_iter().with_max_len(1).map(&work).collect()
 }
 
+/// The same of items that the work takes.
+pub fn map_owned<T: Send, R: Send>(items: Vec<T>, work: impl Fn(T) -> R + Sync) -> Vec<R> {
+    let items = items.into_par_iter().with_max_len(1);
+    items.map(&work).collect()
+}
+
 #[cfg(test)]
 mod tests {
     #[test]

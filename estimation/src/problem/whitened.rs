@@ -75,6 +75,19 @@ pub struct Origin {
     pub unit: &'static str,
 }
 
+/// Samples that are evaluated together: what is passed from closure to closure stays in the nearest cache.
+const CHUNK: usize = 64;
+
+/// Room for a closure at some samples.
+#[derive(Default)]
+struct Room {
+    parameters: Vec<f64>,
+    prepared: Vec<f64>,
+    residuals: Vec<f64>,
+    entries: Vec<f64>,
+    columns: Vec<usize>,
+}
+
 impl WhitenedPose {
     /// The closures of a pose of which the noise is known.
     pub(crate) fn new(closures: Vec<Instance>) -> Self {
@@ -176,24 +189,88 @@ impl WhitenedPose {
         Some(inverse.transpose().as_slice().to_vec())
     }
 
-    /// The parameters of a closure, and what it has prepared of all samples; `start` is where that begins in each.
-    fn of_closure(
+    /// Takes the parameters of a closure, and what it has prepared of some samples; `start` is where that begins in each.
+    fn gather(&self, closure: usize, start: usize, from: (&[f64], &[f64]), room: &mut Room) {
+        let (prepared, parameters) = from;
+        let columns = self.columns[closure].iter();
+        room.parameters.clear();
+        room.parameters
+            .extend(columns.map(|&column| parameters[column]));
+        let end = start + self.closures[closure].family.shape().prepared;
+        room.prepared.clear();
+        for sample in prepared.chunks_exact(self.shape.prepared) {
+            room.prepared.extend_from_slice(&sample[start..end]);
+        }
+    }
+
+    /// [`ResidualFamily::value_all`] of a few samples.
+    fn values(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64], room: &mut Room) {
+        let (rows, closures) = (self.shape.residuals, self.closures.len());
+        room.residuals.resize(residuals.len() / rows, 0.0);
+        let mut start = 0;
+        self.begin(prepared, residuals);
+        for (row, closure) in self.closures.iter().enumerate() {
+            self.gather(row, start, (prepared, parameters), room);
+            (closure.family).value_all(&room.prepared, &room.parameters, &mut room.residuals);
+            start += closure.family.shape().prepared;
+            for (((factor, _), plain), residuals) in (self.factors(prepared))
+                .zip(&room.residuals)
+                .zip(residuals.chunks_exact_mut(rows))
+            {
+                let first = self.first_row(row);
+                for (to, residual) in residuals.iter_mut().enumerate().skip(first) {
+                    *residual += factor[to * closures + row] * plain;
+                }
+            }
+        }
+    }
+
+    /// [`ResidualFamily::linearize_all`] of a few samples.
+    fn derivatives(
         &self,
-        closure: usize,
-        start: usize,
         prepared: &[f64],
         parameters: &[f64],
-    ) -> (Vec<f64>, Vec<f64>) {
-        let columns = self.columns[closure].iter();
-        let end = start + self.closures[closure].family.shape().prepared;
-        let samples = prepared.chunks_exact(self.shape.prepared);
-        (
-            columns.map(|&column| parameters[column]).collect(),
-            samples
-                .flat_map(|sample| &sample[start..end])
-                .copied()
-                .collect(),
-        )
+        (residuals, jacobian): (&mut [f64], &mut [f64]),
+        room: &mut Room,
+    ) {
+        let (rows, closures) = (self.shape.residuals, self.closures.len());
+        let samples = residuals.len() / rows;
+        room.residuals.resize(samples, 0.0);
+        let mut start = 0;
+        self.begin(prepared, residuals);
+        jacobian.fill(0.0);
+        for (row, closure) in self.closures.iter().enumerate() {
+            self.gather(row, start, (prepared, parameters), room);
+            let pattern = closure.family.pattern();
+            room.entries.resize(samples * pattern.len(), 0.0);
+            (closure.family).linearize_all(
+                &room.prepared,
+                &room.parameters,
+                &mut room.residuals,
+                &mut room.entries,
+            );
+            start += closure.family.shape().prepared;
+            let columns = pattern.columns.iter();
+            room.columns.clear();
+            (room.columns).extend(columns.map(|&column| self.columns[row][column as usize]));
+            let of_samples = (self.factors(prepared))
+                .zip(residuals.chunks_exact_mut(rows))
+                .zip(jacobian.chunks_exact_mut(self.pattern.len()))
+                .enumerate();
+            for (sample, (((factor, _), residuals), jacobian)) in of_samples {
+                let entries = &room.entries[sample * pattern.len()..][..pattern.len()];
+                let first = self.first_row(row);
+                for (to, residual) in residuals.iter_mut().enumerate().skip(first) {
+                    let weight = factor[to * closures + row];
+                    *residual += weight * room.residuals[sample];
+                    let of_row = &mut jacobian[self.row_starts[to] as usize..];
+                    let places = &self.places[to];
+                    for (&column, entry) in room.columns.iter().zip(entries) {
+                        of_row[places[column]] += weight * entry;
+                    }
+                }
+            }
+        }
     }
 
     /// The factor of each sample, by rows, and its constants.
@@ -266,23 +343,11 @@ impl ResidualFamily for WhitenedPose {
     }
 
     fn value_all(&self, prepared: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-        let (rows, closures) = (self.shape.residuals, self.closures.len());
-        let mut plain = vec![0.0; residuals.len() / rows];
-        let mut start = 0;
-        self.begin(prepared, residuals);
-        for (row, closure) in self.closures.iter().enumerate() {
-            let (local, own) = self.of_closure(row, start, prepared, parameters);
-            closure.family.value_all(&own, &local, &mut plain);
-            start += closure.family.shape().prepared;
-            for (((factor, _), plain), residuals) in (self.factors(prepared))
-                .zip(&plain)
-                .zip(residuals.chunks_exact_mut(rows))
-            {
-                let first = self.first_row(row);
-                for (to, residual) in residuals.iter_mut().enumerate().skip(first) {
-                    *residual += factor[to * closures + row] * plain;
-                }
-            }
+        let mut room = Room::default();
+        let chunks = prepared.chunks(CHUNK * self.shape.prepared);
+        let residuals = residuals.chunks_mut(CHUNK * self.shape.residuals);
+        for (prepared, residuals) in chunks.zip(residuals) {
+            self.values(prepared, parameters, residuals, &mut room);
         }
     }
 
@@ -293,39 +358,13 @@ impl ResidualFamily for WhitenedPose {
         residuals: &mut [f64],
         jacobian: &mut [f64],
     ) {
-        let (rows, closures) = (self.shape.residuals, self.closures.len());
-        let samples = residuals.len() / rows;
-        let (mut plain, mut entries) = (vec![0.0; samples], Vec::new());
-        let mut start = 0;
-        self.begin(prepared, residuals);
-        jacobian.fill(0.0);
-        for (row, closure) in self.closures.iter().enumerate() {
-            let (local, own) = self.of_closure(row, start, prepared, parameters);
-            let pattern = closure.family.pattern();
-            entries.resize(samples * pattern.len(), 0.0);
-            (closure.family).linearize_all(&own, &local, &mut plain, &mut entries);
-            start += closure.family.shape().prepared;
-            let columns = pattern.columns.iter();
-            let columns: Vec<usize> = columns
-                .map(|&column| self.columns[row][column as usize])
-                .collect();
-            let of_samples = (self.factors(prepared))
-                .zip(residuals.chunks_exact_mut(rows))
-                .zip(jacobian.chunks_exact_mut(self.pattern.len()))
-                .enumerate();
-            for (sample, (((factor, _), residuals), jacobian)) in of_samples {
-                let entries = &entries[sample * columns.len()..][..columns.len()];
-                let first = self.first_row(row);
-                for (to, residual) in residuals.iter_mut().enumerate().skip(first) {
-                    let weight = factor[to * closures + row];
-                    *residual += weight * plain[sample];
-                    let of_row = &mut jacobian[self.row_starts[to] as usize..];
-                    let places = &self.places[to];
-                    for (&column, entry) in columns.iter().zip(entries) {
-                        of_row[places[column]] += weight * entry;
-                    }
-                }
-            }
+        let mut room = Room::default();
+        let chunks = prepared.chunks(CHUNK * self.shape.prepared);
+        let to = residuals
+            .chunks_mut(CHUNK * self.shape.residuals)
+            .zip(jacobian.chunks_mut(CHUNK * self.pattern.len()));
+        for (prepared, to) in chunks.zip(to) {
+            self.derivatives(prepared, parameters, to, &mut room);
         }
     }
 }

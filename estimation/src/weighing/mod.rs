@@ -564,8 +564,9 @@ fn inverse_factor(descent: &Descent) -> Result<DMatrix<f64>, Error> {
 fn deleted(descent: &Descent, factor: &DMatrix<f64>, residuals: usize) -> Vec<(f64, f64)> {
     let joint = &descent.joint;
     let plain;
-    // Where all poses count wholly, the descent's own residuals and derivatives are those in question.
-    let (all, jacobian) = if descent.factors.iter().all(|&factor| factor == 1.0) {
+    // The descent's own residuals and derivatives are those in question but for the weights of poses that take part.
+    let is_whole = descent.weights.iter().all(|weight| *weight > 0.0);
+    let (all, jacobian) = if is_whole {
         (&descent.residuals, descent.normal.jacobian())
     } else {
         let ones = joint.factors(&[1.0; 4], &vec![1.0; descent.weights.len()]);
@@ -575,9 +576,10 @@ fn deleted(descent: &Descent, factor: &DMatrix<f64>, residuals: usize) -> Vec<(f
     let spread = jacobian.times(factor);
     let one = DMatrix::identity(residuals, residuals);
     let of_pose = |(pose, weight): (usize, &f64)| {
-        let own = all.rows(pose * residuals, residuals).into_owned();
-        let spread = spread.rows(pose * residuals, residuals);
-        let open = spread * spread.transpose();
+        let plain = if is_whole { weight.recip() } else { 1.0 };
+        let own = all.rows(pose * residuals, residuals) * plain;
+        let spread = spread.rows(pose * residuals, residuals) * plain;
+        let open = &spread * spread.transpose();
         let missed = (&one - &open * weight.powi(2))
             .try_inverse()
             .and_then(|others| {

@@ -51,46 +51,44 @@ pub fn run<R>(
     let mut remarks = folder.remarks.clone();
     remarks.extend(file.other_robot(robot));
     let variants = chosen_variants(robot, folder, &mut remarks);
-    let steps = variants.len() + 4;
+    let steps = 3;
     let mut done = 0;
     let mut next = |doing: &str| {
         progress(Progress { doing, done, steps });
         done += 1;
     };
 
-    next("checking the measurements");
-    let check = trust::check(
-        robot,
-        &variants,
-        (file, folder),
-        (&division, None),
-        CATALOGUE,
-    )?;
-    let mut mistakes = Some(check.mistakes.clone());
-    next("checking assumptions");
-    let assumptions = assumptions::check(robot, file, folder);
+    next("calibrating the variants");
+    let poses = &division.calibration;
+    let checks = || {
+        let divisions = (&division, None);
+        let check = trust::check(robot, &variants, (file, folder), divisions, CATALOGUE);
+        (check, assumptions::check(robot, file, folder))
+    };
+    let calibrated = || {
+        parallel::map(&variants, |variant| -> Result<_, Error> {
+            let calibration = calibrate(robot, variant, file, folder, poses, &session.options())?;
+            let mut found = result(&calibration, folder, &division.validation)?;
+            found.validation_outliers = session.validation_outliers(&calibration)?;
+            Ok((calibration, found))
+        })
+    };
+    let ((check, assumptions), calibrated) = parallel::both(checks, calibrated);
+    let check = check?;
+    next("judging them");
+    let calibrated = parallel::map_owned(calibrated, |calibrated| -> Result<_, Error> {
+        let (calibration, mut found) = calibrated?;
+        // Mistakes of the input are those of all variants.
+        let mut known = Some(check.mistakes.clone());
+        let fit = of_calibration_knowing(&calibration, file, folder, poses, &mut known)?;
+        found.fit = Some(fit);
+        Ok((calibration, found))
+    });
     let mut results = Vec::new();
     let mut layouts = Vec::new();
     let (mut full, mut failure) = (None, None);
-    next("calibrating the variants");
-    let calibrated = parallel::map(&variants, |variant| -> Result<_, Error> {
-        let poses = &division.calibration;
-        let calibration = calibrate(robot, variant, file, folder, poses, &session.options())?;
-        let mut found = result(&calibration, folder, &division.validation)?;
-        found.validation_outliers = session.validation_outliers(&calibration)?;
-        Ok((calibration, found))
-    });
     for (variant, calibrated) in variants.into_iter().zip(calibrated) {
-        next(&format!("judging {}", variant.name));
-        let of_variant = || {
-            let (calibration, mut found) = calibrated?;
-            // Mistakes that one variant found are those of all.
-            let poses = &division.calibration;
-            let fit = of_calibration_knowing(&calibration, file, folder, poses, &mut mistakes)?;
-            found.fit = Some(fit);
-            Ok((calibration, found))
-        };
-        match of_variant() {
+        match calibrated {
             Ok((calibration, found)) => {
                 results.push(found);
                 layouts.extend(layout(&calibration, folder));
