@@ -78,6 +78,8 @@ const ROUGH_NOISE: f64 = 1e-2;
 /// Moves of a base (m, rad) below which the weights of closures stay as they are: over links of a metre they turn by
 /// as little.
 const SAME_POSE: f64 = 1e-4;
+/// Standard deviations from which on a square is told from none, one in forty times by chance.
+const TOLD: f64 = 2.0;
 /// Share of a row, or of a kind's rows, that pays for the fit, above which nothing is left to tell its noise: the
 /// rest would be divided by a number that rounding and linearisation move.
 const ABSORBED: f64 = 0.95;
@@ -276,26 +278,54 @@ impl Fit<'_> {
         solve(&self.problem(values), &solver).map_err(failed)
     }
 
-    /// Takes closures that are exact for as noisy as what was measured, and returns iterations. Poses that closures hold
-    /// to much less can follow the machine along their curves in tiny steps alone, hundreds of them where tolerances are
-    /// wide; from where this ends, a few are left (a quadratic penalty that grows: J. Nocedal and S. J. Wright, *Numerical
-    /// Optimization*, 2006, section 17.1).
+    /// Comes near with closures that are exact taken for as noisy as what was measured, and returns iterations. Poses that
+    /// closures hold to much less can follow the machine along their curves in tiny steps alone, hundreds of them where
+    /// tolerances are wide; from where this ends, a few are left (a quadratic penalty that grows: J. Nocedal and S. J.
+    /// Wright, *Numerical Optimization*, 2006, section 17.1).
     fn approach(
         &mut self,
         values: &mut Vec<f64>,
         options: &calibration::Options,
     ) -> Result<usize, Error> {
-        let kinds = &mut self.assembly.kinds;
-        let Some(exact) = kinds.iter().position(|kind| kind.stated.is_none()) else {
+        let heights = self.heights();
+        let exact = (self.assembly.kinds.iter()).position(|kind| kind.stated.is_none());
+        if exact.is_none() && heights.is_empty() {
             return Ok(0);
-        };
-        let sigma = kinds[exact].sigma;
-        kinds[exact].sigma = sigma / CLOSURE_SHARE;
+        }
+        let kinds = self.assembly.kinds.clone();
+        if let Some(exact) = exact {
+            self.assembly.kinds[exact].sigma /= CLOSURE_SHARE;
+        }
         let solution = self.solved(values, ROUGH_COST, options);
-        self.assembly.kinds[exact].sigma = sigma;
+        self.assembly.kinds = kinds;
         let solution = solution?;
         values.clone_from(&solution.parameters);
         self.rebuild(values)?;
+        if !heights.is_empty() {
+            self.lay_in_plane(&heights, values);
+        }
         Ok(solution.iterations)
+    }
+
+    /// Indices of the heights of balls beside a plate that moves in the plane z = 0.
+    fn heights(&self) -> Vec<usize> {
+        let is_in_plane = !self.assembly.free.contains(&2);
+        let objects = self.assembly.objects.iter();
+        let balls = objects.filter(|object| is_in_plane && object.section == "balls");
+        balls.map(|ball| self.used.len() + ball.first + 2).collect()
+    }
+
+    /// Lays balls into the plane whose height is not told from none. Distances depend on its square, which noise may make
+    /// negative: a fit would go on towards the plane without an end. Where nothing is stated of it, it stays there.
+    fn lay_in_plane(&self, heights: &[usize], values: &mut [f64]) {
+        let reduced = self.elimination(values).reduce();
+        let (covariance, _) = self.determined(&reduced.triangle, 1.0);
+        for &height in heights {
+            let (at, sigma) = (values[height], covariance[(height, height)].sqrt());
+            // The square's own standard deviation is 2·at·sigma.
+            if at * at < TOLD * 2.0 * at.abs() * sigma {
+                values[height] = 0.0;
+            }
+        }
     }
 }

@@ -153,8 +153,8 @@ fn stated_place(stated: &Value) -> Vector3<f64> {
 ///
 /// These tell little along the direction in which the points spread least, nothing where a plate moves in a plane. The mean
 /// of the squares tells how far the ball is off in all, and so how far along that direction, but for the side. There the
-/// distances depend on the square of its height alone, to which a start in the plane is blind: it lies so far off as the
-/// squares, or a stated place, are uncertain.
+/// distances depend on the square of its height alone, and a fit that starts in the plane is blind to it: none starts
+/// nearer than the squares are uncertain.
 fn place_of_ball(rows: &[(Vector3<f64>, f64)], stated: Option<&Value>) -> Vector3<f64> {
     let count = rows.len().max(1) as f64;
     let mean = rows.iter().map(|(at, _)| at).sum::<Vector3<f64>>() / count;
@@ -172,33 +172,31 @@ fn place_of_ball(rows: &[(Vector3<f64>, f64)], stated: Option<&Value>) -> Vector
         eigenvalues: spreads,
     } = scatter.symmetric_eigen();
     let least = spreads.imin();
-    let across = axes.column(least);
-    let spread_m = (spreads[least] / count).max(0.0).sqrt();
-    if let Some(stated) = stated {
-        let place = stated_place(stated);
-        let side = (1.0_f64).copysign(across.dot(&(place - mean)));
-        let is_seen = spread_m > stated.tol;
-        return place + across * if is_seen { 0.0 } else { side * stated.tol };
-    }
     let by_differences = |axis: usize| {
         let is_told = spreads[axis] > f64::EPSILON * spreads.max();
         let found = axes.column(axis).dot(&right) / spreads[axis];
         if is_told { found } else { 0.0 }
     };
     let mut found = Vector3::from_fn(|axis, _| by_differences(axis));
-    found[least] = 0.0;
+    let told = std::mem::take(&mut found[least]);
     let in_plane = axes * found;
-    let left = -average - in_plane.norm_squared();
     let misfit = |row: &(Vector3<f64>, f64)| {
         (square(row) - average - 2.0 * in_plane.dot(&(row.0 - mean))).powi(2)
     };
     let uncertain = (rows.iter().map(misfit).sum::<f64>() / count).sqrt();
-    let height_m = left.max(uncertain).sqrt();
-    let told = by_differences(least);
-    found[least] = if spread_m > height_m {
+    let spread = (spreads[least] / count).max(0.0);
+    if let Some(stated) = stated {
+        let place = stated_place(stated);
+        let height_m = axes.column(least).dot(&(place - mean));
+        let is_blind = spread.max(height_m * height_m) < uncertain;
+        let off_m = uncertain.sqrt().min(stated.tol).copysign(height_m);
+        return place + axes.column(least) * if is_blind { off_m } else { 0.0 };
+    }
+    let square = (-average - in_plane.norm_squared()).max(uncertain);
+    found[least] = if spread > square {
         told
     } else {
-        height_m.copysign(told)
+        square.sqrt().copysign(told)
     };
     mean + axes * found
 }
