@@ -77,6 +77,7 @@ impl Subproblem {
         jacobian.transpose_times(residuals, &mut self.gradient);
         linear.load(jacobian, residuals);
         self.newton.is_full_rank = self.solve_damped(0.0, jacobian, residuals, linear);
+        self.predict(self.is_at_minimum(), jacobian, residuals);
         self.newton.step.copy_from_slice(&self.step);
         self.newton.predicted = self.predicted;
         self.newton.inverse_form = None;
@@ -143,6 +144,7 @@ impl Subproblem {
             self.solve_damped(damping, jacobian, residuals, linear);
             excess = norm(&self.step) - radius;
             if excess.abs() <= RADIUS_ACCURACY * radius {
+                self.predict(self.is_at_minimum(), jacobian, residuals);
                 return;
             }
             if excess > 0.0 {
@@ -161,11 +163,13 @@ impl Subproblem {
                 damping = (least * most).sqrt();
             }
         }
-        if excess > 0.0 {
+        let is_too_long = excess > 0.0;
+        if is_too_long {
             let shrink = radius / (radius + excess);
             self.step.iter_mut().for_each(|y| *y *= shrink);
-            self.predict(false, jacobian, residuals);
         }
+        let at_minimum = !is_too_long && self.is_at_minimum();
+        self.predict(at_minimum, jacobian, residuals);
     }
 
     /// `vᵀ (JᵀJ + damping I)⁻¹ v` for the step's direction v among the parameters not held: the
@@ -214,8 +218,12 @@ impl Subproblem {
             };
             self.held[worst] = false;
         }
-        self.predict(!self.held.contains(&true), jacobian, residuals);
         full_rank
+    }
+
+    /// True if no bound keeps the step of [`Self::solve_damped`] off the minimum of the damped model.
+    fn is_at_minimum(&self) -> bool {
+        !self.held.contains(&true)
     }
 
     /// Moves towards the target as far as the bounds allow; true if one of them stopped it.
@@ -289,7 +297,8 @@ impl Subproblem {
 
     /// True if a parameter is at a bound through which the gradient pushes it.
     fn is_blocked(&self, j: usize) -> bool {
-        (self.lower[j] >= 0.0 && self.gradient[j] >= 0.0)
-            || (self.upper[j] <= 0.0 && self.gradient[j] <= 0.0)
+        let is_below = self.lower[j] >= 0.0 && self.gradient[j] >= 0.0;
+        let is_above = self.upper[j] <= 0.0 && self.gradient[j] <= 0.0;
+        self.bounded && (is_below || is_above)
     }
 }

@@ -4,7 +4,7 @@
 //! So the path is displaced at each point by an unknown, of which the position in set 2 is a measurement
 //! like any other. Unknowns are tens of micrometres large, hence linear.
 
-use nalgebra::{DMatrix, DVector, SymmetricEigen, Vector3};
+use nalgebra::{DMatrix, SymmetricEigen, Vector3};
 use tau_kinematics::{Path, track_axes};
 use tau_robot::robot::TrackShape;
 
@@ -15,88 +15,120 @@ use crate::samples::frames::joints_on;
 
 /// Derivatives of all rows, in units of the stated noise, by unknowns that they are linear in: displacements of points that
 /// tracks pass through, and of objects.
+///
+/// A row depends on few points, and a point is displaced by few unknowns: all together they are never written down.
 #[derive(Clone)]
 pub(super) struct Knots {
-    /// Of all rows by all unknowns: `H·S`.
-    pub(super) columns: DMatrix<f64>,
-    /// `H`, by rows: points that each depends on, which are few, with the derivatives.
+    /// Of each row, the points that it depends on, with its derivatives.
     by_point: Vec<Vec<(usize, f64)>>,
-    /// `S`: displacement of each point by each unknown.
-    shapes: DMatrix<f64>,
+    points: Vec<Point>,
+    /// Number of the unknowns.
+    pub(super) count: usize,
+}
+
+/// A point, and its displacement by each of successive unknowns, of which the first is given.
+#[derive(Clone)]
+struct Point {
+    first: usize,
+    shares: Vec<f64>,
+}
+
+impl Point {
+    /// The unknowns, with the displacement by each.
+    fn by_unknown(&self) -> impl Iterator<Item = (usize, f64)> {
+        (self.first..).zip(self.shares.iter().copied())
+    }
 }
 
 impl Knots {
     /// None.
     pub(super) fn none(rows: usize) -> Self {
         Self {
-            columns: DMatrix::zeros(rows, 0),
             by_point: vec![vec![]; rows],
-            shapes: DMatrix::zeros(0, 0),
+            points: vec![],
+            count: 0,
         }
     }
 
     /// Of the groups that rows begin with, by the unknowns of targets, surfaces and balls.
     pub(super) fn of_objects(groups: &[Eliminated], rows: usize) -> Self {
         let count = groups.first().map_or(0, |group| group.by_object.ncols());
+        let of_groups = groups.iter().flat_map(|group| group.by_object.row_iter());
         let mut knots = Self::none(rows);
-        knots.columns = DMatrix::zeros(rows, count);
-        knots.shapes = DMatrix::identity(count, count);
-        let mut first = 0;
-        for group in groups {
-            let own = group.by_object.nrows();
-            knots
-                .columns
-                .rows_mut(first, own)
-                .copy_from(&group.by_object);
-            first += own;
-        }
-        for (entries, row) in knots.by_point.iter_mut().zip(knots.columns.row_iter()) {
+        for (entries, row) in knots.by_point.iter_mut().zip(of_groups) {
             let own = row.iter().copied().enumerate();
             entries.extend(own.filter(|(_, derivative)| *derivative != 0.0));
         }
-        knots
+        let itself = |first| Point {
+            first,
+            shares: vec![1.0],
+        };
+        Self {
+            points: (0..count).map(itself).collect(),
+            count,
+            ..knots
+        }
     }
 
     /// These and others beside them.
-    pub(super) fn beside(&self, right: &Self) -> Self {
-        let (rows, left) = (self.columns.nrows(), self.shapes.shape());
-        let mut columns = DMatrix::zeros(rows, left.1 + right.columns.ncols());
-        columns.columns_mut(0, left.1).copy_from(&self.columns);
-        let mut others = columns.columns_mut(left.1, right.columns.ncols());
-        others.copy_from(&right.columns);
-        let of_right = right.shapes.shape();
-        let mut shapes = DMatrix::zeros(left.0 + of_right.0, left.1 + of_right.1);
-        shapes.view_mut((0, 0), left).copy_from(&self.shapes);
-        shapes.view_mut(left, of_right).copy_from(&right.shapes);
-        let mut by_point = self.by_point.clone();
-        for (all, own) in by_point.iter_mut().zip(&right.by_point) {
-            all.extend(
-                own.iter()
-                    .map(|&(point, derivative)| (left.0 + point, derivative)),
-            );
+    pub(super) fn beside(mut self, others: Self) -> Self {
+        let before = self.points.len();
+        for (all, own) in self.by_point.iter_mut().zip(others.by_point) {
+            all.extend(own.iter().map(|&(point, by)| (before + point, by)));
         }
-        Self {
-            columns,
-            by_point,
-            shapes,
+        let behind = others.points.into_iter().map(|point| Point {
+            first: self.count + point.first,
+            ..point
+        });
+        self.points.extend(behind);
+        self.count += others.count;
+        self
+    }
+
+    /// Unknowns that a row depends on, some of them several times.
+    pub(super) fn unknowns(&self, row: usize) -> impl Iterator<Item = usize> {
+        let points = self.by_point[row]
+            .iter()
+            .map(|&(point, _)| &self.points[point]);
+        points.flat_map(|point| point.first..point.first + point.shares.len())
+    }
+
+    /// Derivatives of a row by all unknowns.
+    pub(super) fn derivatives(&self, row: usize, derivatives: &mut [f64]) {
+        derivatives.fill(0.0);
+        for &(point, by) in &self.by_point[row] {
+            for (unknown, share) in self.points[point].by_unknown() {
+                derivatives[unknown] += by * share;
+            }
         }
     }
 
     /// Change of each row by amounts of the unknowns.
     pub(super) fn moved(&self, amounts: &[f64]) -> impl Iterator<Item = f64> {
-        let points = &self.shapes * DVector::from_column_slice(amounts);
+        let displacement = |point: &Point| -> f64 {
+            let own = point.by_unknown();
+            own.map(|(unknown, share)| share * amounts[unknown]).sum()
+        };
+        let points: Vec<f64> = self.points.iter().map(displacement).collect();
         (self.by_point.iter())
             .map(move |own| own.iter().map(|&(point, by)| by * points[point]).sum())
     }
 
     /// Products of all columns with a number for each row.
-    pub(super) fn gradient(&self, rows: impl Iterator<Item = f64>) -> DVector<f64> {
-        let mut of_points = DVector::zeros(self.shapes.nrows());
+    pub(super) fn gradient(&self, rows: impl Iterator<Item = f64>) -> Vec<f64> {
+        let mut of_points = vec![0.0; self.points.len()];
         for (own, number) in self.by_point.iter().zip(rows) {
-            own.iter()
-                .for_each(|&(point, by)| of_points[point] += by * number);
+            for &(point, by) in own {
+                of_points[point] += by * number;
+            }
         }
-        self.shapes.tr_mul(&of_points)
+        let mut gradient = vec![0.0; self.count];
+        for (point, by) in self.points.iter().zip(of_points) {
+            for (unknown, share) in point.by_unknown() {
+                gradient[unknown] += by * share;
+            }
+        }
+        gradient
     }
 }
 
@@ -141,7 +173,7 @@ fn knots_of(
         .flat_map(|(track, path)| of_track(joint, samples, &by_parameter, (track, path), shapes))
         .collect();
     let none = Knots::none(joint.rows.len());
-    Some(of_paths.iter().fold(none, |all, own| all.beside(own)))
+    Some(of_paths.into_iter().fold(none, Knots::beside))
 }
 
 /// Those of one track, by axis: along, horizontal, vertical.
@@ -158,22 +190,26 @@ fn of_track(
     let by_cart = by_displacement(joint, by_parameter, track);
     [0, 1, 2].map(|axis| {
         let shapes = shapes(path.commands(), axis > 0);
-        let mut columns = DMatrix::zeros(joint.rows.len(), shapes.ncols());
         let mut by_point = vec![vec![]; joint.rows.len()];
         for (row, at) in joint.rows.iter().enumerate() {
             let slope = by_cart[row].dot(&axes[axis]);
             if slope != 0.0 {
-                for (knot, share) in path.shares(samples[at.sample].commands_m[track]) {
-                    let mut entries = columns.row_mut(row);
-                    entries += shapes.row(knot) * (slope * share);
-                    by_point[row].push((knot, slope * share));
-                }
+                let shares = path.shares(samples[at.sample].commands_m[track]);
+                by_point[row].extend(
+                    shares
+                        .into_iter()
+                        .map(|(knot, share)| (knot, slope * share)),
+                );
             }
         }
+        let points = shapes.row_iter().map(|shares| Point {
+            first: 0,
+            shares: shares.iter().copied().collect(),
+        });
         Knots {
-            columns,
             by_point,
-            shapes,
+            points: points.collect(),
+            count: shapes.ncols(),
         }
     })
 }

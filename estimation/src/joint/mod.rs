@@ -117,7 +117,7 @@ impl Joint {
         if !objects.is_empty() {
             let of_paths = joint.displacements();
             let of_objects = Knots::of_objects(&groups, joint.rows.len());
-            joint.knots = joint.knots.beside(&of_objects);
+            joint.knots = joint.knots.beside(of_objects);
             let unknown = Nominal::new(0.0, None);
             (joint.priors).extend(std::iter::repeat_n(unknown, of_paths));
             joint.priors.extend_from_slice(objects);
@@ -209,10 +209,9 @@ impl Joint {
                     }
                 }
             }
-            for (k, knot) in self.knots.columns.column_iter().enumerate() {
-                for (row, _) in knot.iter().enumerate().filter(|(_, value)| **value != 0.0) {
-                    mark(row, self.used.len() + k);
-                }
+            for row in 0..self.rows.len() {
+                let unknowns = self.knots.unknowns(row);
+                unknowns.for_each(|unknown| mark(row, self.used.len() + unknown));
             }
             (0..columns).for_each(|column| mark(self.rows.len() + column, column));
         })
@@ -220,7 +219,7 @@ impl Joint {
 
     /// Number of displacements of measured points that are unknown.
     pub fn displacements(&self) -> usize {
-        self.knots.columns.ncols()
+        self.knots.count
     }
 
     /// The values of the whole variant.
@@ -356,11 +355,10 @@ impl Joint {
     /// Residuals and Jacobian at a point, in units of the noise times `factors`.
     pub fn linearize(&self, fitted: &[f64], factors: &[f64]) -> Linear {
         let mut jacobian = self.groups.zeros();
-        for row in 0..self.rows.len() {
-            let derivatives = self.knots.columns.row(row);
-            let own = derivatives
-                .iter()
-                .map(|derivative| derivative * factors[row]);
+        let mut by_knots = vec![0.0; self.displacements()];
+        for (row, factor) in factors.iter().enumerate() {
+            self.knots.derivatives(row, &mut by_knots);
+            let own = by_knots.iter().map(|derivative| derivative * factor);
             jacobian.set_row(row, (self.used.len()..).zip(own));
         }
         self.linearized(fitted, factors, jacobian)

@@ -3,7 +3,7 @@
 //!
 //! Columns of a row are known from its family, once for a descent. Rows of a group have one kind of noise, so that a
 //! new estimate of it is a factor of the group's products, and the degrees of freedom that a fit takes from each kind
-//! are traces of them with the covariance.
+//! are traces of them with the covariance. Products are made when they are asked for, and anew where entries change.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};

@@ -250,12 +250,17 @@ struct Room {
 }
 
 impl Part {
-    /// Residual at given data; the entries are left in `entries`, which is empty where none are wanted.
+    /// Residual at a sample's data; the entries are left in `entries`, which is empty where none are wanted.
     fn evaluate(&self, data: &[f64], shared: &[f64], entries: &mut [f64]) -> f64 {
-        let family = &self.instance.family;
         let own: Vec<f64> = self.data.iter().map(|&place| data[place]).collect();
+        self.evaluate_own(&own, shared, entries)
+    }
+
+    /// The same at the family's own data.
+    fn evaluate_own(&self, own: &[f64], shared: &[f64], entries: &mut [f64]) -> f64 {
+        let family = &self.instance.family;
         let mut prepared = vec![0.0; family.shape().prepared];
-        family.prepare(&own, &mut prepared);
+        family.prepare(own, &mut prepared);
         let parameters: Vec<f64> = self.parameters.iter().map(|&place| shared[place]).collect();
         let mut residual = [0.0];
         if entries.is_empty() {
@@ -266,16 +271,17 @@ impl Part {
         residual[0]
     }
 
-    /// The same on a block of samples, of each of which `data` holds `width` numbers.
-    fn evaluate_block(
-        &self,
-        (data, width): (&[f64], usize),
-        shared: &[f64],
-        derivatives: bool,
-        room: &mut Room,
-    ) {
+    /// Takes the family's own data of a block of samples, of each of which `data` holds `width` numbers.
+    fn gather(&self, (data, width): (&[f64], usize), room: &mut Room) {
+        room.data.clear();
+        for data in data.chunks_exact(width.max(1)) {
+            room.data.extend(self.data.iter().map(|&place| data[place]));
+        }
+    }
+
+    /// The same as [`Self::evaluate_own`] on a block of samples whose data were gathered.
+    fn evaluate_block(&self, shared: &[f64], derivatives: bool, room: &mut Room) {
         let family = &self.instance.family;
-        let samples = data.chunks_exact(width.max(1));
         let width = if derivatives {
             family.pattern().len()
         } else {
@@ -284,21 +290,14 @@ impl Part {
         room.entries.resize(width, Lanes::ZERO);
         let Some(blocks) = family.blocks() else {
             let mut entries = vec![0.0; width];
-            for (lane, data) in samples.enumerate() {
-                room.residual[0][lane] = self.evaluate(data, shared, &mut entries);
+            for (lane, own) in room.data.chunks_exact(self.data.len().max(1)).enumerate() {
+                room.residual[0][lane] = self.evaluate_own(own, shared, &mut entries);
                 for (lanes, entry) in room.entries.iter_mut().zip(&entries) {
                     lanes[lane] = *entry;
                 }
             }
             return;
         };
-        room.data.resize(LANES * self.data.len(), 0.0);
-        let own = room.data.chunks_exact_mut(self.data.len().max(1));
-        for (own, data) in own.zip(samples) {
-            for (own, &place) in own.iter_mut().zip(&self.data) {
-                *own = data[place];
-            }
-        }
         room.prepared.resize(family.shape().prepared, Lanes::ZERO);
         blocks.prepare_blocks(&room.data, &mut room.prepared);
         room.parameters.clear();
@@ -376,7 +375,8 @@ impl ResidualFamily for TruePose {
         let mut room = Room::default();
         self.each_block(prepared, own, |first, count, data| {
             for (k, closure) in self.closures.iter().enumerate() {
-                (closure.by_parameters).evaluate_block((data, width), shared, false, &mut room);
+                (closure.by_parameters).gather((data, width), &mut room);
+                (closure.by_parameters).evaluate_block(shared, false, &mut room);
                 for lane in 0..count {
                     residuals[(first + lane) * rows + k] = room.residual[0][lane];
                 }
@@ -403,8 +403,14 @@ impl ResidualFamily for TruePose {
             });
             for (k, closure) in self.closures.iter().enumerate() {
                 let (one, other) = (&closure.by_parameters, &closure.by_pose);
-                one.evaluate_block((data, width), shared, true, &mut by_parameters);
-                other.evaluate_block((data, width), shared, true, &mut by_pose);
+                one.gather((data, width), &mut by_parameters);
+                if other.data == one.data {
+                    by_pose.data.clone_from(&by_parameters.data);
+                } else {
+                    other.gather((data, width), &mut by_pose);
+                }
+                one.evaluate_block(shared, true, &mut by_parameters);
+                other.evaluate_block(shared, true, &mut by_pose);
                 for lane in 0..count {
                     residuals[(first + lane) * rows + k] = by_parameters.residual[0][lane];
                 }

@@ -8,6 +8,7 @@ use tau_runtime::{Pattern, ResidualFamily, Shape};
 /// The residuals of a family multiplied by a lower triangular matrix, which each sample brings behind its data, by rows.
 pub(super) struct Coupled {
     inner: Arc<dyn ResidualFamily>,
+    of_inner: Shape,
     row_starts: Vec<u32>,
     columns: Vec<u32>,
     /// Entries of the matrices that are not zero throughout, by rows.
@@ -63,6 +64,7 @@ impl Coupled {
             }
         }
         Self {
+            of_inner: inner.shape(),
             inner,
             row_starts,
             columns,
@@ -71,13 +73,18 @@ impl Coupled {
         }
     }
 
+    /// True if a row is made of one inner one: then entries stand where they stood.
+    fn is_diagonal(&self) -> bool {
+        self.terms.len() == self.of_inner.residuals
+    }
+
     fn split<'a>(&self, prepared: &'a [f64]) -> (&'a [f64], &'a [f64]) {
-        prepared.split_at(self.inner.shape().prepared)
+        prepared.split_at(self.of_inner.prepared)
     }
 
     /// Prepared data of the inner family, one sample after the other, and the factor of each.
     fn split_all<'a>(&self, prepared: &'a [f64]) -> (Vec<f64>, impl Iterator<Item = &'a [f64]>) {
-        let own = self.inner.shape().prepared;
+        let own = self.of_inner.prepared;
         let samples = prepared.chunks_exact(self.shape().prepared);
         let mut inner = Vec::with_capacity(samples.len() * own);
         for sample in samples.clone() {
@@ -103,20 +110,19 @@ impl Coupled {
         }
     }
 
+    /// Derivatives of the inner residuals to those of the coupled ones, where the matrices are diagonal.
+    fn weigh_entries(&self, factor: &[f64], entries: &mut [f64]) {
+        for term in &self.terms {
+            let weight = factor[term.row * self.of_inner.residuals + term.inner];
+            for entry in &mut entries[term.entries.clone()] {
+                *entry *= weight;
+            }
+        }
+    }
+
     /// Derivatives of the coupled residuals, from those of the inner family.
     fn couple_entries(&self, factor: &[f64], entries: &[f64], jacobian: &mut [f64]) {
-        let rows = self.row_starts.len() - 1;
-        if self.terms.len() == rows {
-            // Nothing is coupled: entries stand where they stood.
-            for term in &self.terms {
-                let weight = factor[term.row * rows + term.inner];
-                let to = &mut jacobian[term.entries.clone()];
-                for (to, entry) in to.iter_mut().zip(&entries[term.entries.clone()]) {
-                    *to = weight * entry;
-                }
-            }
-            return;
-        }
+        let rows = self.of_inner.residuals;
         jacobian.fill(0.0);
         for term in &self.terms {
             let weight = factor[term.row * rows + term.inner];
@@ -130,7 +136,7 @@ impl Coupled {
 
 impl ResidualFamily for Coupled {
     fn shape(&self) -> Shape {
-        let inner = self.inner.shape();
+        let inner = self.of_inner;
         let square = inner.residuals * inner.residuals;
         Shape {
             data: inner.data + square,
@@ -147,7 +153,7 @@ impl ResidualFamily for Coupled {
     }
 
     fn prepare(&self, data: &[f64], prepared: &mut [f64]) {
-        let inner = self.inner.shape();
+        let inner = self.of_inner;
         let (own, factor) = data.split_at(inner.data);
         let (to, rest) = prepared.split_at_mut(inner.prepared);
         self.inner.prepare(own, to);
@@ -168,17 +174,22 @@ impl ResidualFamily for Coupled {
         jacobian: &mut [f64],
     ) {
         let (own, factor) = self.split(prepared);
-        let mut entries = vec![0.0; self.inner.pattern().len()];
-        self.inner
-            .linearize(own, parameters, residuals, &mut entries);
-        self.couple_entries(factor, &entries, jacobian);
+        if self.is_diagonal() {
+            (self.inner).linearize(own, parameters, residuals, jacobian);
+            self.weigh_entries(factor, jacobian);
+        } else {
+            let mut entries = vec![0.0; self.inner.pattern().len()];
+            self.inner
+                .linearize(own, parameters, residuals, &mut entries);
+            self.couple_entries(factor, &entries, jacobian);
+        }
         self.couple(factor, residuals);
     }
 
     fn value_each(&self, prepared: &[f64], shared: &[f64], own: &[f64], residuals: &mut [f64]) {
         let (inner, factors) = self.split_all(prepared);
         self.inner.value_each(&inner, shared, own, residuals);
-        let rows = self.inner.shape().residuals;
+        let rows = self.of_inner.residuals;
         for (factor, residuals) in factors.zip(residuals.chunks_exact_mut(rows)) {
             self.couple(factor, residuals);
         }
@@ -193,7 +204,17 @@ impl ResidualFamily for Coupled {
         jacobian: &mut [f64],
     ) {
         let (inner, factors) = self.split_all(prepared);
-        let (rows, width) = (self.inner.shape().residuals, self.inner.pattern().len());
+        let (rows, width) = (self.of_inner.residuals, self.inner.pattern().len());
+        if self.is_diagonal() {
+            (self.inner).linearize_each(&inner, shared, own, residuals, jacobian);
+            let of_samples = residuals.chunks_exact_mut(rows);
+            let of_samples = of_samples.zip(jacobian.chunks_exact_mut(width));
+            for (factor, (residuals, jacobian)) in factors.zip(of_samples) {
+                self.weigh_entries(factor, jacobian);
+                self.couple(factor, residuals);
+            }
+            return;
+        }
         let mut entries = vec![0.0; residuals.len() / rows * width];
         self.inner
             .linearize_each(&inner, shared, own, residuals, &mut entries);
