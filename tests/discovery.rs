@@ -318,6 +318,24 @@ fn outliers_are_listed_by_their_number() {
     assert!(found.left_out.iter().all(|out| out.set == 1));
 }
 
+/// More poses than a search takes: an evenly spread part of them shows the same.
+#[test]
+fn a_part_of_many_poses_is_searched() {
+    let (folder, file) = measured("03");
+    let mut options = Options::default();
+    options.constants.most_poses = 50.0;
+    let robot = gantry_tau();
+    let found = discover(&robot, "Full", &file, &folder, &options, &mut |_| {}).unwrap();
+    assert_eq!(names(&found.discovery), ["backlash(one)"]);
+    assert_eq!(found.poses.len(), 50);
+    let of_all = "of 61 poses that calibrate 50";
+    let remarks = &found.discovery.remarks;
+    assert!(
+        remarks.iter().any(|remark| remark.starts_with(of_all)),
+        "{remarks:?}"
+    );
+}
+
 #[test]
 fn sets_that_are_missing_are_missed_in_words() {
     let (mut folder, file) = measured("06");

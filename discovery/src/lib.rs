@@ -44,6 +44,7 @@ use tau_codegen::language::{self, Model, effects_from_text};
 use tau_estimation::calibration::{Calibration, Prepared, Stated, check_poses};
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::parallel;
+use tau_estimation::numerics::spread::spread;
 use tau_estimation::samples::Sample;
 use tau_robot::effects::CATALOGUE;
 use tau_robot::input_error::InputError;
@@ -275,8 +276,11 @@ fn discovered(
         let described = (robot, model, base);
         return unknown_poses::search(described, &completed, folder, options, started, progress);
     }
-    let Poses { division, .. } = Poses::select(robot, file, folder, options.split)?;
+    let Poses { mut division, .. } = Poses::select(robot, file, folder, options.split)?;
     check_poses(robot, variant, &completed, folder, &division.calibration)?;
+    let all = division.calibration.len();
+    let taken = spread(all, constants::count(options.constants.most_poses));
+    division.calibration = taken.iter().map(|&k| division.calibration[k]).collect();
     let input = Input {
         robot,
         model,
@@ -287,7 +291,15 @@ fn discovered(
         unknown: None,
         options,
     };
-    searched(&input, started, progress)
+    let mut outcome = searched(&input, started, progress)?;
+    if taken.len() < all {
+        outcome.discovery.remarks.push(format!(
+            "of {all} poses that calibrate {}, evenly spread, took part in the search: more take memory, and would show \
+             nothing that matters",
+            taken.len()
+        ));
+    }
+    Ok(outcome)
 }
 
 /// The search from a base, or where its arm is reduced and a full one is significantly better, from that.

@@ -5,5 +5,5 @@ pub mod grouped;
 pub mod parallel;
 pub mod products;
 pub mod projection;
-pub(crate) mod spread;
+pub mod spread;
 pub mod triangle;
