@@ -17,7 +17,7 @@ fn the_study_reports_everything() {
         progress.push((now.done, now.steps));
     })
     .unwrap();
-    assert_eq!(progress, (0..=9).map(|done| (done, 9)).collect::<Vec<_>>());
+    assert_eq!(progress, [(0, 3), (1, 3), (2, 3), (3, 3)]);
     let poses = study.poses;
     assert_eq!(
         (
