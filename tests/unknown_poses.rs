@@ -522,3 +522,49 @@ fn positions_of_a_point_are_its_poses() {
     ));
     assert_eq!(found["status"], "nothing_missing", "{found:#}");
 }
+
+/// A ball beside a machine that moves in a plane: its distances depend on the square of its height over the plane alone.
+#[test]
+fn a_ball_beside_a_plane_calibrates_a_five_bar() {
+    const FOLDERS: u64 = 40;
+    let robot = Robot::from(&tau_generated::five_bar::ROBOT);
+    let text = "robot = \"FiveBar\"\n[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n";
+    let file = RobotFile::parse_for(text, "robot.toml", &robot).unwrap();
+    let file = file.completed(&robot);
+    let (mut within, mut told, mut chi2, mut dof) = (0, 0, 0.0, 0.0);
+    for seed in 0..FOLDERS {
+        let made = simulate(&Simulation {
+            poses: Poses::Random { count: 60 },
+            measures: vec![Measure::Rows(PlateKind::BallBar)],
+            track_points: TrackPoints {
+                count: 0,
+                ..TrackPoints::default()
+            },
+            random_poses: 0,
+            seed,
+            ..Simulation::new(robot.clone(), file.clone())
+        })
+        .unwrap();
+        let found = fit(&robot, "Full", &made.file, &made.folder);
+        chi2 += found.chi2;
+        dof += found.dof;
+        let truth = &made.truth.machine.parameters;
+        for estimate in &found.calibration.parameters {
+            // Where the prior says more than the data, the drawing is tested and not the fit.
+            let is_told = estimate
+                .tolerance
+                .is_some_and(|tol| estimate.sigma < 0.2 * tol);
+            let true_values = truth.get(&estimate.name).filter(|_| is_told);
+            for value in true_values.into_iter().flatten() {
+                told += 1;
+                within += i32::from((estimate.value - value).abs() < 1.96 * estimate.sigma);
+            }
+        }
+    }
+    // Some two of a folder, which go together: fewer than 85 % of eighty would be within once in thousands of runs.
+    let share = f64::from(within) / f64::from(told);
+    assert!(told > 40 && share > 0.85, "{within} of {told}");
+    // Four standard deviations.
+    let spread = 4.0 * (2.0_f64 / dof).sqrt();
+    assert!((chi2 / dof - 1.0).abs() < spread, "{chi2} of {dof}");
+}
