@@ -15,7 +15,7 @@ pub use super::outcome::GroupFit;
 pub use crate::problem::Component;
 
 use super::fit::Fit;
-use super::noise::NoiseGroup;
+use super::kinds::NoiseGroup;
 use super::refusals::refuse_tracker_effects;
 use super::rows::{DRIVES, LINKS};
 use super::{RowDivision, Settled};

@@ -7,7 +7,7 @@ use tau_robot::robot_file::{Noise, RobotFile, StatedNoise};
 
 use super::rows::{CART_POSES, CART_POSITIONS, DRIVES, Kind, LINKS};
 use crate::calibration::error::Error;
-use crate::problem::CLOSURE_SHARE;
+use crate::problem::{CLOSURE_SHARE, Component};
 
 /// First guess of a noise that is to be estimated (m). It weighs a kind against others in the first round alone; the
 /// estimate replaces it.
@@ -15,6 +15,34 @@ pub(super) const FIRST_GUESS_M: f64 = 1e-4;
 
 /// Coordinates whose noise is stated by axis.
 pub(super) const AXES: [&str; 3] = ["x", "y", "z"];
+
+/// Kinds whose noise exceeds the stated one by a factor that they share, where their misfit is significantly larger.
+pub(super) struct NoiseGroup {
+    pub(super) group: Component,
+    pub(super) kinds: Vec<usize>,
+    /// Of the noise over the stated one.
+    pub(super) factor: f64,
+}
+
+impl NoiseGroup {
+    /// Those of the plate, links included, and each kind of carts for itself.
+    pub(super) fn all(kinds: &[Kind]) -> Vec<Self> {
+        let group = |kind: &Kind| match (kind.file, kind.quantity) {
+            (CART_POSES, "position") => Component::CartPosition,
+            (CART_POSES, _) => Component::CartRotation,
+            (CART_POSITIONS, _) => Component::Position,
+            _ => Component::Closure,
+        };
+        let groups = Component::ALL.map(|component| Self {
+            group: component,
+            kinds: (0..kinds.len())
+                .filter(|&kind| group(&kinds[kind]) == component)
+                .collect(),
+            factor: 1.0,
+        });
+        groups.into()
+    }
+}
 
 /// Kinds of residuals that a folder has, each with its noise.
 ///

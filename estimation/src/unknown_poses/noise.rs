@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use super::elimination::Reduced;
 use super::fit::Fit;
 use super::outcome::{GroupFit, SIGNIFICANT};
-use super::rows::{CART_POSES, CART_POSITIONS, Kind, RowPlace};
+use super::rows::RowPlace;
 use super::{ABSORBED, GrossRow, KindFit};
 use crate::numerics::distribution::{chi2_quantile_above, chi2_survival, f_quantile_above};
 use crate::problem::Component;
@@ -18,33 +18,6 @@ const GROSS_LEVEL: f64 = 0.01;
 const MOST_GROSS: f64 = 0.1;
 /// Median of the absolute value of a normal deviate.
 const MEDIAN_OF_NORMAL: f64 = 0.674_489_750_196_081_7;
-
-/// Kinds whose noise exceeds the stated one by a factor that they share, where their misfit is significantly larger.
-pub(super) struct NoiseGroup {
-    group: Component,
-    kinds: Vec<usize>,
-    factor: f64,
-}
-
-impl NoiseGroup {
-    /// Those of the plate, links included, and each kind of carts for itself.
-    pub(super) fn all(kinds: &[Kind]) -> Vec<Self> {
-        let group = |kind: &Kind| match (kind.file, kind.quantity) {
-            (CART_POSES, "position") => Component::CartPosition,
-            (CART_POSES, _) => Component::CartRotation,
-            (CART_POSITIONS, _) => Component::Position,
-            _ => Component::Closure,
-        };
-        let groups = Component::ALL.map(|component| Self {
-            group: component,
-            kinds: (0..kinds.len())
-                .filter(|&kind| group(&kinds[kind]) == component)
-                .collect(),
-            factor: 1.0,
-        });
-        groups.into()
-    }
-}
 
 impl Fit<'_> {
     /// Squares of each group in units of the stated noise, and the number of residuals. That of the plate counts what is
