@@ -162,7 +162,7 @@ impl Fit<'_> {
         rows.sum::<usize>() - POSE_UNKNOWNS * self.assembly.poses.len()
     }
 
-    /// What the fit says of the variant as described, whose parameters `closure_fit` found from set 1.
+    /// The variant as described by the fit, its parameters being those that `closure_fit` found from set 1.
     fn fitted(
         &self,
         settled: &Settled,

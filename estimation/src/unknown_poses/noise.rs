@@ -43,7 +43,7 @@ impl Fit<'_> {
         groups.collect()
     }
 
-    /// How groups are met.
+    /// Misfit of the groups that have residuals.
     pub(super) fn group_fits(&self, reduced: &Reduced) -> Vec<GroupFit> {
         let groups = self.groups.iter().zip(self.misfits(reduced));
         let groups = groups.filter(|(_, (_, residuals))| *residuals > 0);
