@@ -294,8 +294,8 @@ fn discovered(
     let mut outcome = searched(&input, started, progress)?;
     if taken.len() < all {
         outcome.discovery.remarks.push(format!(
-            "of {all} poses that calibrate {}, evenly spread, took part in the search: more take memory, and would show \
-             nothing that matters",
+            "of {all} poses that calibrate {}, evenly spread, took part in the search: more take memory, and an effect \
+             that so many do not show is below a tenth of the noise",
             taken.len()
         ));
     }

@@ -138,7 +138,8 @@ pub(super) fn all_sets<'a>(
     }
     let machine = prepared.machine.with_values(values);
     let carts = Part::carts(&machine, &samples, file.noise, false)?;
-    let mut fit = Fit::from(&prepared, machine, file, folder, division, carts, false)?;
+    let from = (&prepared, machine, file, folder);
+    let mut fit = Fit::beside_carts(carts, from, division, false)?;
     fit.groups = NoiseGroup::all(&fit.assembly.kinds);
     Ok(fit)
 }

@@ -57,18 +57,31 @@ impl<'a> Fit<'a> {
         let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
         let prepared = Prepared::new(robot, variant, file, Some(folder), &all)?;
         let machine = prepared.machine.clone();
-        Self::from(&prepared, machine, file, folder, division, vec![], false)
+        Self::from(&prepared, machine, file, folder, division, false)
     }
 
-    /// From the values of a machine, under the priors of the nominal ones, which may be those of a sketch. Residuals of
-    /// `carts` concern no pose.
+    /// From the values of a machine, under the priors of the nominal ones, which may be those of a sketch.
     pub(super) fn from(
         prepared: &Prepared,
         machine: Machine,
         file: &'a RobotFile,
         folder: &'a Folder,
         division: &'a RowDivision,
+        is_sketch: bool,
+    ) -> Result<Self, Error> {
+        Self::beside_carts(
+            vec![],
+            (prepared, machine, file, folder),
+            division,
+            is_sketch,
+        )
+    }
+
+    /// The same with residuals of carts, which concern no pose.
+    pub(super) fn beside_carts(
         carts: Vec<Part>,
+        (prepared, machine, file, folder): (&Prepared, Machine, &'a RobotFile, &'a Folder),
+        division: &'a RowDivision,
         is_sketch: bool,
     ) -> Result<Self, Error> {
         let left_out = BTreeSet::new();

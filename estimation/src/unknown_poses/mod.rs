@@ -127,15 +127,7 @@ pub fn calibrate(
             ..options.clone()
         };
         let is_sketch = sketch_m.is_some();
-        let fit = Fit::from(
-            &prepared,
-            machine,
-            file,
-            folder,
-            division,
-            vec![],
-            is_sketch,
-        )?;
+        let fit = Fit::from(&prepared, machine, file, folder, division, is_sketch)?;
         fitted(fit, &options)
     };
     match sketch_m {

@@ -29,15 +29,7 @@ impl<'a> Unsolved<'a> {
         let prepared = Prepared::new(robot, variant, file, Some(folder), &all)?;
         let is_sketch = starts::sketched(&prepared).is_some();
         let machine = prepared.machine.clone();
-        let fit = Fit::from(
-            &prepared,
-            machine,
-            file,
-            folder,
-            division,
-            vec![],
-            is_sketch,
-        )?;
+        let fit = Fit::from(&prepared, machine, file, folder, division, is_sketch)?;
         Ok(Self(fit))
     }
 

@@ -186,7 +186,7 @@ pub fn evaluate(
         ..RowDivision::default()
     };
     let machine = prepared.machine.clone();
-    let mut fit = Fit::from(&prepared, machine, file, folder, &division, vec![], false)?;
+    let mut fit = Fit::from(&prepared, machine, file, folder, &division, false)?;
     fit.refuse_units(&fit.elimination(&fit.start).reduce())?;
     let mistakes = fit.exchanged_distances();
     let known = Known::new(&fit, of_parameters.as_ref());
@@ -267,15 +267,7 @@ impl Fit<'_> {
         }
         let (folder, file, division) = (self.folder, self.file, self.division);
         let machine = self.machine.clone();
-        let mut free = Fit::from(
-            &self.prepared,
-            machine,
-            file,
-            folder,
-            division,
-            vec![],
-            false,
-        )?;
+        let mut free = Fit::from(&self.prepared, machine, file, folder, division, false)?;
         let options = calibration::Options {
             treatment: Treatment {
                 loss: None,
