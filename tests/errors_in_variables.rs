@@ -228,6 +228,32 @@ fn all_sets_of_the_virtual_robot_give_a_better_robot_than_set_1_alone() {
     println!("rms {fitted:.2} against {closure:.2} µm (sums of three)");
 }
 
+/// Poses three times as noisy as stated are told from carts that are as they are said to be.
+#[test]
+fn noise_of_a_group_is_estimated_where_it_exceeds_the_stated() {
+    let simulation = Simulation {
+        variant: Some(VARIANT.to_owned()),
+        noise: tau::simulation::Noise {
+            scale: [3.0, 1.0, 1.0],
+            ..tau::simulation::Noise::default()
+        },
+        poses: Poses::Random { count: 60 },
+        random_poses: 40,
+        ..Simulation::new(gantry_tau(), prototype().1)
+    };
+    let simulated = simulate(&simulation).unwrap();
+    let found = fit(&simulated.file, &simulated.folder);
+    for group in &found.groups {
+        if group.group == Component::Closure {
+            // 360 residuals, of which some sixty unknowns pay for a part: three standard deviations are an eighth.
+            assert!((2.6..3.4).contains(&group.noise_factor), "{group:?}");
+            assert!((2.4..3.4).contains(&group.rms), "{group:?}");
+        } else {
+            assert_eq!(group.noise_factor, 1.0, "{group:?}");
+        }
+    }
+}
+
 /// Residuals of errors in variables, written by hand, over standard deviations: priors, measured
 /// coordinates, closures. The unknowns are ten a link, then translation and rotation vector a pose.
 fn by_hand(
