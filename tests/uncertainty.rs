@@ -244,6 +244,46 @@ fn intervals_of_a_hexapod_hold_the_truth() {
     covers("stewart");
 }
 
+/// Where the plate hardly turns, the noise of measured rotations would draw its joints towards the tool: ten tolerances by
+/// so many poses, of which each standard deviation here is one.
+#[test]
+fn many_poses_do_not_draw_joints_towards_the_tool() {
+    let (robot, file) = robot("gantry");
+    let variant = robot.variant("Full").unwrap();
+    let simulated = simulate(&Simulation {
+        seed: 11,
+        poses: Poses::Random { count: 12_000 },
+        random_poses: 0,
+        track_points: TrackPoints {
+            count: 0,
+            ..TrackPoints::default()
+        },
+        ..Simulation::new(robot.clone(), file)
+    })
+    .unwrap();
+    let (folder, file) = (&simulated.folder, &simulated.file);
+    let poses: Vec<usize> = (0..folder.tcp_poses.len()).collect();
+    let options = calibration::Options::default();
+    let found = calibration::calibrate(&robot, variant, file, folder, &poses, &options).unwrap();
+    let rods = &simulated.truth.machine.rods;
+    let known: Vec<(&str, f64, f64)> = (found.parameters.iter())
+        .map(|parameter| (parameter.name.as_str(), parameter.value, parameter.sigma))
+        .collect();
+    let mut deviations = vec![];
+    for (rod, link) in rods.iter().zip(&robot.links) {
+        let link = &link.name;
+        for (axis, &truth) in ["x", "y", "z"].iter().zip(rod.plate_joint_m.iter()) {
+            let name = format!("{link}.plate_joint.{axis}");
+            let found = known.iter().find(|(own, ..)| *own == name);
+            let &(_, value, sigma) = found.unwrap();
+            deviations.push((value - truth) / sigma);
+        }
+    }
+    // χ² of eighteen at one in a thousand; they are hardly correlated, since tolerances decide on them.
+    let chi2: f64 = deviations.iter().map(|deviation| deviation.powi(2)).sum();
+    assert!(chi2 < 42.3, "{chi2} {deviations:.2?}");
+}
+
 /// Where a folder was calibrated, poses say how far they are known and whether they lie inside.
 #[test]
 fn kinematics_says_how_far_poses_are_known() {

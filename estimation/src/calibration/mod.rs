@@ -133,9 +133,9 @@ pub fn machine_from_file(
 /// (eq. 6 of Dressler et al. 2010), each divided by its standard deviation, plus the priors.
 ///
 /// The noise of a closure follows from the stated noise of the measured position and rotation and from
-/// the closure's derivatives by them at the nominal values: σ² = σ_T²·‖∂r/∂T‖² + σ_R²·‖∂r/∂ω‖². Poses are then
-/// [weighed](crate::weighing): outliers are left out or lose their pull, and readings of one visit count by what they do not
-/// share.
+/// the closure's derivatives by them at the nominal values: σ² = σ_T²·‖∂r/∂T‖² + σ_R²·‖∂r/∂ω‖². From the minimum the
+/// values move to where the score has no bias from that noise. Poses are then [weighed](crate::weighing): outliers are left
+/// out or lose their pull, and readings of one visit count by what they do not share.
 ///
 /// # Errors
 /// [`Error::Input`] for fewer poses than parameters, poses that are all the same, poses out of reach,
@@ -182,34 +182,49 @@ pub fn calibrate(
         why,
     };
     let failed = |error: tau_solver::Error| not_converged(error.to_string());
-    let solved = |problem: &Problem<'_>| {
-        let solution = tau_solver::solve(problem, &options.solver).map_err(failed)?;
+    let measured_in = (machine, &samples[..], file.noise);
+    // The minimum without the bias that the noise of the poses gives it.
+    let solved = |problem: &Problem<'_>, weights: &[f64]| -> Result<_, Error> {
+        let mut solution = tau_solver::solve(problem, &options.solver).map_err(failed)?;
         if !solution.converged() || solution.parameters.iter().any(|value| !value.is_finite()) {
             return Err(not_converged(solution.termination.to_string()));
         }
-        Ok(solution)
+        let rows = weights.iter().filter(|weight| **weight > 0.0).count() * residuals.parts.len();
+        let without_prior = residuals
+            .priors
+            .iter()
+            .filter(|prior| prior.tolerance.is_none());
+        let degrees = rows as f64 - without_prior.count() as f64;
+        let minimum = (
+            &solution.parameters[..],
+            2.0 * solution.cost / degrees.max(1.0),
+        );
+        let inverse = problem::inverse_information(problem, minimum.0).map_err(failed)?;
+        solution.parameters =
+            problem::corrected(&residuals, measured_in, minimum, weights, &inverse)?;
+        Ok((solution, inverse))
     };
     let start: Vec<f64> = used.iter().map(|&index| start[index]).collect();
-    let mut problem = weighed(&vec![1.0; poses.len()], &start);
+    let even = vec![1.0; poses.len()];
+    let mut problem = weighed(&even, &start);
     let range_m = widest(measured.iter().flat_map(|pose| &pose.commands_m));
     searched::start(&mut problem, variant, used, range_m, &options.solver).map_err(failed)?;
-    let mut solution = solved(&problem)?;
+    let (mut solution, of_all) = solved(&problem, &even)?;
     let mut iterations = total_iterations(&solution);
 
     let values = problem::values(machine, used, &solution.parameters);
-    let measured_in = (machine, &samples[..], file.noise);
-    let told = |problem: &Problem<'_>, at: &[f64], information: &[f64]| -> Result<_, Error> {
+    let told = |(problem, inverse): (&Problem<'_>, DMatrix<f64>),
+                at: &[f64],
+                information: &[f64]|
+     -> Result<_, Error> {
         let identifiability = tau_solver::identifiability(problem, at).map_err(failed)?;
-        let known = tau_solver::covariance(problem, at).map_err(failed)?;
-        let covariance = DMatrix::from_fn(used.len(), used.len(), |i, j| known.covariance(i, j));
-        let factor =
-            factor_with_shared_noise(&covariance, &residuals, measured_in, at, information)?;
-        Ok((identifiability, covariance, factor))
+        let factor = factor_with_shared_noise(&inverse, &residuals, at, information);
+        Ok((identifiability, inverse, factor))
     };
     // Where poses count as they are, which most do, nothing waits for their weights.
     let (weighed_poses, of_even) = parallel::both(
         || weighing::weighed(&prepared, &values, &samples, file.noise, options.treatment),
-        || told(&problem, &solution.parameters, &vec![1.0; poses.len()]),
+        || told((&problem, of_all), &solution.parameters, &even),
     );
     let (mut weighing, judged) = weighed_poses?;
     let left: Vec<usize> = weighing.taking_part(poses).collect();
@@ -219,10 +234,13 @@ pub fn calibrate(
     let (identifiability, covariance, factor) = if weighing.is_even() {
         of_even?
     } else {
-        solution = solved(&weighed(&weighing.fit, &solution.parameters))?;
+        let start = weighed(&weighing.fit, &solution.parameters);
+        solution = solved(&start, &weighing.fit)?.0;
         iterations += total_iterations(&solution);
         problem = weighed(&weighing.information, &solution.parameters);
-        told(&problem, &solution.parameters, &weighing.information)?
+        let at = &solution.parameters;
+        let inverse = problem::inverse_information(&problem, at).map_err(failed)?;
+        told((&problem, inverse), at, &weighing.information)?
     };
     let name = |index: usize| problem.parameters[index].name.clone();
     let fitted = Fitted {

@@ -48,6 +48,8 @@ pub struct Joint {
     pub used: Vec<usize>,
     /// Prior of each of them.
     pub priors: Vec<Nominal>,
+    /// Bias of the score by each of them, which the rows of the priors take off: see [`problem::whitened_bias`].
+    bias: Vec<f64>,
     parts: Vec<Rows>,
     /// Displacements of the points that piecewise tracks pass through: unknowns of the fit behind the parameters.
     knots: Knots,
@@ -80,6 +82,8 @@ pub struct Linear {
 
 /// Residuals this many standard deviations large count less in the first fit.
 const ROBUST: f64 = 3.0;
+/// Poses that tell the bias of a score: a mean over them, to some percent of what it is.
+const TELLING: usize = 100;
 /// Share of a column's norm that stands in for the prior of a parameter that has none.
 const WEAK: f64 = 1e-6;
 
@@ -162,6 +166,7 @@ impl Joint {
             .collect();
         let mut joint = Self {
             machine,
+            bias: vec![0.0; used.len()],
             used,
             priors,
             parts,
@@ -175,7 +180,32 @@ impl Joint {
             joint.knots = knots;
             joint.groups = joint.groups();
         }
+        if matches!(closures, Closures::Whitened) {
+            joint.bias = joint.bias(samples, noise)?;
+        }
         Ok(joint)
+    }
+
+    /// Bias of the score by each parameter of the fit, where it stands.
+    fn bias(&self, samples: &[Sample], noise: Noise) -> Result<Vec<f64>, Error> {
+        let of_poses = samples.iter().filter(|sample| sample.set == 1);
+        let of_poses: Vec<_> = of_poses.zip(self.closure_factors()).collect();
+        let step = of_poses.len().div_ceil(TELLING).max(1);
+        let telling: Vec<_> = of_poses.iter().copied().step_by(step).collect();
+        let share = of_poses.len() as f64 / telling.len().max(1) as f64;
+        let bias = problem::whitened_bias(&self.machine, &telling, noise)?;
+        Ok(self.used.iter().map(|&index| share * bias[index]).collect())
+    }
+
+    /// Residual of a prior: its square with that of the value's bias completed.
+    fn departure(&self, column: usize, value: f64) -> Option<(f64, f64)> {
+        let prior = self.priors.get(column)?;
+        let tolerance = prior.tolerance.filter(|&tolerance| tolerance > 0.0)?;
+        let bias = self.bias.get(column).copied().unwrap_or(0.0);
+        Some((
+            (value - prior.value) / tolerance - tolerance * bias,
+            tolerance,
+        ))
     }
 
     /// The same of set 1 alone, with the noise (m) of the points that piecewise tracks pass through: unknowns with a
@@ -276,8 +306,13 @@ impl Joint {
             block.with_loss(tau_solver::Loss::Huber(ROBUST))
         });
         let start = start.iter().copied();
+        let with_bias = self.priors.iter().zip(&self.bias).map(|(prior, bias)| {
+            let tolerance = prior.tolerance.unwrap_or(0.0);
+            Nominal::new(prior.value + tolerance.powi(2) * bias, prior.tolerance)
+        });
+        let priors: Vec<Nominal> = with_bias.collect();
         Problem {
-            parameters: parameters(&self.machine.variant, &self.used, &self.priors, start),
+            parameters: parameters(&self.machine.variant, &self.used, &priors, start),
             blocks: blocks.collect(),
         }
     }
@@ -310,9 +345,9 @@ impl Joint {
             }
         }
         self.displace(fitted, factors, &mut residuals);
-        for (column, prior) in self.priors.iter().enumerate() {
-            if let Some(tolerance) = prior.tolerance.filter(|tolerance| *tolerance > 0.0) {
-                residuals[rows + column] = (fitted[column] - prior.value) / tolerance;
+        for (column, &value) in fitted.iter().enumerate() {
+            if let Some((departure, _)) = self.departure(column, value) {
+                residuals[rows + column] = departure;
             }
         }
         residuals
@@ -401,10 +436,8 @@ impl Joint {
         self.displace(fitted, factors, &mut residuals);
         for (column, &value) in fitted.iter().enumerate() {
             let row = rows + column;
-            let prior = self.priors.get(column);
-            let known = prior.and_then(|p| Some((p.value, p.tolerance.filter(|t| *t > 0.0)?)));
-            if let Some((mean, tolerance)) = known {
-                residuals[row] = (value - mean) / tolerance;
+            if let Some((departure, tolerance)) = self.departure(column, value) {
+                residuals[row] = departure;
                 if column < jacobian.open() {
                     jacobian.set_row(row, [(column, tolerance.recip())]);
                 }

@@ -4,19 +4,21 @@
 //! they do with the residuals: [`calibrate`](crate::calibration::calibrate) hands them to the solver, the
 //! [joint fit](crate::joint) linearises them itself, where [poses are unknown](crate::unknown_poses) carts join.
 
+mod attenuation;
 mod true_pose;
 mod whitened;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use nalgebra::DMatrix;
 use tau_kinematics::Machine;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::TCP_POSES;
 use tau_robot::robot::{Instance, Owner, ResidualKind, TrackShape, Variant};
 use tau_robot::robot_file::Noise;
 use tau_runtime::ResidualFamily;
-use tau_solver::{Block, Parameter};
+use tau_solver::{Block, Parameter, Problem};
 
 use crate::calibration::error::Error;
 use crate::calibration::nominal::Nominal;
@@ -26,6 +28,7 @@ use whitened::WhitenedPose;
 
 pub use whitened::{Eliminated, Origin, RowPlace};
 
+pub(crate) use attenuation::{corrected, whitened_bias};
 pub(crate) use true_pose::{CLOSURE_SHARE, POSE_UNKNOWNS, TruePose, left_jacobian};
 
 /// Groups of residuals that have a noise of their own.
@@ -89,6 +92,9 @@ pub(crate) struct Part {
     pub(crate) components: Vec<Component>,
     /// Index of the sample that each residual is of, where samples belong together; empty where each is for itself.
     owners: Vec<usize>,
+    /// Of closures for themselves, the change of each, in units of its noise, by a standard deviation of each coordinate of
+    /// its pose; empty elsewhere.
+    pub(crate) noise_shares: Vec<[f64; 6]>,
 }
 
 /// The residuals of a variant at samples.
@@ -184,6 +190,21 @@ pub(crate) fn values(machine: &Machine, used: &[usize], fitted: &[f64]) -> Vec<f
     values
 }
 
+/// Inverse of the information that residuals and priors of a problem hold, infinite where nothing determines a parameter.
+///
+/// # Errors
+/// As [`tau_solver::covariance`].
+pub(crate) fn inverse_information(
+    problem: &Problem<'_>,
+    parameters: &[f64],
+) -> Result<DMatrix<f64>, tau_solver::Error> {
+    let known = tau_solver::covariance(problem, parameters)?;
+    let count = parameters.len();
+    Ok(DMatrix::from_fn(count, count, |i, j| {
+        known.covariance(i, j)
+    }))
+}
+
 impl Part {
     /// A family at some of the samples; data and weights are still to come.
     fn of(
@@ -202,6 +223,7 @@ impl Part {
             weights: Vec::new(),
             components,
             owners: Vec::new(),
+            noise_shares: Vec::new(),
         }
     }
 
@@ -231,15 +253,23 @@ impl Part {
         for &sample in &part.samples {
             let sample = &samples[sample];
             sample.fill(machine, closure, &mut part.data)?;
-            part.weights.push(match by_pose {
-                Some(by_pose) => {
-                    let [x, y, z, a, b, c] = gradient(machine, by_pose, sample)?;
-                    let position = noise.position_m.powi(2) * (x * x + y * y + z * z);
-                    let rotation = noise.rotation_rad.powi(2) * (a * a + b * b + c * c);
-                    (position + rotation).sqrt().recip()
-                }
-                None => 1.0,
-            });
+            let [x, y, z, a, b, c] = match by_pose {
+                Some(by_pose) => gradient(machine, by_pose, sample)?,
+                None => [0.0; 6],
+            };
+            let of_position = [x, y, z].map(|slope| slope * noise.position_m);
+            let of_rotation = [a, b, c].map(|slope| slope * noise.rotation_rad);
+            let shares = of_position.iter().chain(&of_rotation);
+            let sigma = shares.map(|share| share * share).sum::<f64>().sqrt();
+            let weight = if by_pose.is_some() {
+                sigma.recip()
+            } else {
+                1.0
+            };
+            let ([x, y, z], [a, b, c]) = (of_position, of_rotation);
+            part.noise_shares
+                .push([x, y, z, a, b, c].map(|share| share * weight));
+            part.weights.push(weight);
         }
         Ok(part)
     }

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeSet;
 
-use nalgebra::DMatrix;
 use tau_codegen::language::model::{Effect, Readable, Subject, Target};
 use tau_codegen::language::{self, Model};
 use tau_robot::measurements::{
@@ -429,18 +428,10 @@ fn determine(
     };
     if checked.why_not.is_none() {
         check_poses(robot, variant, file, folder, poses)?;
-        let covariance = tau_solver::covariance(&problem, &at).map_err(failed)?;
-        let count = used.len();
-        let inverse = DMatrix::from_fn(count, count, |i, j| covariance.covariance(i, j));
-        let measured_in = (&machine, &samples[..], file.noise);
-        let known = factor_with_shared_noise(
-            &inverse,
-            &residuals,
-            measured_in,
-            &at,
-            &vec![1.0; samples.len()],
-        )?
-        .map(|factor| Uncertainty::new(variant, used, factor));
+        let inverse = problem::inverse_information(&problem, &at).map_err(failed)?;
+        let even = vec![1.0; samples.len()];
+        let known = factor_with_shared_noise(&inverse, &residuals, &at, &even)
+            .map(|factor| Uncertainty::new(variant, used, factor));
         let measured: Vec<&TcpPose> = (poses.iter())
             .map(|&pose| &folder.tcp_poses[pose])
             .collect();

@@ -1,0 +1,305 @@
+//! Bias that the noise of measured poses gives to a fit of closures.
+//!
+//! The derivatives J of the closures r of a pose are taken where it was measured, and its noise is in r as well. So where the
+//! parameters are right, the score Σ Jᵀ·W·r, with the inverse covariance W of r, is not zero on the average but
+//! b = Σᵢ Jᵢ′·(Σ_x·gᵀ·W)ᵢ over closures i, with the noise's covariance Σ_x, the derivatives g of r by the pose and J′ those of
+//! J. Where poses hardly determine a parameter, a fit to thousands of them ends off it by many of its standard deviations
+//! (attenuation: W. A. Fuller, Measurement Error Models, 1987, sec. 1.1). Corrected scores (T. Nakamura, Biometrika 77, 1990)
+//! vanish at p = p̂ + H⁻¹·b(p) instead of at the minimum p̂, with H = Σ Jᵀ·W·J and the priors.
+//!
+//! The noise is the stated one, or as much of it as there is in r: what a model lacks is in r too, but is none of the pose.
+//! The mean of r itself, ½·tr(r″·Σ_x), is left out: it is that of a length wrong by σ²/L.
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+use tau_kinematics::Machine;
+use tau_robot::robot::{Instance, ResidualKind};
+use tau_robot::robot_file::Noise;
+
+use super::Residuals;
+use crate::calibration::error::Error;
+use crate::samples::Sample;
+
+/// Samples that are evaluated at once.
+const CHUNK: usize = 256;
+/// Moves below this share of every standard deviation are none.
+const SAME: f64 = 0.01;
+/// Moves at most: each comes nearer by at least what poses and priors tell more of a parameter than its noise feigns.
+const ROUNDS: usize = 20;
+
+/// A displacement of a pose by a standard deviation, and what the change of a closure's derivatives counts.
+#[derive(Debug, Clone, Copy)]
+struct Displacement {
+    /// Translation (m) and rotation vector (rad).
+    by: [f64; 6],
+    factor: f64,
+}
+
+/// The values where the corrected score of single closures vanishes, from those at their minimum; `inverse` is H⁻¹ there,
+/// `misfit` the sum of squares over its degrees of freedom, `weights` those of the samples' squares.
+///
+/// # Errors
+/// Data that closures take are missing.
+pub(crate) fn corrected(
+    residuals: &Residuals,
+    (machine, samples, noise): (&Machine, &[Sample], Noise),
+    (minimum, misfit): (&[f64], f64),
+    weights: &[f64],
+    inverse: &DMatrix<f64>,
+) -> Result<Vec<f64>, Error> {
+    let mut fitted = minimum.to_vec();
+    // What nothing determines stays.
+    if !inverse.iter().all(|entry| entry.is_finite()) {
+        return Ok(fitted);
+    }
+    let displacement = |closure: usize, sample: usize| {
+        let part = &residuals.parts[closure];
+        Displacement {
+            by: times_noise(part.noise_shares[sample], noise),
+            factor: part.weights[sample] * weights[sample] * misfit.min(1.0),
+        }
+    };
+    let all: Vec<&Sample> = samples.iter().collect();
+    for _ in 0..ROUNDS {
+        let values = super::values(machine, &residuals.used, &fitted);
+        let bias = bias(machine, &values, &all, &displacement)?;
+        let of_fit = residuals.used.iter().map(|&index| bias[index]);
+        let step = inverse * DVector::from_iterator(fitted.len(), of_fit);
+        let mut has_moved = false;
+        for (k, (value, minimum)) in fitted.iter_mut().zip(minimum).enumerate() {
+            let bounds = machine.variant.parameters[residuals.used[k]].search;
+            let (low, high) = bounds.unwrap_or((f64::NEG_INFINITY, f64::INFINITY));
+            let moved = (minimum + step[k]).clamp(low, high);
+            has_moved |= (moved - *value).abs() > SAME * inverse[(k, k)].sqrt();
+            *value = moved;
+        }
+        if !has_moved {
+            break;
+        }
+    }
+    Ok(fitted)
+}
+
+/// b by each parameter of a machine's variant where all closures of a pose are whitened together: beside each sample a
+/// matrix A by rows, with W = AᵀA.
+///
+/// # Errors
+/// Data that closures take are missing.
+pub(crate) fn whitened_bias(
+    machine: &Machine,
+    samples: &[(&Sample, &[f64])],
+    noise: Noise,
+) -> Result<Vec<f64>, Error> {
+    let of_samples = samples.iter().map(|(sample, factor)| {
+        let gradients = machine.gradients(&sample.view());
+        let gradients = gradients.map_err(|error| Error::at_pose(sample.number, error))?;
+        let count = gradients.len();
+        let whitening = DMatrix::from_row_slice(count, count, factor);
+        // A·g in the noise's coordinates: those of residuals of unit variance.
+        let shares =
+            &whitening * DMatrix::from_fn(count, 6, |row, k| times_noise(gradients[row], noise)[k]);
+        let of_closures = whitening.tr_mul(&shares);
+        let displacement = |row: usize| {
+            let factor = whitening.column(row).norm();
+            let by = std::array::from_fn(|k| of_closures[(row, k)] / factor);
+            Displacement {
+                by: times_noise(by, noise),
+                factor,
+            }
+        };
+        Ok((0..count).map(displacement).collect())
+    });
+    let known = of_samples.collect::<Result<Vec<Vec<Displacement>>, Error>>()?;
+    let samples: Vec<&Sample> = samples.iter().map(|(sample, _)| *sample).collect();
+    bias(machine, &machine.values, &samples, &|closure, sample| {
+        known[sample][closure]
+    })
+}
+
+/// Coordinates of a pose's noise in units of it, in metres and radians.
+fn times_noise([x, y, z, a, b, c]: [f64; 6], noise: Noise) -> [f64; 6] {
+    let (position, rotation) = (noise.position_m, noise.rotation_rad);
+    [
+        x * position,
+        y * position,
+        z * position,
+        a * rotation,
+        b * rotation,
+        c * rotation,
+    ]
+}
+
+fn bias(
+    machine: &Machine,
+    values: &[f64],
+    samples: &[&Sample],
+    displacement: &(impl Fn(usize, usize) -> Displacement + Sync),
+) -> Result<Vec<f64>, Error> {
+    let mut bias = vec![0.0; values.len()];
+    let all: Vec<usize> = (0..samples.len()).collect();
+    let closures = machine.variant.instances_of(ResidualKind::Closure);
+    for (index, closure) in closures.enumerate() {
+        let own: Vec<f64> = closure.parameters.iter().map(|&p| values[p]).collect();
+        let shares: Vec<Result<Vec<f64>, Error>> = (all.par_chunks(CHUNK))
+            .map(|places| {
+                let displaced = places.iter().map(|&place| displacement(index, place));
+                let displaced: Vec<Displacement> = displaced.collect();
+                share((machine, closure), &own, &samples[places[0]..], &displaced)
+            })
+            .collect();
+        // Added in order, so that the sum does not depend on threads.
+        for share in shares {
+            for (&parameter, share) in closure.parameters.iter().zip(share?) {
+                bias[parameter] += share;
+            }
+        }
+    }
+    Ok(bias)
+}
+
+/// Part of b that a closure has from as many samples as there are displacements.
+fn share(
+    (machine, closure): (&Machine, &Instance),
+    own: &[f64],
+    samples: &[&Sample],
+    displaced: &[Displacement],
+) -> Result<Vec<f64>, Error> {
+    let family = &closure.family;
+    let columns = family.pattern().columns;
+    let derivatives = |is_displaced: bool| -> Result<Vec<f64>, Error> {
+        let mut data = Vec::new();
+        for (sample, Displacement { by, .. }) in samples.iter().zip(displaced) {
+            let mut view = sample.view();
+            if is_displaced {
+                let [x, y, z, a, b, c] = *by;
+                view = view.at(sample.pose.moved([x, y, z].into(), [a, b, c].into()));
+            }
+            (machine.fill(closure, &view, &mut data))
+                .map_err(|error| Error::at_pose(sample.number, error))?;
+        }
+        let mut prepared = vec![0.0; displaced.len() * family.shape().prepared];
+        let mut residuals = vec![0.0; displaced.len()];
+        let mut jacobian = vec![0.0; displaced.len() * columns.len()];
+        family.prepare_all(&data, &mut prepared);
+        family.linearize_all(&prepared, own, &mut residuals, &mut jacobian);
+        Ok(jacobian)
+    };
+    let (there, here) = (derivatives(true)?, derivatives(false)?);
+    let rows = there
+        .chunks_exact(columns.len())
+        .zip(here.chunks_exact(columns.len()));
+    let mut share = vec![0.0; own.len()];
+    for ((there, here), Displacement { factor, .. }) in rows.zip(displaced) {
+        for ((&column, there), here) in columns.iter().zip(there).zip(here) {
+            share[column as usize] += factor * (there - here);
+        }
+    }
+    Ok(share)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::joint::tests::of_set_1;
+    use crate::numerics::distribution::Random;
+    use crate::numerics::projection::tests::normal;
+    use crate::problem::Closures;
+    use tau_kinematics::Pose;
+
+    const NOISE: Noise = Noise {
+        position_m: 1e-5,
+        rotation_rad: 4e-5,
+    };
+    const PAIRS: usize = 4000;
+
+    /// Residuals of a pose, and their derivatives by each parameter of the variant.
+    fn closures(machine: &Machine, sample: &Sample, pose: Pose) -> (DVector<f64>, DMatrix<f64>) {
+        let of_variant: Vec<&Instance> = (machine.variant)
+            .instances_of(ResidualKind::Closure)
+            .collect();
+        let mut residuals = DVector::zeros(of_variant.len());
+        let mut jacobian = DMatrix::zeros(of_variant.len(), machine.values.len());
+        for (row, closure) in of_variant.into_iter().enumerate() {
+            let (family, mut data) = (&closure.family, Vec::new());
+            machine
+                .fill(closure, &sample.view().at(pose), &mut data)
+                .unwrap();
+            let mut prepared = vec![0.0; family.shape().prepared];
+            family.prepare(&data, &mut prepared);
+            let own: Vec<f64> = (closure.parameters.iter())
+                .map(|&parameter| machine.values[parameter])
+                .collect();
+            let mut entries = vec![0.0; family.pattern().len()];
+            let residual = &mut residuals.as_mut_slice()[row..=row];
+            family.linearize(&prepared, &own, residual, &mut entries);
+            for (&column, entry) in family.pattern().columns.iter().zip(entries) {
+                jacobian[(row, closure.parameters[column as usize])] = entry;
+            }
+        }
+        (residuals, jacobian)
+    }
+
+    /// Mean of ΔJᵀ·W·Δr over noise that is drawn, each draw with its opposite, so that odd powers cancel.
+    fn drawn(machine: &Machine, sample: &Sample, weights: &DMatrix<f64>) -> DVector<f64> {
+        let mut random = Random(7);
+        let (r, j) = closures(machine, sample, sample.pose);
+        let mut sum = DVector::zeros(machine.values.len());
+        for _ in 0..PAIRS {
+            let by = times_noise(std::array::from_fn(|_| normal(&mut random)), NOISE);
+            for sign in [1.0, -1.0] {
+                let [x, y, z, a, b, c] = by.map(|k| sign * k);
+                let pose = sample.pose.moved([x, y, z].into(), [a, b, c].into());
+                let (there, by_parameter) = closures(machine, sample, pose);
+                sum += (by_parameter - &j).tr_mul(&(weights * (there - &r)));
+            }
+        }
+        sum / (2.0 * PAIRS as f64)
+    }
+
+    /// Within what so many draws tell, a few percent of the largest of the same quantity.
+    fn assert_alike(machine: &Machine, found: &[f64], expected: &DVector<f64>) {
+        for quantity in ["plate_joint", "track_offset", "track_direction"] {
+            let own = machine.variant.parameters.iter().enumerate();
+            let own = own
+                .filter(|(_, p)| p.name.contains(quantity))
+                .map(|(k, _)| k);
+            let own: Vec<usize> = own.collect();
+            let largest = own.iter().map(|&k| expected[k].abs()).fold(0.0, f64::max);
+            assert!(largest > 0.0, "{quantity}");
+            for &k in &own {
+                let off = (found[k] - expected[k]).abs() / largest;
+                assert!(off < 0.1, "{}: {off}", machine.variant.parameters[k].name);
+            }
+        }
+    }
+
+    #[test]
+    fn the_bias_is_that_of_noise_that_is_drawn() {
+        let (joint, samples) = of_set_1();
+        let machine = &joint.machine;
+        let sample = &samples[3];
+
+        let factor = joint.closure_factors().nth(3).unwrap();
+        let whitening = DMatrix::from_row_slice(6, 6, factor);
+        let found = whitened_bias(machine, &[(sample, factor)], NOISE).unwrap();
+        let expected = drawn(machine, sample, &whitening.tr_mul(&whitening));
+        assert_alike(machine, &found, &expected);
+
+        let own = std::slice::from_ref(sample);
+        let nominal: Vec<_> = (machine.values.iter())
+            .map(|&value| crate::calibration::Nominal::new(value, None))
+            .collect();
+        let apart = Residuals::new(machine, &nominal, own, NOISE, Closures::Apart).unwrap();
+        let displacement = |closure: usize, _: usize| {
+            let part = &apart.parts[closure];
+            Displacement {
+                by: times_noise(part.noise_shares[0], NOISE),
+                factor: part.weights[0],
+            }
+        };
+        let found = bias(machine, &machine.values, &[sample], &displacement).unwrap();
+        let weights = apart.parts.iter().map(|part| part.weights[0].powi(2));
+        let weights = DMatrix::from_diagonal(&DVector::from_iterator(6, weights));
+        assert_alike(machine, &found, &drawn(machine, sample, &weights));
+    }
+}
