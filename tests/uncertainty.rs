@@ -244,7 +244,7 @@ fn intervals_of_a_hexapod_hold_the_truth() {
     covers("stewart");
 }
 
-/// Where the plate hardly turns, the noise of measured rotations would draw its joints towards the tool: ten tolerances by
+/// Where the plate hardly turns, the noise of measured rotations would draw its joints towards the tool: five tolerances by
 /// so many poses, of which each standard deviation here is one.
 #[test]
 fn many_poses_do_not_draw_joints_towards_the_tool() {
