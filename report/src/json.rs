@@ -23,17 +23,25 @@ use super::trust::json as trust;
 /// Version of the fields: raised where one changes its meaning or goes, not where one is added.
 const SCHEMA: u32 = 1;
 
+/// Room for the text of an error of a pose: rather more than it takes, since room costs nothing until it is used, and
+/// growing copies all that is there.
+const BYTES_OF_POSE: usize = 1 << 11;
+
 /// A result as the text of a file, with `schema`, the version of its fields.
 pub fn document(mut value: Value) -> String {
     if let Some(fields) = value.as_object_mut() {
         fields.insert("schema".to_owned(), json!(SCHEMA));
     }
-    text(&value)
+    text(&value, 0)
 }
 
-fn text(result: &impl Serialize) -> String {
-    let text = serde_json::to_string_pretty(result);
-    text.expect("names are strings, and nothing else fails in memory") + "\n"
+/// The text of a result, for which there is room for so many bytes.
+fn text(result: &impl Serialize, room: usize) -> String {
+    let mut text = Vec::with_capacity(room);
+    let written = serde_json::to_writer_pretty(&mut text, result);
+    written.expect("names are strings, and nothing else fails in memory");
+    text.push(b'\n');
+    String::from_utf8(text).expect("JSON is text")
 }
 
 /// The result of `tau study`: of many poses it is long, and never stands in memory as a tree of values.
@@ -69,7 +77,8 @@ impl Results<'_> {
 
     /// The text of a file.
     pub fn document(&self) -> String {
-        text(self)
+        let errors = self.variants.values().map(|own| own.pose_errors.len());
+        text(self, errors.sum::<usize>() * BYTES_OF_POSE)
     }
 }
 

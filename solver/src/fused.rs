@@ -7,7 +7,8 @@
 //!
 //! Products square the condition number. So the factor is used only while rounding can't have touched
 //! more than a tiny share of any pivot; on the first pivot for which that fails, the part goes over to
-//! the stored Jacobian and its QR factor, which is the same triangle computed more accurately.
+//! the QR factor of the Jacobian, which is the same triangle computed more accurately. Its rows are reduced as they
+//! come: a Jacobian of many samples is larger than a cache, and writing and reading it takes longer than computing it.
 
 use std::array::from_fn;
 
@@ -15,7 +16,8 @@ use rayon::prelude::*;
 use tau_runtime::{BlockFamily, LANES, Lanes, NormalEquations, block_count};
 
 use crate::jacobian::{Jacobian, JacobianPattern};
-use crate::linear::{DENSE_COLUMNS, Method, qr};
+use crate::linear::qr::RowReduction;
+use crate::linear::{DENSE_COLUMNS, Method};
 use crate::partition::Part;
 use crate::problem::{Prepared, Prior, Problem};
 use crate::system::{Content, DROPPED, NonFinite, System};
@@ -29,6 +31,8 @@ const TALL: usize = 4;
 /// Blocks of samples that are summed up apart; the sums are added in their order, so that they do not
 /// depend on the number of threads.
 const RANGE: usize = 512;
+/// Blocks of samples of a range that one thread linearises at a time: some ten microseconds' work.
+const SHARE: usize = 64;
 
 /// One block of residuals.
 struct Piece<'p> {
@@ -58,8 +62,8 @@ pub(crate) struct Fused<'p> {
     pub(crate) residuals: Vec<f64>,
     /// Upper triangle of `[J r]ᵀ[J r]`, row by row; then its factor.
     matrix: Vec<f64>,
-    /// The whole Jacobian, once the normal equations have turned out ill-conditioned.
-    stored: Option<System<'p>>,
+    /// Reduces the Jacobian, once the normal equations have turned out ill-conditioned.
+    reduction: Option<RowReduction>,
 }
 
 impl<'p> Fused<'p> {
@@ -88,7 +92,7 @@ impl<'p> Fused<'p> {
             let Prepared::Blocks(family, prepared) = &block.prepared else {
                 return None;
             };
-            if block.loss != Loss::Squared {
+            if block.loss != Loss::Squared || block.family.pattern().len() == 0 {
                 return None;
             }
             let columns = block.parameters.iter().map(|&p| column_of[p]);
@@ -120,13 +124,13 @@ impl<'p> Fused<'p> {
             triangle: triangle(n),
             residuals: vec![0.0; n + 1],
             matrix: vec![0.0; (n + 1) * (n + 1)],
-            stored: None,
+            reduction: None,
         })
     }
 
-    /// True if the normal equations were given up for the stored Jacobian.
-    pub(crate) fn is_stored(&self) -> bool {
-        self.stored.is_some()
+    /// True if the normal equations were given up for the QR factor of the Jacobian.
+    pub(crate) fn is_by_qr(&self) -> bool {
+        self.reduction.is_some()
     }
 
     /// Number of costs: a block of samples that is partly filled has zeros past the last.
@@ -163,7 +167,7 @@ impl<'p> Fused<'p> {
     pub(crate) fn linearize(&mut self, x: &[f64]) -> Result<(), NonFinite> {
         self.scatter(x);
         let n = x.len();
-        if self.stored.is_none() {
+        if self.reduction.is_none() {
             self.accumulate(x);
             if factor(&mut self.matrix, n) {
                 let matrix = &self.matrix;
@@ -172,14 +176,59 @@ impl<'p> Fused<'p> {
                 return Ok(());
             }
         }
-        let stored = self.stored.get_or_insert_with(|| {
-            System::new(self.problem, &self.part, &self.all, Content::Minimize)
-        });
-        stored.linearize(x)?;
-        let factor = qr::augmented_triangle(&stored.jacobian, &stored.residuals);
+        if !self.reduce(x) {
+            // Evaluated once more, it says which number is not finite.
+            let all = &self.all;
+            System::new(self.problem, &self.part, all, Content::Minimize).linearize(x)?;
+        }
+        Ok(())
+    }
+
+    /// Fills [`Self::triangle`] and [`Self::residuals`] from the rows of the Jacobian; false where a number is not finite.
+    fn reduce(&mut self, x: &[f64]) -> bool {
+        let n = x.len();
+        let reduction = (self.reduction).get_or_insert_with(|| RowReduction::new(self.rows, n + 1));
+        reduction.clear();
+        let mut is_finite = true;
+        for piece in &self.pieces {
+            let samples = self.problem.blocks[piece.block].samples;
+            let parameters = piece.parameters(self.problem, &self.all);
+            let (rows, pattern) = (piece.family.shape().residuals, piece.family.pattern());
+            let mut derivatives = Vec::new();
+            let mut values = Vec::new();
+            for (range, weights) in piece.weights.chunks(RANGE * rows).enumerate() {
+                values.resize(weights.len(), Lanes::ZERO);
+                derivatives.resize(weights.len() / rows * pattern.len(), Lanes::ZERO);
+                piece.linearize(range, &parameters, &mut values, &mut derivatives);
+                let first = range * RANGE * LANES;
+                let count = (weights.len() / rows * LANES).min(samples - first);
+                for (block, lane) in (0..count).map(|sample| (sample / LANES, sample % LANES)) {
+                    let derivatives = &derivatives[block * pattern.len()..];
+                    for (row, ends) in pattern.row_starts.windows(2).enumerate() {
+                        let own = ends[0] as usize..ends[1] as usize;
+                        let weight = weights[block * rows + row][lane];
+                        let residual = values[block * rows + row][lane] * weight;
+                        is_finite &= residual.is_finite();
+                        let columns = pattern.columns[own.clone()].iter();
+                        let columns = columns.map(|&column| piece.columns[column as usize]);
+                        let entries = columns.zip(&derivatives[own]).filter_map(|(column, own)| {
+                            let entry = weight * own[lane];
+                            is_finite &= column == DROPPED || entry.is_finite();
+                            (column != DROPPED).then_some((column, entry))
+                        });
+                        reduction.push(entries.chain([(n, residual)]));
+                    }
+                }
+            }
+        }
+        for (column, prior) in &self.priors {
+            let (slope, r) = (1.0 / prior.sigma, (x[*column] - prior.mean) / prior.sigma);
+            reduction.push([(*column, slope), (n, r)].into_iter());
+        }
+        let factor = reduction.reduce();
         let entry = |row, column| factor[(row, column)];
         write_triangle(&mut self.triangle, &mut self.residuals, entry);
-        Ok(())
+        is_finite
     }
 
     fn scatter(&mut self, x: &[f64]) {
@@ -233,6 +282,27 @@ impl Piece<'_> {
     fn parameters(&self, problem: &Problem, all: &[f64]) -> Vec<f64> {
         let indices = &problem.blocks[self.block].parameters;
         indices.iter().map(|&index| all[index]).collect()
+    }
+
+    /// Values and derivatives of one range.
+    fn linearize(
+        &self,
+        range: usize,
+        parameters: &[f64],
+        values: &mut [Lanes],
+        derivatives: &mut [Lanes],
+    ) {
+        let (shape, entries) = (self.family.shape(), self.family.pattern().len());
+        let shares = values.par_chunks_mut(SHARE * shape.residuals);
+        let shares = shares.zip(derivatives.par_chunks_mut(SHARE * entries));
+        shares
+            .enumerate()
+            .for_each(|(share, (values, derivatives))| {
+                let first = (range * RANGE + share * SHARE) * shape.prepared;
+                let count = values.len() / shape.residuals * shape.prepared;
+                let prepared = &self.prepared[first..first + count];
+                (self.family).linearize_blocks(prepared, parameters, values, derivatives);
+            });
     }
 
     /// Products of the columns over one range.

@@ -197,13 +197,11 @@ pub fn calibrate(
     let mut iterations = total_iterations(&solution);
 
     let values = problem::values(machine, used, &solution.parameters);
-    let measured_in = (machine, &samples[..], file.noise);
     let told = |problem: &Problem<'_>, at: &[f64], information: &[f64]| -> Result<_, Error> {
         let identifiability = tau_solver::identifiability(problem, at).map_err(failed)?;
         let known = tau_solver::covariance(problem, at).map_err(failed)?;
         let covariance = DMatrix::from_fn(used.len(), used.len(), |i, j| known.covariance(i, j));
-        let factor =
-            factor_with_shared_noise(&covariance, &residuals, measured_in, at, information)?;
+        let factor = factor_with_shared_noise(&covariance, &residuals, file.noise, at, information);
         Ok((identifiability, covariance, factor))
     };
     // Where poses count as they are, which most do, nothing waits for their weights.

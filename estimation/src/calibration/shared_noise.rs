@@ -9,13 +9,10 @@
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
-use tau_kinematics::Machine;
 use tau_robot::robot_file::Noise;
 
-use super::error::Error;
 use crate::numerics::triangle;
 use crate::problem::Residuals;
-use crate::samples::Sample;
 
 /// Poses whose derivatives are multiplied at once.
 const CHUNK: usize = 256;
@@ -26,32 +23,22 @@ const CHUNK: usize = 256;
 /// As a factor, because the errors of parameters cancel in those of poses, by more than products of the covariance's
 /// entries have digits for.
 ///
-/// `nominal` is the machine whose derivatives weigh the closures, `fitted` holds a value of each parameter of the fit,
-/// `information` the weight of each sample in H: its noise is larger than stated by one over it.
-///
-/// # Errors
-/// A closure's derivative is not finite.
+/// `fitted` holds a value of each parameter of the fit, `information` the weight of each sample in H: its noise is larger
+/// than stated by one over it.
 pub(crate) fn factor_with_shared_noise(
     inverse: &DMatrix<f64>,
     residuals: &Residuals,
-    (nominal, samples, noise): (&Machine, &[Sample], Noise),
+    noise: Noise,
     fitted: &[f64],
     information: &[f64],
-) -> Result<Option<Vec<Vec<f64>>>, Error> {
+) -> Option<Vec<Vec<f64>>> {
     if !inverse.iter().all(|entry| entry.is_finite()) {
-        return Ok(None);
+        return None;
     }
-    let places: Vec<usize> = (0..samples.len()).collect();
-    let shares: Vec<Result<DMatrix<f64>, Error>> = places
+    let shares: Vec<DMatrix<f64>> = information
         .par_chunks(CHUNK)
-        .map(|places| {
-            share(
-                residuals,
-                (nominal, samples, noise),
-                fitted,
-                (places, information),
-            )
-        })
+        .enumerate()
+        .map(|(chunk, information)| share(residuals, noise, fitted, (chunk * CHUNK, information)))
         .collect();
     let priors = residuals.priors.iter().map(|prior| {
         let tolerance = prior.tolerance.filter(|&tolerance| tolerance > 0.0);
@@ -60,7 +47,7 @@ pub(crate) fn factor_with_shared_noise(
     let mut squares = DMatrix::from_diagonal(&DVector::from_iterator(fitted.len(), priors));
     // Added in order, so that the sum does not depend on threads.
     for share in shares {
-        squares += share?;
+        squares += share;
     }
     let rows = |matrix: &DMatrix<f64>| -> Vec<Vec<f64>> {
         matrix
@@ -68,37 +55,33 @@ pub(crate) fn factor_with_shared_noise(
             .map(|row| row.iter().copied().collect())
             .collect()
     };
-    let Some(lower) = triangle::lower(&rows(&squares)) else {
-        return Ok(None);
-    };
+    let lower = triangle::lower(&rows(&squares))?;
     let lower = DMatrix::from_fn(fitted.len(), fitted.len(), |i, j| {
         lower[i].get(j).copied().unwrap_or(0.0)
     });
     // F·Fᵀ = (F·Q)·(F·Q)ᵀ for whatever orthogonal Q: that one which leaves a triangle.
     let upper = (inverse * lower).transpose().qr().unpack_r();
     let row = |i: usize| (0..=i).map(|j| upper[(j, i)]).collect();
-    Ok(Some((0..fitted.len()).map(row).collect()))
+    Some((0..fitted.len()).map(row).collect())
 }
 
-/// Σ bbᵀ over some of the samples.
+/// Σ bbᵀ over successive samples, of which the first is given.
 fn share(
     residuals: &Residuals,
-    (nominal, samples, noise): (&Machine, &[Sample], Noise),
+    noise: Noise,
     fitted: &[f64],
-    (places, information): (&[usize], &[f64]),
-) -> Result<DMatrix<f64>, Error> {
+    (first, information): (usize, &[f64]),
+) -> DMatrix<f64> {
     let own: Vec<Vec<f64>> = residuals
         .parts
         .iter()
         .map(|part| part.parameters.iter().map(|&index| fitted[index]).collect())
         .collect();
-    let mut by_noise = DMatrix::zeros(6 * places.len(), fitted.len());
+    let mut by_noise = DMatrix::zeros(6 * information.len(), fitted.len());
     let (mut prepared, mut jacobian) = (Vec::new(), Vec::new());
-    for (block, &place) in places.iter().enumerate() {
-        let sample = &samples[place];
-        let gradients = nominal.gradients(&sample.view());
-        let gradients = gradients.map_err(|error| Error::at_pose(sample.number, error))?;
-        for ((gradient, part), own) in gradients.iter().zip(&residuals.parts).zip(&own) {
+    for (block, information) in information.iter().enumerate() {
+        let place = first + block;
+        for (part, own) in residuals.parts.iter().zip(&own) {
             let shape = part.family.shape();
             let data = &part.data[place * shape.data..(place + 1) * shape.data];
             prepared.resize(shape.prepared, 0.0);
@@ -106,11 +89,11 @@ fn share(
             part.family.prepare(data, &mut prepared);
             (part.family).linearize(&prepared, own, &mut [0.0], &mut jacobian);
             let weight = part.weights[place];
-            let share = weight * weight * information[place].sqrt();
+            let share = weight * weight * information.sqrt();
             let columns = part.family.pattern().columns.iter();
             for (&column, entry) in columns.zip(&jacobian) {
                 let column = part.parameters[column as usize];
-                for (k, slope) in gradient.iter().enumerate() {
+                for (k, slope) in part.by_pose[place].iter().enumerate() {
                     let sigma = if k < 3 {
                         noise.position_m
                     } else {
@@ -121,5 +104,14 @@ fn share(
             }
         }
     }
-    Ok(by_noise.tr_mul(&by_noise))
+    // The product with itself is symmetric: its lower triangle is enough.
+    let column = |k: usize| by_noise.column(k);
+    let mut squares = DMatrix::zeros(fitted.len(), fitted.len());
+    for i in 0..fitted.len() {
+        for j in 0..=i {
+            let product = column(i).dot(&column(j));
+            (squares[(i, j)], squares[(j, i)]) = (product, product);
+        }
+    }
+    squares
 }

@@ -432,15 +432,9 @@ fn determine(
         let covariance = tau_solver::covariance(&problem, &at).map_err(failed)?;
         let count = used.len();
         let inverse = DMatrix::from_fn(count, count, |i, j| covariance.covariance(i, j));
-        let measured_in = (&machine, &samples[..], file.noise);
-        let known = factor_with_shared_noise(
-            &inverse,
-            &residuals,
-            measured_in,
-            &at,
-            &vec![1.0; samples.len()],
-        )?
-        .map(|factor| Uncertainty::new(variant, used, factor));
+        let information = vec![1.0; samples.len()];
+        let known = factor_with_shared_noise(&inverse, &residuals, file.noise, &at, &information)
+            .map(|factor| Uncertainty::new(variant, used, factor));
         let measured: Vec<&TcpPose> = (poses.iter())
             .map(|&pose| &folder.tcp_poses[pose])
             .collect();
