@@ -190,33 +190,28 @@ impl<'p> Fused<'p> {
         let reduction = (self.reduction).get_or_insert_with(|| RowReduction::new(self.rows, n + 1));
         reduction.clear();
         let mut is_finite = true;
+        let (mut values, mut derivatives) = (Vec::new(), Vec::new());
         for piece in &self.pieces {
             let samples = self.problem.blocks[piece.block].samples;
             let parameters = piece.parameters(self.problem, &self.all);
             let (rows, pattern) = (piece.family.shape().residuals, piece.family.pattern());
-            let mut derivatives = Vec::new();
-            let mut values = Vec::new();
+            let columns = pattern.columns.iter();
+            let columns: Vec<usize> = columns.map(|&own| piece.columns[own as usize]).collect();
             for (range, weights) in piece.weights.chunks(RANGE * rows).enumerate() {
-                values.resize(weights.len(), Lanes::ZERO);
-                derivatives.resize(weights.len() / rows * pattern.len(), Lanes::ZERO);
-                piece.linearize(range, &parameters, &mut values, &mut derivatives);
-                let first = range * RANGE * LANES;
-                let count = (weights.len() / rows * LANES).min(samples - first);
+                let blocks = weights.len() / rows;
+                values.resize(blocks * rows, Lanes::ZERO);
+                derivatives.resize(blocks * pattern.len(), Lanes::ZERO);
+                is_finite &= piece.linearize(range, &parameters, &mut values, &mut derivatives);
+                let count = (blocks * LANES).min(samples - range * RANGE * LANES);
                 for (block, lane) in (0..count).map(|sample| (sample / LANES, sample % LANES)) {
-                    let derivatives = &derivatives[block * pattern.len()..];
-                    for (row, ends) in pattern.row_starts.windows(2).enumerate() {
+                    let derivatives = &derivatives[block * pattern.len()..][..pattern.len()];
+                    let values = &values[block * rows..][..rows];
+                    for (value, ends) in values.iter().zip(pattern.row_starts.windows(2)) {
                         let own = ends[0] as usize..ends[1] as usize;
-                        let weight = weights[block * rows + row][lane];
-                        let residual = values[block * rows + row][lane] * weight;
-                        is_finite &= residual.is_finite();
-                        let columns = pattern.columns[own.clone()].iter();
-                        let columns = columns.map(|&column| piece.columns[column as usize]);
-                        let entries = columns.zip(&derivatives[own]).filter_map(|(column, own)| {
-                            let entry = weight * own[lane];
-                            is_finite &= column == DROPPED || entry.is_finite();
-                            (column != DROPPED).then_some((column, entry))
-                        });
-                        reduction.push(entries.chain([(n, residual)]));
+                        let entries = columns[own.clone()].iter().zip(&derivatives[own]);
+                        let entries = entries.map(|(&column, own)| (column, own[lane]));
+                        let entries = entries.filter(|&(column, _)| column != DROPPED);
+                        reduction.push(entries.chain([(n, value[lane])]));
                     }
                 }
             }
@@ -228,7 +223,8 @@ impl<'p> Fused<'p> {
         let factor = reduction.reduce();
         let entry = |row, column| factor[(row, column)];
         write_triangle(&mut self.triangle, &mut self.residuals, entry);
-        is_finite
+        let mut numbers = self.triangle.values.iter().chain(&self.residuals);
+        is_finite && numbers.all(|number| number.is_finite())
     }
 
     fn scatter(&mut self, x: &[f64]) {
@@ -284,25 +280,38 @@ impl Piece<'_> {
         indices.iter().map(|&index| all[index]).collect()
     }
 
-    /// Values and derivatives of one range.
+    /// Residuals and derivatives of one range, weighted; false where one is not finite.
     fn linearize(
         &self,
         range: usize,
         parameters: &[f64],
-        values: &mut [Lanes],
+        residuals: &mut [Lanes],
         derivatives: &mut [Lanes],
-    ) {
-        let (shape, entries) = (self.family.shape(), self.family.pattern().len());
-        let shares = values.par_chunks_mut(SHARE * shape.residuals);
-        let shares = shares.zip(derivatives.par_chunks_mut(SHARE * entries));
-        shares
-            .enumerate()
-            .for_each(|(share, (values, derivatives))| {
-                let first = (range * RANGE + share * SHARE) * shape.prepared;
-                let count = values.len() / shape.residuals * shape.prepared;
-                let prepared = &self.prepared[first..first + count];
-                (self.family).linearize_blocks(prepared, parameters, values, derivatives);
-            });
+    ) -> bool {
+        let (shape, pattern) = (self.family.shape(), self.family.pattern());
+        let shares = residuals.par_chunks_mut(SHARE * shape.residuals);
+        let shares = shares.zip(derivatives.par_chunks_mut(SHARE * pattern.len()));
+        let share = |(share, (residuals, derivatives)): (usize, (&mut [Lanes], &mut [Lanes]))| {
+            let first = range * RANGE + share * SHARE;
+            let count = residuals.len() / shape.residuals;
+            let prepared = &self.prepared[first * shape.prepared..][..count * shape.prepared];
+            (self.family).linearize_blocks(prepared, parameters, residuals, derivatives);
+            let weights = self.weights[first * shape.residuals..].iter();
+            let rows = pattern.row_starts.windows(2).cycle();
+            let (mut rest, mut is_finite) = (derivatives, true);
+            for ((residual, weight), ends) in residuals.iter_mut().zip(weights).zip(rows) {
+                let (own, others) = rest.split_at_mut((ends[1] - ends[0]) as usize);
+                for numbers in own.iter_mut().chain([residual]) {
+                    for (number, weight) in numbers.0.iter_mut().zip(&weight.0) {
+                        *number *= weight;
+                        is_finite &= number.is_finite();
+                    }
+                }
+                rest = others;
+            }
+            is_finite
+        };
+        shares.enumerate().map(share).reduce(|| true, |a, b| a & b)
     }
 
     /// Products of the columns over one range.
