@@ -92,7 +92,7 @@ impl<'p> Fused<'p> {
             let Prepared::Blocks(family, prepared) = &block.prepared else {
                 return None;
             };
-            if block.loss != Loss::Squared || block.family.pattern().len() == 0 {
+            if block.loss != Loss::Squared || block.family.pattern().is_empty() {
                 return None;
             }
             let columns = block.parameters.iter().map(|&p| column_of[p]);
