@@ -112,13 +112,13 @@ pub(super) fn run(
             statistics["errors_in_variables"] =
                 report::errors_in_variables::json(fitted, &result, &closure);
         }
-        let document = report::json::document(statistics.clone());
-        Ok((statistics, summary, document))
+        Ok((summary, report::json::document(statistics)))
     };
     let tables = || tables(&found, &found.file, verdict.widening());
     let (tables, told) = rayon::join(tables, told);
     let [file, parameters, covariance, undetermined] = tables?;
-    let (statistics, mut summary, document) = told?;
+    let (mut summary, document) = told?;
+    let json = target.map(|target| (document.clone(), target));
     let contents = [file, parameters, covariance, undetermined, document];
     let paths = FILES.into_iter().map(|name| out.join(name));
     let files: Vec<_> = paths.zip(contents).collect();
@@ -127,7 +127,7 @@ pub(super) fn run(
         summary,
         remarks: session.remarks_for(variant)?,
         files,
-        json: target.map(|target| (statistics, target)),
+        json,
         ..Outcome::default()
     };
     Ok(outcome.judged(&verdict, arguments.force.force))
@@ -155,7 +155,8 @@ fn unknown_poses(
     let file = session.file_of_unknown_poses(&found, &stamp());
     let [file, parameters, covariance, undetermined] =
         tables(&found.calibration, &file, verdict.widening())?;
-    let document = report::json::document(statistics.clone());
+    let document = report::json::document(statistics);
+    let json = target.map(|target| (document.clone(), target));
     let contents = [file, parameters, covariance, undetermined, document];
     let paths = FILES.into_iter().map(|name| arguments.out.join(name));
     let files: Vec<_> = paths.zip(contents).collect();
@@ -172,7 +173,7 @@ fn unknown_poses(
         summary,
         remarks,
         files,
-        json: target.map(|target| (statistics, target)),
+        json,
         ..Outcome::default()
     };
     Ok(outcome.judged(&verdict, arguments.force.force))

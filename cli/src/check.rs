@@ -49,7 +49,7 @@ pub(super) fn run(arguments: &arguments::Check, console: &Console<'_>) -> Result
                 || report::unknown_poses::division_json(&session.row_division()),
                 report::json::poses,
             );
-            (value, target)
+            (report::json::document(value), target)
         }),
         failure,
         ..Outcome::default()

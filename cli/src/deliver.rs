@@ -4,7 +4,6 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use serde_json::Value;
 use tau::input_error::InputError;
 use tau_report as report;
 
@@ -24,8 +23,8 @@ pub(super) struct Outcome {
     pub(super) files: Vec<(PathBuf, String)>,
     /// Files to remove once the others are written.
     pub(super) stale: Vec<PathBuf>,
-    /// Results for programs, and where they go.
-    pub(super) json: Option<(Value, Target)>,
+    /// Results for programs as JSON, and where they go.
+    pub(super) json: Option<(String, Target)>,
     /// Verdict on a result that is not consistent: stands in the summary, and on standard error where that is not shown.
     pub(super) verdict: Option<String>,
     /// Why the command fails all the same.
@@ -58,11 +57,11 @@ impl Target {
 impl Outcome {
     /// Writes the files and prints the rest.
     pub(super) fn deliver(mut self, console: &mut Console<'_>) -> Result<(), Failure> {
-        let json = self
-            .json
-            .map(|(value, target)| (report::json::document(value), target));
-        if let Some((text, Target::File(path))) = &json {
-            self.files.push((path.clone(), text.clone()));
+        let mut printed = None;
+        match self.json {
+            Some((text, Target::File(path))) => self.files.push((path, text)),
+            Some((text, Target::StandardOutput)) => printed = Some(text),
+            None => {}
         }
         report::write_files(&self.files)
             .map_err(|error| InputError::whole("output", format!("cannot write {error}")))?;
@@ -79,12 +78,12 @@ impl Outcome {
                 console.remark(remark);
             }
         }
-        let is_silent = console.quiet || matches!(json, Some((_, Target::StandardOutput)));
+        let is_silent = console.quiet || printed.is_some();
         if let Some(verdict) = self.verdict.filter(|_| is_silent) {
             console.complain(&format_args!("verdict: {verdict}"));
         }
-        match json {
-            Some((text, Target::StandardOutput)) => console.print(&text),
+        match printed {
+            Some(text) => console.print(&text),
             _ if console.quiet => console.print(&self.data),
             _ => console.print(&(self.summary + &self.data)),
         }?;

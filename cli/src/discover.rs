@@ -109,7 +109,12 @@ pub(super) fn run(
         summary,
         remarks: [session.remarks(), catalogues.remarks].concat(),
         files,
-        json: target.map(|target| (report::json::discovery(discovery), target)),
+        json: target.map(|target| {
+            (
+                report::json::document(report::json::discovery(discovery)),
+                target,
+            )
+        }),
         ..Outcome::default()
     })
 }

@@ -57,7 +57,7 @@ pub(super) fn run(
             value["evaluated_on"] = json!(report::json::basis(basis));
             value["position_um_without_outliers"] = json!(without.map(report::json::summary));
             value["fit"] = report::trust::json::verdict(&verdict);
-            (value, target)
+            (report::json::document(value), target)
         }),
         ..Outcome::default()
     };
@@ -87,7 +87,7 @@ fn unknown_poses(
             value["robot"] = json!(robot.name);
             value["folder"] = json!(folder);
             value["evaluated_on"] = json!(report::json::basis(basis));
-            (value, target)
+            (report::json::document(value), target)
         }),
         ..Outcome::default()
     };

@@ -24,7 +24,12 @@ pub(super) fn run(
             console.width,
         ),
         remarks: session.remarks_for(variant)?,
-        json: target.map(|target| (report::json::sensitivity(&found), target)),
+        json: target.map(|target| {
+            (
+                report::json::document(report::json::sensitivity(&found)),
+                target,
+            )
+        }),
         ..Outcome::default()
     })
 }

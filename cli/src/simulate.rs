@@ -2,6 +2,7 @@
 
 use serde_json::{Value, json};
 use tau::simulation::{Request, Summary};
+use tau_report as report;
 use tau_robot::input_error::both;
 
 use super::deliver::{Outcome, Target, check_folder};
@@ -54,7 +55,7 @@ pub(super) fn run(arguments: &arguments::Simulate) -> Result<Outcome, Failure> {
                 "outliers": made.outliers,
                 "out_of_reach": made.out_of_reach,
             });
-            (value, target)
+            (report::json::document(value), target)
         }),
         ..Outcome::default()
     })

@@ -49,7 +49,7 @@ pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result
         summary: report::terminal::study(&results, console.width) + &paths,
         files,
         stale,
-        json: target.map(|target| (report::json::study(&results), target)),
+        json: target.map(|target| (report::json::study(&results).document(), target)),
         ..Outcome::default()
     };
     Ok(match verdict {

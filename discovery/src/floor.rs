@@ -2,8 +2,9 @@
 
 use nalgebra::DMatrix;
 use tau_estimation::joint::fit::Fit;
+use tau_estimation::numerics::parallel;
 use tau_kinematics::{Machine, Sample, least_norm};
-use tau_robot::measurements::Folder;
+use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot::TrackShape;
 use tau_robot::robot_file::Noise;
 use tau_runtime::{Owner, ResidualKind};
@@ -27,8 +28,6 @@ pub(super) fn floor(
     poses: &[usize],
     noise: Noise,
 ) -> Result<Floor, Error> {
-    let mut floor = Floor::default();
-    let mut count = 0.0;
     let deviations = fit.deviations_at_stated_noise();
     let unknowns = machine.pose_unknowns();
     let axes = unknowns.iter().take_while(|&&motion| motion < 3).count();
@@ -36,7 +35,8 @@ pub(super) fn floor(
         .variant
         .instances_of(ResidualKind::Closure)
         .collect();
-    for measured in poses.iter().filter_map(|&pose| folder.tcp_poses.get(pose)) {
+    // Mean and mean square at a pose; nothing where nothing holds it.
+    let of_pose = |measured: &TcpPose| -> Result<Option<(f64, f64)>, Error> {
         let sample = Sample::from(measured);
         let mut by_pose = DMatrix::zeros(closures.len(), unknowns.len());
         let mut by_parameter = DMatrix::zeros(closures.len(), deviations.nrows());
@@ -93,7 +93,7 @@ pub(super) fn floor(
             to.copy_from(&from);
         }
         let Some(moved) = least_norm(&by_pose, &spread) else {
-            continue;
+            return Ok(None);
         };
         // Columns of translation come first.
         let position = moved.rows(0, axes);
@@ -102,9 +102,19 @@ pub(super) fn floor(
         let trace = covariance.trace();
         // Mean length of a normal vector, to second order in how uneven its covariance is.
         let spread = (&covariance * &covariance).trace() / trace.powi(2);
-        floor.mean_m += trace.sqrt() * (1.0 - 0.25 * spread);
-        floor.square_m2 += trace;
-        count += 1.0;
+        Ok(Some((trace.sqrt() * (1.0 - 0.25 * spread), trace)))
+    };
+    let measured: Vec<&TcpPose> = (poses.iter())
+        .filter_map(|&pose| folder.tcp_poses.get(pose))
+        .collect();
+    let (mut floor, mut count) = (Floor::default(), 0.0);
+    // Added in order, so that the sums do not depend on threads.
+    for of_pose in parallel::map(&measured, |own| of_pose(own)) {
+        if let Some((mean_m, square_m2)) = of_pose? {
+            floor.mean_m += mean_m;
+            floor.square_m2 += square_m2;
+            count += 1.0;
+        }
     }
     if count > 0.0 {
         floor.mean_m /= count;

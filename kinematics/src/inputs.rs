@@ -8,7 +8,7 @@ use tau_robot::robot::Input;
 use tau_robot::robot_file::Reference;
 
 use super::Pose;
-use super::paths::Path;
+use super::paths::{Path, Segment};
 use super::statics::{Forces, Statics};
 
 /// Knowledge besides the samples themselves.
@@ -154,7 +154,7 @@ impl Surroundings {
         self.fill_all([inputs], sample, data)
     }
 
-    /// The same for several families one after the other, for which angles and forces are computed once.
+    /// The same for several families one after the other, for which angles, forces and segments of paths are found once.
     ///
     /// # Errors
     /// As [`Self::fill`].
@@ -175,11 +175,16 @@ impl Surroundings {
                 .or_else(|| computed.as_ref())
                 .ok_or(Missing::Forces)
         };
-        let segment = |track: usize| {
+        let mut last: Option<(usize, Segment)> = None;
+        let mut segment = |track: usize| {
+            if let Some((_, segment)) = last.filter(|(of, _)| *of == track) {
+                return Ok(segment);
+            }
             let path = self.paths.get(track).and_then(Option::as_ref);
-            path.zip(sample.commands_m.get(track))
-                .map(|(path, &command_m)| path.segment(command_m))
-                .ok_or(Missing::Path)
+            let (path, &command_m) =
+                (path.zip(sample.commands_m.get(track))).ok_or(Missing::Path)?;
+            let (_, segment) = last.insert((track, path.segment(command_m)));
+            Ok(*segment)
         };
         for &input in inputs.into_iter().flatten() {
             data.push(match input {

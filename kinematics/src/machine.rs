@@ -180,6 +180,22 @@ impl Machine {
             .collect()
     }
 
+    /// Gradients of one closure by position (3) and rotation vector (3) at samples.
+    ///
+    /// # Errors
+    /// As [`Self::closure_by_pose`].
+    pub fn gradients_at<'a>(
+        &self,
+        instance: &Instance,
+        samples: impl Iterator<Item = Sample<'a>>,
+    ) -> impl Iterator<Item = Result<[f64; POSE_COLUMNS], Error>> {
+        let mut scratch = Scratch::default();
+        samples.map(move |sample| {
+            scratch.linearize(self, instance, &sample)?;
+            Ok(scratch.gradient(instance))
+        })
+    }
+
     /// Scatter of the closures (m²) from the noise of drives and links: closures × independent deviations, so that the
     /// product with its transpose is their covariance. No columns where nothing scatters. By a length a closure changes as
     /// by the distance of its joints, whose derivative is that by the plate's position.

@@ -3,9 +3,11 @@
 //! Values that do not apply are `null`: the orientation of a reduced arm, the direction of a piecewise track. So
 //! is a number that is not finite.
 
-use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+use serde::Serialize;
 use serde_json::{Map, Value, json};
-use tau::assumptions::{PathDeviation, TrackComparison, TrackLinearity};
+use tau::assumptions::{Assumptions, PathDeviation, TrackComparison, TrackLinearity};
 use tau::calibration::{LinkResult, ParameterEstimate};
 use tau::discovery::Discovery;
 use tau::evaluation::{Evaluation, PoseError, Summary, VariantResult, without_outliers};
@@ -21,42 +23,93 @@ use super::trust::json as trust;
 /// Version of the fields: raised where one changes its meaning or goes, not where one is added.
 const SCHEMA: u32 = 1;
 
+/// Room for the text of an error of a pose: rather more than it takes, since room costs nothing until it is used, and
+/// growing copies all that is there.
+const BYTES_OF_POSE: usize = 1 << 11;
+
 /// A result as the text of a file, with `schema`, the version of its fields.
 pub fn document(mut value: Value) -> String {
     if let Some(fields) = value.as_object_mut() {
         fields.insert("schema".to_owned(), json!(SCHEMA));
     }
-    format!("{value:#}\n")
+    text(&value, 0)
+}
+
+/// The text of a result, for which there is room for so many bytes.
+fn text(result: &impl Serialize, room: usize) -> String {
+    let mut text = Vec::with_capacity(room);
+    let written = serde_json::to_writer_pretty(&mut text, result);
+    written.expect("names are strings, and nothing else fails in memory");
+    text.push(b'\n');
+    String::from_utf8(text).expect("JSON is text")
+}
+
+/// The result of `tau study`: of many poses it is long, and never stands in memory as a tree of values.
+///
+/// Here and below fields stand in the order of their names, as those of a [`Value`] do.
+#[derive(Debug, Serialize)]
+pub struct Results<'a> {
+    assumptions: AssumptionFields<'a>,
+    check: Option<Value>,
+    discovery: Option<Value>,
+    fit: Option<Value>,
+    folder: &'a str,
+    noise: Value,
+    of: &'a str,
+    poses: Value,
+    remarks: &'a [String],
+    robot: &'a str,
+    schema: u32,
+    sensitivity: Option<Value>,
+    variant_order: Vec<&'a str>,
+    variants: BTreeMap<&'a str, VariantFields<'a>>,
+}
+
+impl Results<'_> {
+    /// The same without the time that the search took, so that the file is the same where the results are.
+    #[must_use]
+    pub fn timeless(mut self) -> Self {
+        if let Some(discovery) = self.discovery.as_mut().and_then(Value::as_object_mut) {
+            discovery.remove("seconds");
+        }
+        self
+    }
+
+    /// The text of a file.
+    pub fn document(&self) -> String {
+        let errors = self.variants.values().map(|own| own.pose_errors.len());
+        text(self, errors.sum::<usize>() * BYTES_OF_POSE)
+    }
 }
 
 /// The result of `tau study`.
 ///
 /// `discovery` is `null` where the search for effects was left out, or failed; then a remark says why.
-pub fn study(study: &Study) -> Value {
-    let variants: Vec<_> = (study.variants.par_iter())
-        .map(|result| (result.name.clone(), variant(result)))
-        .collect();
-    let variants = Map::from_iter(variants);
-    let order: Vec<_> = study
-        .variants
-        .iter()
-        .map(|result| result.name.as_str())
-        .collect();
-    json!({
-        "robot": study.robot,
-        "folder": study.folder,
-        "noise": { "position_m": study.noise.0, "rotation_rad": study.noise.1 },
-        "of": if study.rows.is_some() { "measurements" } else { "poses" },
-        "poses": poses(study.poses),
-        "variants": variants,
-        "variant_order": order,
-        "assumptions": assumptions(study),
-        "sensitivity": study.sensitivity.as_ref().map(sensitivity),
-        "discovery": study.discovery.as_ref().map(discovery),
-        "remarks": study.remarks,
-        "fit": study.fit().map(|(_, verdict)| trust::verdict(verdict)),
-        "check": study.check.as_ref().map(trust::check),
-    })
+pub fn study(study: &Study) -> Results<'_> {
+    let variants = study.variants.iter();
+    let (position_m, rotation_rad) = study.noise;
+    Results {
+        assumptions: assumptions(&study.assumptions),
+        check: study.check.as_ref().map(trust::check),
+        discovery: study.discovery.as_ref().map(discovery),
+        fit: study.fit().map(|(_, verdict)| trust::verdict(verdict)),
+        folder: &study.folder,
+        noise: json!({ "position_m": position_m, "rotation_rad": rotation_rad }),
+        of: if study.rows.is_some() {
+            "measurements"
+        } else {
+            "poses"
+        },
+        poses: poses(study.poses),
+        remarks: &study.remarks,
+        robot: &study.robot,
+        schema: SCHEMA,
+        sensitivity: study.sensitivity.as_ref().map(sensitivity),
+        variant_order: variants.clone().map(|own| own.name.as_str()).collect(),
+        variants: variants
+            .map(|own| (own.name.as_str(), VariantFields::from(own)))
+            .collect(),
+    }
 }
 
 /// The result of `tau discover`.
@@ -81,7 +134,7 @@ pub fn evaluation(evaluation: &Evaluation, widening: f64) -> Value {
     json!({
         "position_um": position(evaluation.position_um, evaluation.expected_rms_um, widening),
         "orientation_rad": evaluation.orientation_rad_max_abs.map(|max_abs| json!({ "max_abs": max_abs })),
-        "pose_errors": evaluation.errors.iter().map(|own| pose_error(own, widening)).collect::<Vec<_>>(),
+        "pose_errors": evaluation.errors.iter().map(|own| PoseErrorFields::new(own, widening)).collect::<Vec<_>>(),
     })
 }
 
@@ -112,30 +165,59 @@ pub fn basis(basis: Basis) -> &'static str {
 
 /// One variant, as it stands under its name in the result of [`study`].
 pub fn variant(variant: &VariantResult) -> Value {
-    let links: Map<_, _> = variant
-        .links
-        .iter()
-        .map(|result| (result.name.clone(), link(result)))
-        .collect();
-    let without = without_outliers(&variant.pose_errors, &variant.validation_outliers);
-    let widening = variant.fit.as_ref().map_or(1.0, Verdict::widening);
-    json!({
-        "fit": variant.fit.as_ref().map(trust::verdict),
-        "position_um": position(variant.position_um, variant.expected_rms_um, widening),
-        "position_um_without_outliers": without.map(summary),
-        "validation_outliers": variant.validation_outliers.iter().map(trust::outlier).collect::<Vec<_>>(),
-        "orientation_rad": variant.orientation_rad_max_abs.map(|max_abs| json!({ "max_abs": max_abs })),
-        "held_out": variant.held.as_ref().map(held_errors::of_variant),
-        "links": links,
-        "iterations": variant.iterations,
-        "termination": variant.termination,
-        "parameters": variant.parameters.iter().map(|own| parameter(own, widening)).collect::<Vec<_>>(),
-        "correlations": variant.correlations.iter()
-            .map(|(one, other, value)| json!({ "parameters": [one, other], "value": value }))
-            .collect::<Vec<_>>(),
-        "undetermined": variant.undetermined.iter().map(trust::combination).collect::<Vec<_>>(),
-        "pose_errors": variant.pose_errors.iter().map(|own| pose_error(own, widening)).collect::<Vec<_>>(),
-    })
+    json!(VariantFields::from(variant))
+}
+
+#[derive(Debug, Serialize)]
+struct VariantFields<'a> {
+    correlations: Vec<Value>,
+    fit: Option<Value>,
+    held_out: Option<Value>,
+    iterations: usize,
+    links: BTreeMap<&'a str, Value>,
+    orientation_rad: Option<Value>,
+    parameters: Vec<Value>,
+    pose_errors: Vec<PoseErrorFields>,
+    position_um: Value,
+    position_um_without_outliers: Option<Value>,
+    termination: &'a str,
+    undetermined: Vec<Value>,
+    validation_outliers: Vec<Value>,
+}
+
+impl<'a> From<&'a VariantResult> for VariantFields<'a> {
+    fn from(variant: &'a VariantResult) -> Self {
+        let without = without_outliers(&variant.pose_errors, &variant.validation_outliers);
+        let widening = variant.fit.as_ref().map_or(1.0, Verdict::widening);
+        let outliers = variant.validation_outliers.iter();
+        let correlations = variant.correlations.iter();
+        let largest = variant.orientation_rad_max_abs;
+        Self {
+            correlations: correlations
+                .map(|(one, other, value)| json!({ "parameters": [one, other], "value": value }))
+                .collect(),
+            fit: variant.fit.as_ref().map(trust::verdict),
+            held_out: variant.held.as_ref().map(held_errors::of_variant),
+            iterations: variant.iterations,
+            links: (variant.links.iter())
+                .map(|own| (own.name.as_str(), link(own)))
+                .collect(),
+            orientation_rad: largest.map(|max_abs| json!({ "max_abs": max_abs })),
+            parameters: (variant.parameters.iter())
+                .map(|own| parameter(own, widening))
+                .collect(),
+            pose_errors: (variant.pose_errors.iter())
+                .map(|own| PoseErrorFields::new(own, widening))
+                .collect(),
+            position_um: position(variant.position_um, variant.expected_rms_um, widening),
+            position_um_without_outliers: without.map(summary),
+            termination: &variant.termination,
+            undetermined: (variant.undetermined.iter())
+                .map(trust::combination)
+                .collect(),
+            validation_outliers: outliers.map(trust::outlier).collect(),
+        }
+    }
 }
 
 fn link(link: &LinkResult) -> Value {
@@ -169,53 +251,75 @@ fn parameter(parameter: &ParameterEstimate, widening: f64) -> Value {
     })
 }
 
-fn pose_error(error: &PoseError, widening: f64) -> Value {
-    let sigma = error.sigma;
-    let widened = sigma.map(|sigma| sigma.widened(widening));
-    json!({
-        "pose": error.pose,
-        "position_m": error.position_m,
-        "error_um": error.error_um,
-        "orientation_rad": error.orientation_rad,
-        "sigma_um": sigma.map(|sigma| sigma.position_um),
-        "sigma_widened_um": widened.map(|sigma| sigma.position_um),
-        "orientation_sigma_rad": sigma.and_then(|sigma| sigma.orientation_rad),
-        "orientation_sigma_widened_rad": widened.and_then(|sigma| sigma.orientation_rad),
-    })
+/// Standard deviations as stated noise makes them, and widened by the misfit.
+#[derive(Debug, Serialize)]
+struct PoseErrorFields {
+    error_um: [f64; 3],
+    orientation_rad: Option<[f64; 3]>,
+    orientation_sigma_rad: Option<[f64; 3]>,
+    orientation_sigma_widened_rad: Option<[f64; 3]>,
+    pose: u32,
+    position_m: [f64; 3],
+    sigma_um: Option<[f64; 3]>,
+    sigma_widened_um: Option<[f64; 3]>,
 }
 
-fn assumptions(study: &Study) -> Value {
-    let found = &study.assumptions;
-    let orientation: Vec<_> = found
-        .orientation
-        .iter()
-        .map(|point| {
-            json!({
-                "pose": point.pose,
-                "position_m": point.position_m,
-                "deviation_rad": point.deviation_rad,
+impl PoseErrorFields {
+    fn new(error: &PoseError, widening: f64) -> Self {
+        let sigma = error.sigma;
+        let widened = sigma.map(|sigma| sigma.widened(widening));
+        Self {
+            error_um: error.error_um,
+            orientation_rad: error.orientation_rad,
+            orientation_sigma_rad: sigma.and_then(|sigma| sigma.orientation_rad),
+            orientation_sigma_widened_rad: widened.and_then(|sigma| sigma.orientation_rad),
+            pose: error.pose,
+            position_m: error.position_m,
+            sigma_um: sigma.map(|sigma| sigma.position_um),
+            sigma_widened_um: widened.map(|sigma| sigma.position_um),
+        }
+    }
+}
+
+#[derive(Debug, Serialize)]
+struct AssumptionFields<'a> {
+    linearity: Vec<Value>,
+    orientation: Vec<OrientationFields<'a>>,
+    set_3_against_set_2: Vec<Value>,
+}
+
+#[derive(Debug, Serialize)]
+struct OrientationFields<'a> {
+    deviation_rad: &'a [f64; 3],
+    pose: u32,
+    position_m: &'a [f64; 3],
+}
+
+fn assumptions(found: &Assumptions) -> AssumptionFields<'_> {
+    let linearity = found.linearity.iter();
+    let orientation = found.orientation.iter();
+    let sets = found.sets.iter();
+    AssumptionFields {
+        linearity: linearity
+            .map(|TrackLinearity { track, points }| json!({ "track": track, "points": deviations(points) }))
+            .collect(),
+        orientation: orientation
+            .map(|point| OrientationFields {
+                deviation_rad: &point.deviation_rad,
+                pose: point.pose,
+                position_m: &point.position_m,
             })
-        })
-        .collect();
-    let linearity: Vec<_> = found
-        .linearity
-        .iter()
-        .map(|TrackLinearity { track, points }| json!({ "track": track, "points": deviations(points) }))
-        .collect();
-    let sets: Vec<_> = found
-        .sets
-        .iter()
-        .map(
-            |TrackComparison {
-                 track,
-                 points,
-                 rms_um,
-             }| {
-                json!({ "track": track, "rms_um": rms_um, "points": deviations(points) })
-            },
-        )
-        .collect();
-    json!({ "orientation": orientation, "linearity": linearity, "set_3_against_set_2": sets })
+            .collect(),
+        set_3_against_set_2: sets
+            .map(
+                |TrackComparison {
+                     track,
+                     points,
+                     rms_um,
+                 }| json!({ "track": track, "rms_um": rms_um, "points": deviations(points) }),
+            )
+            .collect(),
+    }
 }
 
 fn deviations(points: &[PathDeviation]) -> Vec<Value> {

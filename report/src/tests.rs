@@ -108,7 +108,7 @@ fn the_report_needs_no_other_file() {
 fn table_one_says_the_same_everywhere() {
     let study = fixture::study();
     let (_, page, terminal) = render(&study);
-    let json = json::study(&study);
+    let json = serde_json::json!(json::study(&study));
     let page = parse_html(&page);
     let document = Document::parse(&page).unwrap();
     let rows = cells(table(&document, "Table I."));
@@ -137,9 +137,19 @@ fn table_one_says_the_same_everywhere() {
     }
 }
 
+/// As a tree of values would sort them.
+#[test]
+fn fields_of_the_json_stand_in_the_order_of_their_names() {
+    let study = fixture::study();
+    let results = json::study(&study);
+    let tree = serde_json::json!(results);
+    assert_eq!(results.document(), format!("{tree:#}\n"));
+    assert_eq!(results.document(), json::document(tree));
+}
+
 #[test]
 fn json_has_the_fields_that_programs_read() {
-    let json = json::study(&fixture::study());
+    let json = serde_json::json!(json::study(&fixture::study()));
     assert_eq!(
         json["poses"],
         serde_json::json!({ "total": 176, "in_range": 121, "calibration": 61, "validation": 60 })
@@ -328,7 +338,9 @@ fn numbers_that_are_not_finite_are_left_out() {
         study.sensitivity.as_mut().unwrap().links[0].parameters[index].by_pose_um[0] = bad;
     }
     render(&study);
-    assert!(json::study(&study)["variants"]["Nominal"]["position_um"]["mean"].is_null());
+    let json = serde_json::json!(json::study(&study));
+    assert!(json["variants"]["Nominal"]["position_um"]["mean"].is_null());
+    assert!(json["variants"]["Nominal"]["pose_errors"][3]["error_um"][0].is_null());
 }
 
 #[test]

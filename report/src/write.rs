@@ -7,7 +7,6 @@ use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use serde_json::Value;
 use tau::session::Record;
 use tau::study::results::Study;
 
@@ -36,7 +35,7 @@ pub fn study_files(folder: &Path, study: &Study, record: &Record) -> Vec<(PathBu
         let page = html::page(study, &figures, record);
         (figures, page)
     };
-    let results = || json::document(timeless(json::study(study)));
+    let results = || json::study(study).timeless().document();
     let ((figures, page), results) = rayon::join(drawn, results);
     let machine = first_page::drawing(study).map(|drawing| drawing.svg);
     let mut files = vec![
@@ -53,14 +52,6 @@ pub fn study_files(folder: &Path, study: &Study, record: &Record) -> Vec<(PathBu
     files.push((MANIFEST.to_owned(), manifest));
     let at_place = |(name, content): (String, String)| (folder.join(name), content);
     files.into_iter().map(at_place).collect()
-}
-
-/// A study without the time that its search took, so that the file is the same where the results are.
-fn timeless(mut study: Value) -> Value {
-    if let Some(discovery) = study["discovery"].as_object_mut() {
-        discovery.remove("seconds");
-    }
-    study
 }
 
 /// Held while files are written.

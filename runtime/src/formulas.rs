@@ -174,6 +174,9 @@ impl<F: Formulas> BlockFamily for F {
     }
 }
 
+// Blocks come from iterators that cannot fail: where a loop could panic before it reads the parameters, the compiler
+// computes what depends on them alone, such as sines of angles that are fitted, anew for each block.
+
 struct Value<F>(PhantomData<F>);
 
 impl<F: Formulas> Kernel for Value<F> {
@@ -181,12 +184,26 @@ impl<F: Formulas> Kernel for Value<F> {
     fn run(self, prepared: &[Lanes], parameters: &[f64], residuals: &mut [Lanes], _: &mut [Lanes]) {
         let width = F::SHAPE.prepared;
         check_lengths!(parameters: F::SHAPE.parameters);
-        for (block, residuals) in residuals.chunks_exact_mut(F::SHAPE.residuals).enumerate() {
-            let prepared = &prepared[block * width..][..width];
-            for lane in 0..LANES {
-                F::value(lane, prepared, parameters, residuals);
+        let prepared = &prepared[..residuals.len() / F::SHAPE.residuals * width];
+        let blocks = residuals.chunks_exact_mut(F::SHAPE.residuals);
+        if width == 0 {
+            // Residuals of nothing that was measured.
+            for residuals in blocks {
+                values::<F>(prepared, parameters, residuals);
             }
+            return;
         }
+        for (residuals, prepared) in blocks.zip(prepared.chunks_exact(width)) {
+            values::<F>(prepared, parameters, residuals);
+        }
+    }
+}
+
+/// Values of one block.
+#[inline(always)]
+fn values<F: Formulas>(prepared: &[Lanes], parameters: &[f64], residuals: &mut [Lanes]) {
+    for lane in 0..LANES {
+        F::value(lane, prepared, parameters, residuals);
     }
 }
 
@@ -202,13 +219,35 @@ impl<F: Formulas> Kernel for Linearize<F> {
         jacobian: &mut [Lanes],
     ) {
         let (width, entries) = (F::SHAPE.prepared, F::PATTERN.len());
-        check_lengths!(parameters: F::SHAPE.parameters);
-        for (block, residuals) in residuals.chunks_exact_mut(F::SHAPE.residuals).enumerate() {
-            let prepared = &prepared[block * width..][..width];
-            let jacobian = &mut jacobian[block * entries..][..entries];
-            for lane in 0..LANES {
-                F::linearize(lane, prepared, parameters, residuals, jacobian);
+        if width == 0 || entries == 0 {
+            // Residuals of nothing that was measured, or of nothing that is fitted.
+            for (block, residuals) in residuals.chunks_exact_mut(F::SHAPE.residuals).enumerate() {
+                let prepared = &prepared[block * width..][..width];
+                let jacobian = &mut jacobian[block * entries..][..entries];
+                derivatives::<F>(prepared, parameters, residuals, jacobian);
             }
+            return;
         }
+        check_lengths!(parameters: F::SHAPE.parameters);
+        let count = residuals.len() / F::SHAPE.residuals;
+        let (prepared, jacobian) = (&prepared[..count * width], &mut jacobian[..count * entries]);
+        let blocks = residuals.chunks_exact_mut(F::SHAPE.residuals);
+        let blocks = blocks.zip(jacobian.chunks_exact_mut(entries));
+        for ((residuals, jacobian), prepared) in blocks.zip(prepared.chunks_exact(width)) {
+            derivatives::<F>(prepared, parameters, residuals, jacobian);
+        }
+    }
+}
+
+/// Values and derivatives of one block.
+#[inline(always)]
+fn derivatives<F: Formulas>(
+    prepared: &[Lanes],
+    parameters: &[f64],
+    residuals: &mut [Lanes],
+    jacobian: &mut [Lanes],
+) {
+    for lane in 0..LANES {
+        F::linearize(lane, prepared, parameters, residuals, jacobian);
     }
 }

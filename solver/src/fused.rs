@@ -7,7 +7,8 @@
 //!
 //! Products square the condition number. So the factor is used only while rounding can't have touched
 //! more than a tiny share of any pivot; on the first pivot for which that fails, the part goes over to
-//! the stored Jacobian and its QR factor, which is the same triangle computed more accurately.
+//! the QR factor of the Jacobian, which is the same triangle computed more accurately. Its rows are reduced as they
+//! come: a Jacobian of many samples is larger than a cache, and writing and reading it takes longer than computing it.
 
 use std::array::from_fn;
 
@@ -15,7 +16,8 @@ use rayon::prelude::*;
 use tau_runtime::{BlockFamily, LANES, Lanes, NormalEquations, block_count};
 
 use crate::jacobian::{Jacobian, JacobianPattern};
-use crate::linear::{DENSE_COLUMNS, Method, qr};
+use crate::linear::qr::RowReduction;
+use crate::linear::{DENSE_COLUMNS, Method};
 use crate::partition::Part;
 use crate::problem::{Prepared, Prior, Problem};
 use crate::system::{Content, DROPPED, NonFinite, System};
@@ -29,6 +31,8 @@ const TALL: usize = 4;
 /// Blocks of samples that are summed up apart; the sums are added in their order, so that they do not
 /// depend on the number of threads.
 const RANGE: usize = 512;
+/// Blocks of samples of a range that one thread linearises at a time: some ten microseconds' work.
+const SHARE: usize = 64;
 
 /// One block of residuals.
 struct Piece<'p> {
@@ -58,8 +62,8 @@ pub(crate) struct Fused<'p> {
     pub(crate) residuals: Vec<f64>,
     /// Upper triangle of `[J r]ᵀ[J r]`, row by row; then its factor.
     matrix: Vec<f64>,
-    /// The whole Jacobian, once the normal equations have turned out ill-conditioned.
-    stored: Option<System<'p>>,
+    /// Reduces the Jacobian, once the normal equations have turned out ill-conditioned.
+    reduction: Option<RowReduction>,
 }
 
 impl<'p> Fused<'p> {
@@ -88,7 +92,7 @@ impl<'p> Fused<'p> {
             let Prepared::Blocks(family, prepared) = &block.prepared else {
                 return None;
             };
-            if block.loss != Loss::Squared {
+            if block.loss != Loss::Squared || block.family.pattern().is_empty() {
                 return None;
             }
             let columns = block.parameters.iter().map(|&p| column_of[p]);
@@ -120,13 +124,13 @@ impl<'p> Fused<'p> {
             triangle: triangle(n),
             residuals: vec![0.0; n + 1],
             matrix: vec![0.0; (n + 1) * (n + 1)],
-            stored: None,
+            reduction: None,
         })
     }
 
-    /// True if the normal equations were given up for the stored Jacobian.
-    pub(crate) fn is_stored(&self) -> bool {
-        self.stored.is_some()
+    /// True if the normal equations were given up for the QR factor of the Jacobian.
+    pub(crate) fn is_by_qr(&self) -> bool {
+        self.reduction.is_some()
     }
 
     /// Number of costs: a block of samples that is partly filled has zeros past the last.
@@ -163,7 +167,7 @@ impl<'p> Fused<'p> {
     pub(crate) fn linearize(&mut self, x: &[f64]) -> Result<(), NonFinite> {
         self.scatter(x);
         let n = x.len();
-        if self.stored.is_none() {
+        if self.reduction.is_none() {
             self.accumulate(x);
             if factor(&mut self.matrix, n) {
                 let matrix = &self.matrix;
@@ -172,14 +176,55 @@ impl<'p> Fused<'p> {
                 return Ok(());
             }
         }
-        let stored = self.stored.get_or_insert_with(|| {
-            System::new(self.problem, &self.part, &self.all, Content::Minimize)
-        });
-        stored.linearize(x)?;
-        let factor = qr::augmented_triangle(&stored.jacobian, &stored.residuals);
+        if !self.reduce(x) {
+            // Evaluated once more, it says which number is not finite.
+            let all = &self.all;
+            System::new(self.problem, &self.part, all, Content::Minimize).linearize(x)?;
+        }
+        Ok(())
+    }
+
+    /// Fills [`Self::triangle`] and [`Self::residuals`] from the rows of the Jacobian; false where a number is not finite.
+    fn reduce(&mut self, x: &[f64]) -> bool {
+        let n = x.len();
+        let reduction = (self.reduction).get_or_insert_with(|| RowReduction::new(self.rows, n + 1));
+        reduction.clear();
+        let mut is_finite = true;
+        let (mut values, mut derivatives) = (Vec::new(), Vec::new());
+        for piece in &self.pieces {
+            let samples = self.problem.blocks[piece.block].samples;
+            let parameters = piece.parameters(self.problem, &self.all);
+            let (rows, pattern) = (piece.family.shape().residuals, piece.family.pattern());
+            let columns = pattern.columns.iter();
+            let columns: Vec<usize> = columns.map(|&own| piece.columns[own as usize]).collect();
+            for (range, weights) in piece.weights.chunks(RANGE * rows).enumerate() {
+                let blocks = weights.len() / rows;
+                values.resize(blocks * rows, Lanes::ZERO);
+                derivatives.resize(blocks * pattern.len(), Lanes::ZERO);
+                is_finite &= piece.linearize(range, &parameters, &mut values, &mut derivatives);
+                let count = (blocks * LANES).min(samples - range * RANGE * LANES);
+                for (block, lane) in (0..count).map(|sample| (sample / LANES, sample % LANES)) {
+                    let derivatives = &derivatives[block * pattern.len()..][..pattern.len()];
+                    let values = &values[block * rows..][..rows];
+                    for (value, ends) in values.iter().zip(pattern.row_starts.windows(2)) {
+                        let own = ends[0] as usize..ends[1] as usize;
+                        let entries = columns[own.clone()].iter().zip(&derivatives[own]);
+                        let entries = entries.map(|(&column, own)| (column, own[lane]));
+                        let entries = entries.filter(|&(column, _)| column != DROPPED);
+                        reduction.push(entries.chain([(n, value[lane])]));
+                    }
+                }
+            }
+        }
+        for (column, prior) in &self.priors {
+            let (slope, r) = (1.0 / prior.sigma, (x[*column] - prior.mean) / prior.sigma);
+            reduction.push([(*column, slope), (n, r)].into_iter());
+        }
+        let factor = reduction.reduce();
         let entry = |row, column| factor[(row, column)];
         write_triangle(&mut self.triangle, &mut self.residuals, entry);
-        Ok(())
+        let mut numbers = self.triangle.values.iter().chain(&self.residuals);
+        is_finite && numbers.all(|number| number.is_finite())
     }
 
     fn scatter(&mut self, x: &[f64]) {
@@ -233,6 +278,40 @@ impl Piece<'_> {
     fn parameters(&self, problem: &Problem, all: &[f64]) -> Vec<f64> {
         let indices = &problem.blocks[self.block].parameters;
         indices.iter().map(|&index| all[index]).collect()
+    }
+
+    /// Residuals and derivatives of one range, weighted; false where one is not finite.
+    fn linearize(
+        &self,
+        range: usize,
+        parameters: &[f64],
+        residuals: &mut [Lanes],
+        derivatives: &mut [Lanes],
+    ) -> bool {
+        let (shape, pattern) = (self.family.shape(), self.family.pattern());
+        let shares = residuals.par_chunks_mut(SHARE * shape.residuals);
+        let shares = shares.zip(derivatives.par_chunks_mut(SHARE * pattern.len()));
+        let share = |(share, (residuals, derivatives)): (usize, (&mut [Lanes], &mut [Lanes]))| {
+            let first = range * RANGE + share * SHARE;
+            let count = residuals.len() / shape.residuals;
+            let prepared = &self.prepared[first * shape.prepared..][..count * shape.prepared];
+            (self.family).linearize_blocks(prepared, parameters, residuals, derivatives);
+            let weights = self.weights[first * shape.residuals..].iter();
+            let rows = pattern.row_starts.windows(2).cycle();
+            let (mut rest, mut is_finite) = (derivatives, true);
+            for ((residual, weight), ends) in residuals.iter_mut().zip(weights).zip(rows) {
+                let (own, others) = rest.split_at_mut((ends[1] - ends[0]) as usize);
+                for numbers in own.iter_mut().chain([residual]) {
+                    for (number, weight) in numbers.0.iter_mut().zip(&weight.0) {
+                        *number *= weight;
+                        is_finite &= number.is_finite();
+                    }
+                }
+                rest = others;
+            }
+            is_finite
+        };
+        shares.enumerate().map(share).reduce(|| true, |a, b| a & b)
     }
 
     /// Products of the columns over one range.

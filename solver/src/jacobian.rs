@@ -58,6 +58,12 @@ impl JacobianPattern {
         self.row_starts.len() - 1
     }
 
+    /// Makes room for more rows and entries.
+    pub(crate) fn reserve(&mut self, rows: usize, entries: usize) {
+        self.row_starts.reserve(rows);
+        self.columns.reserve(entries);
+    }
+
     /// Adds rows, given their columns and where each ends among them.
     pub(crate) fn push_rows(&mut self, columns: &[usize], ends: &[usize]) {
         let base = self.columns.len();

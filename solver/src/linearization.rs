@@ -30,7 +30,7 @@ impl<'p> Linearization<'p> {
 
     /// True if [`Self::jacobian`] comes from the normal equations.
     pub(crate) fn is_fused(&self) -> bool {
-        matches!(self, Self::Fused(fused) if !fused.is_stored())
+        matches!(self, Self::Fused(fused) if !fused.is_by_qr())
     }
 
     /// The matrix of the linear model, of the pattern that it had at first.

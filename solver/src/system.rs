@@ -3,10 +3,10 @@
 use rayon::prelude::*;
 use tau_runtime::Lanes;
 
-use crate::Error;
 use crate::jacobian::{Jacobian, JacobianPattern};
 use crate::partition::Part;
 use crate::problem::{Block, Prepared, Prior, Problem};
+use crate::{Error, Loss};
 
 /// Position in a row of an entry that belongs to no free parameter.
 pub(crate) const DROPPED: usize = usize::MAX;
@@ -72,6 +72,8 @@ struct SampleLayout {
     /// Entries of the pattern that have a place, with it, and the end of each residual's among them.
     kept: Vec<(usize, usize)>,
     kept_ends: Vec<usize>,
+    /// True if the entries of the sample are those of the pattern, in its order.
+    is_pattern: bool,
 }
 
 /// Part of a piece that a thread writes: some samples' rows.
@@ -123,6 +125,10 @@ impl<'p> System<'p> {
             column_of[p] = column;
         }
         let mut pattern = JacobianPattern::new(part.parameters.len());
+        for block in part.blocks.iter().map(|&b| &problem.blocks[b]) {
+            let (rows, entries) = (block.family.shape().residuals, block.family.pattern().len());
+            pattern.reserve(block.samples * rows, block.samples * entries);
+        }
         let mut pieces: Vec<Piece> = Vec::with_capacity(part.blocks.len());
         for &b in &part.blocks {
             let block = &problem.blocks[b];
@@ -314,28 +320,35 @@ impl Piece {
                 if !whitened.is_finite() {
                     return fault(None);
                 }
-                let at = block.loss.at(whitened);
-                let (residual_factor, jacobian_factor) = if content == Content::Minimize {
-                    at.factors()
-                } else {
-                    (at.weight.sqrt(), at.weight.sqrt())
+                let (residual_factor, jacobian_factor) = match block.loss {
+                    Loss::Squared => (1.0, 1.0),
+                    loss if content == Content::Minimize => loss.at(whitened).factors(),
+                    loss => [loss.at(whitened).weight.sqrt(); 2].into(),
                 };
                 batch.residuals[k * shape.residuals + i] = residual_factor * whitened;
                 let factor = jacobian_factor * weight;
-                let kept = &self.layout.kept[first..end];
+                let own = first..end;
+                let kept = &self.layout.kept[own.clone()];
                 first = end;
-                let mut sum = 0.0;
-                for &(entry, slot) in kept {
-                    let derivative = factor * derivatives[entry];
-                    entries[slot] = if is_once {
-                        derivative
-                    } else {
-                        entries[slot] + derivative
-                    };
-                    sum += derivative.abs();
+                let mut is_finite = true;
+                if self.layout.is_pattern {
+                    let derivatives = &derivatives[own.clone()];
+                    for (entry, derivative) in entries[own].iter_mut().zip(derivatives) {
+                        *entry = factor * derivative;
+                        is_finite &= entry.is_finite();
+                    }
+                } else {
+                    for &(entry, slot) in kept {
+                        let derivative = factor * derivatives[entry];
+                        entries[slot] = if is_once {
+                            derivative
+                        } else {
+                            entries[slot] + derivative
+                        };
+                        is_finite &= derivative.is_finite();
+                    }
                 }
-                // One number that is not finite makes the sum so.
-                if !sum.is_finite() {
+                if !is_finite {
                     let is_wrong =
                         |&&(entry, _): &&(usize, usize)| !(factor * derivatives[entry]).is_finite();
                     if let Some(&(entry, _)) = kept.iter().find(is_wrong) {
@@ -473,7 +486,9 @@ fn sample_layout(block: &Block, sample: usize, column_of: &[usize]) -> (SampleLa
         kept.extend(places.map(|(entry, &slot)| (first + entry, slot)));
         kept_ends.push(kept.len());
     }
+    let is_in_place = |(place, own): (usize, &(usize, usize))| *own == (place, place);
     let layout = SampleLayout {
+        is_pattern: kept.len() == pattern.len() && kept.iter().enumerate().all(is_in_place),
         row_ends,
         slots,
         kept,

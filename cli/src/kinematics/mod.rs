@@ -14,6 +14,7 @@ use tau::prototype;
 use tau::robot::Arm;
 use tau::robot_file::RobotFile;
 use tau::uncertainty::PoseUncertainty;
+use tau_report as report;
 use tau_robot::input_error::{both, quoted};
 
 use super::calibrate::{csv, number};
@@ -476,7 +477,9 @@ impl<'a> Setup<'a> {
         self.remarks.extend(beyond);
         self.remarks.extend(Self::beyond_knowledge(rows, &known));
         let remarks = self.remarks;
-        let json = self.json.map(|target| (value, target));
+        let json = self
+            .json
+            .map(|target| (report::json::document(value), target));
         Ok(match self.out {
             Some(path) => Outcome {
                 summary: format!("written: {}\n", path.display()),

@@ -218,7 +218,7 @@ pub fn calibrate(
                 information: &[f64]|
      -> Result<_, Error> {
         let identifiability = tau_solver::identifiability(problem, at).map_err(failed)?;
-        let factor = factor_with_shared_noise(&inverse, &residuals, at, information);
+        let factor = factor_with_shared_noise(&inverse, &residuals, file.noise, at, information);
         Ok((identifiability, inverse, factor))
     };
     // Where poses count as they are, which most do, nothing waits for their weights.

@@ -9,6 +9,7 @@
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
+use tau_robot::robot_file::Noise;
 
 use crate::numerics::triangle;
 use crate::problem::Residuals;
@@ -27,16 +28,17 @@ const CHUNK: usize = 256;
 pub(crate) fn factor_with_shared_noise(
     inverse: &DMatrix<f64>,
     residuals: &Residuals,
+    noise: Noise,
     fitted: &[f64],
     information: &[f64],
 ) -> Option<Vec<Vec<f64>>> {
     if !inverse.iter().all(|entry| entry.is_finite()) {
         return None;
     }
-    let places: Vec<usize> = (0..information.len()).collect();
-    let shares: Vec<DMatrix<f64>> = places
+    let shares: Vec<DMatrix<f64>> = information
         .par_chunks(CHUNK)
-        .map(|places| share(residuals, fitted, (places, information)))
+        .enumerate()
+        .map(|(chunk, information)| share(residuals, noise, fitted, (chunk * CHUNK, information)))
         .collect();
     let priors = residuals.priors.iter().map(|prior| {
         let tolerance = prior.tolerance.filter(|&tolerance| tolerance > 0.0);
@@ -63,20 +65,22 @@ pub(crate) fn factor_with_shared_noise(
     Some((0..fitted.len()).map(row).collect())
 }
 
-/// Σ bbᵀ over some of the samples.
+/// Σ bbᵀ over successive samples, of which the first is given.
 fn share(
     residuals: &Residuals,
+    noise: Noise,
     fitted: &[f64],
-    (places, information): (&[usize], &[f64]),
+    (first, information): (usize, &[f64]),
 ) -> DMatrix<f64> {
     let own: Vec<Vec<f64>> = residuals
         .parts
         .iter()
         .map(|part| part.parameters.iter().map(|&index| fitted[index]).collect())
         .collect();
-    let mut by_noise = DMatrix::zeros(6 * places.len(), fitted.len());
+    let mut by_noise = DMatrix::zeros(6 * information.len(), fitted.len());
     let (mut prepared, mut jacobian) = (Vec::new(), Vec::new());
-    for (block, &place) in places.iter().enumerate() {
+    for (block, information) in information.iter().enumerate() {
+        let place = first + block;
         for (part, own) in residuals.parts.iter().zip(&own) {
             let shape = part.family.shape();
             let data = &part.data[place * shape.data..(place + 1) * shape.data];
@@ -84,15 +88,30 @@ fn share(
             jacobian.resize(part.family.pattern().len(), 0.0);
             part.family.prepare(data, &mut prepared);
             (part.family).linearize(&prepared, own, &mut [0.0], &mut jacobian);
-            let weight = part.weights[place] * information[place].sqrt();
+            let weight = part.weights[place];
+            let share = weight * weight * information.sqrt();
             let columns = part.family.pattern().columns.iter();
             for (&column, entry) in columns.zip(&jacobian) {
                 let column = part.parameters[column as usize];
-                for (k, share) in part.noise_shares[place].iter().enumerate() {
-                    by_noise[(6 * block + k, column)] += weight * share * entry;
+                for (k, slope) in part.by_pose[place].iter().enumerate() {
+                    let sigma = if k < 3 {
+                        noise.position_m
+                    } else {
+                        noise.rotation_rad
+                    };
+                    by_noise[(6 * block + k, column)] += share * slope * sigma * entry;
                 }
             }
         }
     }
-    by_noise.tr_mul(&by_noise)
+    // The product with itself is symmetric: its lower triangle is enough.
+    let column = |k: usize| by_noise.column(k);
+    let mut squares = DMatrix::zeros(fitted.len(), fitted.len());
+    for i in 0..fitted.len() {
+        for j in 0..=i {
+            let product = column(i).dot(&column(j));
+            (squares[(i, j)], squares[(j, i)]) = (product, product);
+        }
+    }
+    squares
 }

@@ -52,17 +52,18 @@ pub(crate) fn corrected(
     if !inverse.iter().all(|entry| entry.is_finite()) {
         return Ok(fitted);
     }
-    let displacement = |closure: usize, sample: usize| {
+    let displaced = |closure: usize, sample: usize| {
         let part = &residuals.parts[closure];
+        let of_closure = displacement(&part.by_pose[sample], part.weights[sample], noise);
         Displacement {
-            by: times_noise(part.noise_shares[sample], noise),
-            factor: part.weights[sample] * weights[sample] * misfit.min(1.0),
+            factor: of_closure.factor * weights[sample] * misfit.min(1.0),
+            ..of_closure
         }
     };
     let all: Vec<&Sample> = samples.iter().collect();
     for _ in 0..ROUNDS {
         let values = super::values(machine, &residuals.used, &fitted);
-        let bias = bias(machine, &values, &all, &displacement)?;
+        let bias = bias(machine, &values, &all, &displaced)?;
         let of_fit = residuals.used.iter().map(|&index| bias[index]);
         let step = inverse * DVector::from_iterator(fitted.len(), of_fit);
         let mut has_moved = false;
@@ -80,6 +81,15 @@ pub(crate) fn corrected(
     Ok(fitted)
 }
 
+/// By the noise's covariance times derivatives of unit variance: of a closure, those by the pose times its weight.
+fn displacement(slopes: &[f64; 6], weight: f64, noise: Noise) -> Displacement {
+    let by = times_noise(times_noise(*slopes, noise), noise);
+    Displacement {
+        by: by.map(|coordinate| weight * coordinate),
+        factor: weight,
+    }
+}
+
 /// b by each parameter of a machine's variant where all closures of a pose are whitened together: beside each sample a
 /// matrix A by rows, with W = AᵀA.
 ///
@@ -95,19 +105,15 @@ pub(crate) fn whitened_bias(
         let gradients = gradients.map_err(|error| Error::at_pose(sample.number, error))?;
         let count = gradients.len();
         let whitening = DMatrix::from_row_slice(count, count, factor);
-        // A·g in the noise's coordinates: those of residuals of unit variance.
-        let shares =
-            &whitening * DMatrix::from_fn(count, 6, |row, k| times_noise(gradients[row], noise)[k]);
-        let of_closures = whitening.tr_mul(&shares);
-        let displacement = |row: usize| {
+        let slopes = DMatrix::from_fn(count, 6, |row, k| gradients[row][k]);
+        let of_closures = whitening.tr_mul(&(&whitening * slopes));
+        let of_closure = |row: usize| {
+            // Scaled to about a standard deviation of the pose.
             let factor = whitening.column(row).norm();
-            let by = std::array::from_fn(|k| of_closures[(row, k)] / factor);
-            Displacement {
-                by: times_noise(by, noise),
-                factor,
-            }
+            let slopes = std::array::from_fn(|k| of_closures[(row, k)] / factor.powi(2));
+            displacement(&slopes, factor, noise)
         };
-        Ok((0..count).map(displacement).collect())
+        Ok((0..count).map(of_closure).collect())
     });
     let known = of_samples.collect::<Result<Vec<Vec<Displacement>>, Error>>()?;
     let samples: Vec<&Sample> = samples.iter().map(|(sample, _)| *sample).collect();
@@ -290,14 +296,11 @@ mod tests {
             .map(|&value| crate::calibration::Nominal::new(value, None))
             .collect();
         let apart = Residuals::new(machine, &nominal, own, NOISE, Closures::Apart).unwrap();
-        let displacement = |closure: usize, _: usize| {
+        let displaced = |closure: usize, _: usize| {
             let part = &apart.parts[closure];
-            Displacement {
-                by: times_noise(part.noise_shares[0], NOISE),
-                factor: part.weights[0],
-            }
+            displacement(&part.by_pose[0], part.weights[0], NOISE)
         };
-        let found = bias(machine, &machine.values, &[sample], &displacement).unwrap();
+        let found = bias(machine, &machine.values, &[sample], &displaced).unwrap();
         let weights = apart.parts.iter().map(|part| part.weights[0].powi(2));
         let weights = DMatrix::from_diagonal(&DVector::from_iterator(6, weights));
         assert_alike(machine, &found, &drawn(machine, sample, &weights));

@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use nalgebra::DMatrix;
-use tau_kinematics::Machine;
+use tau_kinematics::{Machine, POSE_COLUMNS};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::TCP_POSES;
 use tau_robot::robot::{Instance, Owner, ResidualKind, TrackShape, Variant};
@@ -90,11 +90,10 @@ pub(crate) struct Part {
     pub(crate) weights: Vec<f64>,
     /// Noise group of each residual of a sample.
     pub(crate) components: Vec<Component>,
+    /// Derivatives of each closure by translation and rotation vector, where closures are each for themselves.
+    pub(crate) by_pose: Vec<[f64; POSE_COLUMNS]>,
     /// Index of the sample that each residual is of, where samples belong together; empty where each is for itself.
     owners: Vec<usize>,
-    /// Of closures for themselves, the change of each, in units of its noise, by a standard deviation of each coordinate of
-    /// its pose; empty elsewhere.
-    pub(crate) noise_shares: Vec<[f64; 6]>,
 }
 
 /// The residuals of a variant at samples.
@@ -120,12 +119,7 @@ impl Residuals {
         closures: Closures<'_>,
     ) -> Result<Self, Error> {
         let mut parts = match closures {
-            Closures::Apart => {
-                let closures = machine.variant.instances_of(ResidualKind::Closure);
-                closures
-                    .map(|closure| Part::closure(machine, closure, samples, noise))
-                    .collect::<Result<Vec<_>, Error>>()?
-            }
+            Closures::Apart => Part::closures(machine, samples, noise)?,
             Closures::Whitened => vec![Part::whitened(machine, samples, noise)?],
             Closures::Eliminated(groups) => Part::eliminated(machine, samples, groups)?,
         };
@@ -222,8 +216,8 @@ impl Part {
             samples,
             weights: Vec::new(),
             components,
+            by_pose: Vec::new(),
             owners: Vec::new(),
-            noise_shares: Vec::new(),
         }
     }
 
@@ -236,42 +230,51 @@ impl Part {
         stated.chain(own.skip(self.owners.len()))
     }
 
-    /// A closure, with the noise that it has from that of the pose.
-    fn closure(
-        machine: &Machine,
-        closure: &Instance,
-        samples: &[Sample],
-        noise: Noise,
-    ) -> Result<Self, Error> {
-        let by_pose = by_pose(machine, closure);
-        let mut part = Self::of(
-            machine.closure_name(closure).to_owned(),
-            (Arc::clone(&closure.family), closure.parameters.clone()),
-            (samples, indices(samples, 1, None)),
-            vec![Component::Closure],
-        );
-        for &sample in &part.samples {
-            let sample = &samples[sample];
-            sample.fill(machine, closure, &mut part.data)?;
-            let [x, y, z, a, b, c] = match by_pose {
-                Some(by_pose) => gradient(machine, by_pose, sample)?,
-                None => [0.0; 6],
-            };
-            let of_position = [x, y, z].map(|slope| slope * noise.position_m);
-            let of_rotation = [a, b, c].map(|slope| slope * noise.rotation_rad);
-            let shares = of_position.iter().chain(&of_rotation);
-            let sigma = shares.map(|share| share * share).sum::<f64>().sqrt();
-            let weight = if by_pose.is_some() {
-                sigma.recip()
-            } else {
-                1.0
-            };
-            let ([x, y, z], [a, b, c]) = (of_position, of_rotation);
-            part.noise_shares
-                .push([x, y, z, a, b, c].map(|share| share * weight));
-            part.weights.push(weight);
+    /// Closures, each with the noise that it has from that of the pose.
+    fn closures(machine: &Machine, samples: &[Sample], noise: Noise) -> Result<Vec<Self>, Error> {
+        let of_set = indices(samples, 1, None);
+        let closures = machine.variant.instances_of(ResidualKind::Closure);
+        let part = |closure: &Instance| {
+            Self::of(
+                machine.closure_name(closure).to_owned(),
+                (Arc::clone(&closure.family), closure.parameters.clone()),
+                (samples, of_set.clone()),
+                vec![Component::Closure],
+            )
+        };
+        let mut parts: Vec<Self> = closures.map(part).collect();
+        let mut data = Vec::new();
+        for &sample in &of_set {
+            data.clear();
+            samples[sample].fill_closures(machine, &mut data)?;
+            let mut rest = data.as_slice();
+            for part in &mut parts {
+                let (own, others) = rest.split_at(part.family.shape().data);
+                part.data.extend_from_slice(own);
+                rest = others;
+            }
         }
-        Ok(part)
+        let closures = machine.variant.instances_of(ResidualKind::Closure);
+        for (part, closure) in parts.iter_mut().zip(closures) {
+            let Some(by_pose) = by_pose(machine, closure) else {
+                part.weights = vec![1.0; of_set.len()];
+                part.by_pose = vec![[0.0; POSE_COLUMNS]; of_set.len()];
+                continue;
+            };
+            let views = of_set.iter().map(|&sample| samples[sample].view());
+            let gradients = machine.gradients_at(by_pose, views).zip(&of_set);
+            let gradients = gradients.map(|(gradient, &sample)| {
+                gradient.map_err(|error| at_sample(machine, &samples[sample], error))
+            });
+            part.by_pose = gradients.collect::<Result<_, Error>>()?;
+            let sigma = |&[x, y, z, a, b, c]: &[f64; POSE_COLUMNS]| {
+                let position = noise.position_m.powi(2) * (x * x + y * y + z * z);
+                let rotation = noise.rotation_rad.powi(2) * (a * a + b * b + c * c);
+                (position + rotation).sqrt()
+            };
+            part.weights = part.by_pose.iter().map(|own| sigma(own).recip()).collect();
+        }
+        Ok(parts)
     }
 
     /// All closures, those of a pose whitened together.
@@ -293,9 +296,7 @@ impl Part {
         );
         for &sample in &part.samples {
             let sample = &samples[sample];
-            for closure in &closures {
-                sample.fill(machine, closure, &mut part.data)?;
-            }
+            sample.fill_closures(machine, &mut part.data)?;
             let view = sample.view();
             let factor = WhitenedPose::factor(machine, &view, noise).ok_or_else(|| {
                 let pose = sample.number;
@@ -338,9 +339,7 @@ impl Part {
                 )
             });
             for &sample in &group.samples {
-                for closure in &closures {
-                    samples[sample].fill(machine, closure, &mut part.data)?;
-                }
+                samples[sample].fill_closures(machine, &mut part.data)?;
             }
             part.data.extend(group.by_closure.transpose().iter());
             part.data.extend(group.constants.iter());
@@ -449,12 +448,15 @@ pub(crate) fn gradient(
     machine: &Machine,
     by_pose: &Instance,
     sample: &Sample,
-) -> Result<[f64; 6], Error> {
-    let view = sample.view();
-    let linearized = machine.closure_by_pose(by_pose, &view);
-    let (_, gradient) = linearized
-        .map_err(|error| Error::at_pose(sample.number, machine.explained(error, &view)))?;
+) -> Result<[f64; POSE_COLUMNS], Error> {
+    let linearized = machine.closure_by_pose(by_pose, &sample.view());
+    let (_, gradient) = linearized.map_err(|error| at_sample(machine, sample, error))?;
     Ok(gradient)
+}
+
+/// An error of kinematics at a sample of set 1.
+fn at_sample(machine: &Machine, sample: &Sample, error: tau_kinematics::Error) -> Error {
+    Error::at_pose(sample.number, machine.explained(error, &sample.view()))
 }
 
 /// Samples of a set, and in sets 2 and 3 of a track.

@@ -163,10 +163,7 @@ impl WhitenedPose {
 
     /// Inverse Cholesky factor, by rows, of the covariance of a pose's closures under the stated noise.
     pub(crate) fn factor(machine: &Machine, sample: &Sample<'_>, noise: Noise) -> Option<Vec<f64>> {
-        let gradients = machine
-            .closure_instances()
-            .map(|instance| Some(machine.closure_by_pose(instance, sample).ok()?.1))
-            .collect::<Option<Vec<_>>>()?;
+        let gradients = machine.gradients(sample).ok()?;
         let rows = gradients.len();
         let scaled = DMatrix::from_fn(rows, 6, |row, column| {
             let sigma = if column < 3 {

@@ -274,6 +274,19 @@ impl Sample {
         filled.map_err(|missing| self.lacks(missing))
     }
 
+    /// Appends the data that all closures by parameters take of a pose, one after the other.
+    ///
+    /// # Errors
+    /// As [`Self::fill`].
+    pub(crate) fn fill_closures(
+        &self,
+        machine: &Machine,
+        data: &mut Vec<f64>,
+    ) -> Result<(), Error> {
+        let filled = machine.fill_closures(&self.view(), data);
+        filled.map_err(|error| Error::at_pose(self.number, error))
+    }
+
     /// The error that something which a residual takes is missing.
     pub(crate) fn lacks(&self, missing: Missing) -> Error {
         let files = ["tcp_poses.csv", "cart_poses.csv", "cart_positions.csv"];

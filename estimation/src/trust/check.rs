@@ -430,7 +430,7 @@ fn determine(
         check_poses(robot, variant, file, folder, poses)?;
         let inverse = problem::inverse_information(&problem, &at).map_err(failed)?;
         let even = vec![1.0; samples.len()];
-        let known = factor_with_shared_noise(&inverse, &residuals, &at, &even)
+        let known = factor_with_shared_noise(&inverse, &residuals, file.noise, &at, &even)
             .map(|factor| Uncertainty::new(variant, used, factor));
         let measured: Vec<&TcpPose> = (poses.iter())
             .map(|&pose| &folder.tcp_poses[pose])

@@ -175,16 +175,17 @@ fn thinned<T>(items: &[T], place: impl Fn(&T) -> Point, weight: impl Fn(&T) -> f
     let mut size = diagonal(&points) / MOST as f64;
     loop {
         let mut cells = std::collections::BTreeMap::new();
-        for (item, point) in items.iter().zip(&points) {
+        let has_too_many = items.iter().zip(&points).any(|(item, point)| {
             #[expect(clippy::cast_possible_truncation, reason = "a few hundred")]
             let cell = [0, 1, 2].map(|axis| ((point[axis] - low[axis]) / size).floor() as i64);
             let kept = cells.entry(cell).or_insert(item);
             if weight(item).total_cmp(&weight(kept)).is_gt() {
                 *kept = item;
             }
-        }
-        // A cell that is not finite holds all: the loop ends.
-        if cells.len() <= MOST || !size.is_finite() {
+            // A cell that is not finite holds all: the loop ends.
+            cells.len() > MOST && size.is_finite()
+        });
+        if !has_too_many {
             return cells.into_values().collect();
         }
         size *= 1.25;

@@ -137,15 +137,18 @@ impl RowReduction {
         self.qr.matrix.ncols() - 1
     }
 
-    /// Adds a row, given its entries that are not zero.
+    /// Adds a row, given its entries that are not zero; of several in one column their sum.
     pub(crate) fn push(&mut self, entries: impl Iterator<Item = (usize, f64)>) {
         if self.filled == self.qr.matrix.nrows() {
             self.reduce();
         }
-        for (column, value) in entries {
-            self.qr.matrix[(self.filled, column)] = value;
-            self.is_triangle &= column >= self.filled;
-        }
+        let (filled, mut is_triangle) = (self.filled, self.is_triangle);
+        let mut row = self.qr.matrix.as_mut().row_mut(filled);
+        entries.for_each(|(column, value)| {
+            row[column] += value;
+            is_triangle &= column >= filled;
+        });
+        self.is_triangle = is_triangle;
         self.filled += 1;
     }
 
@@ -277,19 +280,6 @@ pub(crate) fn triangle(jacobian: &Jacobian, factors: &[f64]) -> Mat<f64> {
         let (indices, values) = jacobian.row(row);
         let entries = indices.iter().zip(values);
         reduction.push(entries.map(|(&column, value)| (column, value * factors[column])));
-    }
-    let reduced = reduction.reduce();
-    Mat::from_fn(columns, columns, |row, column| reduced[(row, column)])
-}
-
-/// The triangular factor of `[J r]`.
-pub(crate) fn augmented_triangle(jacobian: &Jacobian, residuals: &[f64]) -> Mat<f64> {
-    let columns = jacobian.column_count + 1;
-    let mut reduction = RowReduction::new(jacobian.row_count(), columns);
-    for (row, &residual) in residuals.iter().enumerate() {
-        let (indices, values) = jacobian.row(row);
-        let entries = indices.iter().copied().zip(values.iter().copied());
-        reduction.push(entries.chain([(jacobian.column_count, residual)]));
     }
     let reduced = reduction.reduce();
     Mat::from_fn(columns, columns, |row, column| reduced[(row, column)])

@@ -27,11 +27,19 @@ impl<R> Session<R> {
     /// # Errors
     /// As [`Self::verdict`].
     pub fn validation_outliers(&self, calibration: &Calibration) -> Result<Vec<Outlier>, Error> {
+        self.validation_outliers_of(calibration, &self.poses()?.division)
+    }
+
+    /// The same where the division of the poses is known.
+    pub(crate) fn validation_outliers_of(
+        &self,
+        calibration: &Calibration,
+        division: &Division,
+    ) -> Result<Vec<Outlier>, Error> {
         if self.treatment.keep_outliers {
             return Ok(vec![]);
         }
-        let division = self.poses()?.division;
-        trust::outliers_of_validation(calibration, &self.robot_file, &self.folder, &division)
+        trust::outliers_of_validation(calibration, &self.robot_file, &self.folder, division)
     }
 
     /// The verdict on a prediction: the poses that validate, as a [machine as given](Self::machine) predicts them, against noise and the

@@ -69,7 +69,7 @@ pub fn run<R>(
         parallel::map(&variants, |variant| -> Result<_, Error> {
             let calibration = calibrate(robot, variant, file, folder, poses, &session.options())?;
             let mut found = result(&calibration, folder, &division.validation)?;
-            found.validation_outliers = session.validation_outliers(&calibration)?;
+            found.validation_outliers = session.validation_outliers_of(&calibration, &division)?;
             Ok((calibration, found))
         })
     };
