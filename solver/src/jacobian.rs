@@ -184,20 +184,20 @@ impl Jacobian {
         }
     }
 
-    /// Divides each column by a number.
-    pub(crate) fn divide_columns(&mut self, divisors: &[f64]) {
-        let divide = |(columns, values): (&[usize], &mut [f64])| {
+    /// Multiplies each column by a number.
+    pub(crate) fn scale_columns(&mut self, factors: &[f64]) {
+        let scale = |(columns, values): (&[usize], &mut [f64])| {
             for (&column, value) in columns.iter().zip(values) {
-                *value /= divisors[column];
+                *value *= factors[column];
             }
         };
         if self.by_column.is_some() {
             let columns = self.columns.par_chunks(CHUNK);
             columns
                 .zip(self.values.par_chunks_mut(CHUNK))
-                .for_each(divide);
+                .for_each(scale);
         } else {
-            divide((&self.columns, &mut self.values));
+            scale((&self.columns, &mut self.values));
         }
     }
 

@@ -102,7 +102,8 @@ struct Minimizer<'p> {
     /// Scaled parameters are `scale * x`: the largest column norms of the Jacobian so far.
     scale: Vec<f64>,
     norms: Vec<f64>,
-    divisors: Vec<f64>,
+    /// Reciprocals of the scale.
+    factors: Vec<f64>,
     /// Cost of each residual at `x`, and their sum.
     costs: Vec<f64>,
     cost: f64,
@@ -175,7 +176,7 @@ impl<'p> Minimizer<'p> {
             x,
             scale: vec![0.0; columns],
             norms: vec![0.0; columns],
-            divisors: Vec::with_capacity(columns),
+            factors: Vec::with_capacity(columns),
             trial_costs: vec![0.0; costs.len()],
             costs,
             cost,
@@ -353,14 +354,12 @@ impl<'p> Minimizer<'p> {
         }
     }
 
-    /// Divides the Jacobian's columns by the scale.
+    /// Divides the Jacobian's columns by the scale; a product takes a fraction of the time of a quotient.
     fn rescale(&mut self) {
-        self.divisors.clear();
-        self.divisors
-            .extend(self.scale.iter().map(|&norm| column_scale(norm)));
-        self.linearization
-            .jacobian_mut()
-            .divide_columns(&self.divisors);
+        self.factors.clear();
+        let factors = self.scale.iter().map(|&norm| column_scale(norm).recip());
+        self.factors.extend(factors);
+        self.linearization.jacobian_mut().scale_columns(&self.factors);
     }
 
     /// The linear algebra that was used.

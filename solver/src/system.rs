@@ -3,10 +3,10 @@
 use rayon::prelude::*;
 use tau_runtime::Lanes;
 
-use crate::Error;
 use crate::jacobian::{Jacobian, JacobianPattern};
 use crate::partition::Part;
 use crate::problem::{Block, Prepared, Prior, Problem};
+use crate::{Error, Loss};
 
 /// Position in a row of an entry that belongs to no free parameter.
 pub(crate) const DROPPED: usize = usize::MAX;
@@ -314,11 +314,14 @@ impl Piece {
                 if !whitened.is_finite() {
                     return fault(None);
                 }
-                let at = block.loss.at(whitened);
-                let (residual_factor, jacobian_factor) = if content == Content::Minimize {
-                    at.factors()
-                } else {
-                    (at.weight.sqrt(), at.weight.sqrt())
+                let (residual_factor, jacobian_factor) = match (block.loss, content) {
+                    // Roots and quotients of ones would take longer than all else here.
+                    (Loss::Squared, _) => (1.0, 1.0),
+                    (loss, Content::Minimize) => loss.at(whitened).factors(),
+                    (loss, _) => {
+                        let root = loss.at(whitened).weight.sqrt();
+                        (root, root)
+                    }
                 };
                 batch.residuals[k * shape.residuals + i] = residual_factor * whitened;
                 let factor = jacobian_factor * weight;
