@@ -137,6 +137,8 @@ struct Trial {
     /// a better linear model.
     polishing: bool,
     accepted: bool,
+    /// True if the cost changed by no more than is asked for: the linear model there is of no use.
+    is_last: bool,
     fault: Option<NonFinite>,
 }
 
@@ -222,7 +224,7 @@ impl<'p> Minimizer<'p> {
             if !self.set_trial() || step_norm <= options.step_tolerance * model.size {
                 return last_fault.map_or(Ok(Termination::Step), Err);
             }
-            let trial = self.evaluate(&model)?;
+            let trial = self.evaluate(&model, options.cost_tolerance)?;
             observer(Iteration {
                 part: 0,
                 iteration: self.iterations,
@@ -253,6 +255,9 @@ impl<'p> Minimizer<'p> {
 
             self.exchange();
             self.iterations += 1;
+            if trial.is_last {
+                return Ok(Termination::Cost);
+            }
             let next = self.load();
             let improved = if damping > 0.0 {
                 next.gradient_norm < model.gradient_norm
@@ -278,15 +283,11 @@ impl<'p> Minimizer<'p> {
             }
             retreats = 0;
             model = next;
-            let tolerated = options.cost_tolerance * self.cost;
-            if trial.predicted <= tolerated && trial.decrease.abs() <= tolerated {
-                return Ok(Termination::Cost);
-            }
         }
     }
 
-    /// Evaluates the trial point, and the Jacobian there if the step is to be taken.
-    fn evaluate(&mut self, model: &Model) -> Result<Trial, NonFinite> {
+    /// Evaluates the trial point, and the Jacobian there if the step is to be taken and is not the last.
+    fn evaluate(&mut self, model: &Model, cost_tolerance: f64) -> Result<Trial, NonFinite> {
         self.trials += 1;
         let predicted = self.subproblem.predicted;
         if let Err(fault) = self.linearization.costs(&self.trial, &mut self.trial_costs) {
@@ -299,7 +300,12 @@ impl<'p> Minimizer<'p> {
         let rounding = ROUNDINGS * model.rounding;
         let polishing = predicted <= rounding && decrease >= -rounding;
         let accepted = polishing || (predicted > 0.0 && decrease >= ACCEPT * predicted);
-        if accepted && let Err(fault) = self.linearization.linearize(&self.trial) {
+        let tolerated = cost_tolerance * sum(&self.trial_costs);
+        let is_last = accepted && predicted <= tolerated && decrease.abs() <= tolerated;
+        if accepted
+            && !is_last
+            && let Err(fault) = self.linearization.linearize(&self.trial)
+        {
             // the derivatives at the point where we stay were overwritten
             self.linearization.linearize(&self.x)?;
             self.rescale();
@@ -310,6 +316,7 @@ impl<'p> Minimizer<'p> {
             predicted,
             polishing,
             accepted,
+            is_last,
             fault: None,
         })
     }
@@ -415,6 +422,7 @@ impl Trial {
             predicted: 0.0,
             polishing: false,
             accepted: false,
+            is_last: false,
             fault,
         }
     }
