@@ -330,7 +330,12 @@ impl<'p> Minimizer<'p> {
 
     /// Scales the new Jacobian and solves for the undamped step.
     fn load(&mut self) -> Model {
-        self.linearization.jacobian().column_norms(&mut self.norms);
+        let gradient = &mut self.subproblem.gradient;
+        self.linearization.jacobian().norms_and_transpose(
+            self.linearization.residuals(),
+            &mut self.norms,
+            gradient,
+        );
         let residual_norm = norm(self.linearization.residuals());
         let mut residual_scale = residual_norm;
         let mut size = 0.0;
@@ -339,6 +344,7 @@ impl<'p> Minimizer<'p> {
             self.scale[j] = self.scale[j].max(self.norms[j]);
             let scale = column_scale(self.scale[j]);
             size += (self.x[j] * scale).powi(2);
+            self.subproblem.gradient[j] /= scale;
             self.subproblem.lower[j] = (self.lower[j] - self.x[j]) * scale;
             self.subproblem.upper[j] = (self.upper[j] - self.x[j]) * scale;
         }
