@@ -201,20 +201,29 @@ impl Jacobian {
         finish_norms(norms);
     }
 
-    /// Multiplies each column by a number.
-    pub(crate) fn scale_columns(&mut self, factors: &[f64]) {
-        let scale = |(columns, values): (&[usize], &mut [f64])| {
-            for (&column, value) in columns.iter().zip(values) {
-                *value *= factors[column];
+    /// Divides each column by a number.
+    pub(crate) fn divide_columns(&mut self, divisors: &[f64]) {
+        let divide = |(columns, values): (&[usize], &mut [f64])| {
+            // Side by side, quotients take half the time.
+            let (columns, last_columns) = columns.as_chunks::<LANES>();
+            let (values, last_values) = values.as_chunks_mut::<LANES>();
+            for (columns, values) in columns.iter().zip(values) {
+                let own: [f64; LANES] = from_fn(|lane| divisors[columns[lane]]);
+                for (value, divisor) in values.iter_mut().zip(own) {
+                    *value /= divisor;
+                }
+            }
+            for (&column, value) in last_columns.iter().zip(last_values) {
+                *value /= divisors[column];
             }
         };
         if self.by_column.is_some() {
             let columns = self.columns.par_chunks(CHUNK);
             columns
                 .zip(self.values.par_chunks_mut(CHUNK))
-                .for_each(scale);
+                .for_each(divide);
         } else {
-            scale((&self.columns, &mut self.values));
+            divide((&self.columns, &mut self.values));
         }
     }
 

@@ -102,13 +102,14 @@ struct Minimizer<'p> {
     /// Scaled parameters are `scale * x`: the largest column norms of the Jacobian so far.
     scale: Vec<f64>,
     norms: Vec<f64>,
-    /// Reciprocals of the scale.
-    factors: Vec<f64>,
+    divisors: Vec<f64>,
     /// Cost of each residual at `x`, and their sum.
     costs: Vec<f64>,
     cost: f64,
     trial_costs: Vec<f64>,
     radius: f64,
+    /// True if the last step was taken, and the next likely is.
+    likely_taken: bool,
     initial_cost: f64,
     iterations: usize,
     trials: usize,
@@ -178,11 +179,12 @@ impl<'p> Minimizer<'p> {
             x,
             scale: vec![0.0; columns],
             norms: vec![0.0; columns],
-            factors: Vec::with_capacity(columns),
+            divisors: Vec::with_capacity(columns),
             trial_costs: vec![0.0; costs.len()],
             costs,
             cost,
             radius: 0.0,
+            likely_taken: true,
             initial_cost: cost,
             iterations: 0,
             trials: 0,
@@ -290,27 +292,40 @@ impl<'p> Minimizer<'p> {
     fn evaluate(&mut self, model: &Model, cost_tolerance: f64) -> Result<Trial, NonFinite> {
         self.trials += 1;
         let predicted = self.subproblem.predicted;
-        if let Err(fault) = self.linearization.costs(&self.trial, &mut self.trial_costs) {
-            return Ok(Trial::failed(Some(fault)));
-        }
+        // Where the step is taken, derivatives are wanted too, and values come with them.
+        let at_once = self.likely_taken && self.linearization.is_of_squares();
+        let evaluated = if at_once {
+            self.linearization
+                .linearize(&self.trial)
+                .map(|()| self.linearization.costs_there(&mut self.trial_costs))
+        } else {
+            self.linearization.costs(&self.trial, &mut self.trial_costs)
+        };
+        self.likely_taken = false;
         let decrease = sum_of_differences(&self.costs, &self.trial_costs);
-        if !decrease.is_finite() {
-            return Ok(Trial::failed(None));
+        if evaluated.is_err() || !decrease.is_finite() {
+            if at_once {
+                self.restore()?;
+            }
+            return Ok(Trial::failed(evaluated.err()));
         }
         let rounding = ROUNDINGS * model.rounding;
         let polishing = predicted <= rounding && decrease >= -rounding;
         let accepted = polishing || (predicted > 0.0 && decrease >= ACCEPT * predicted);
         let tolerated = cost_tolerance * sum(&self.trial_costs);
         let is_last = accepted && predicted <= tolerated && decrease.abs() <= tolerated;
+        if at_once && !accepted {
+            self.restore()?;
+        }
         if accepted
             && !is_last
+            && !at_once
             && let Err(fault) = self.linearization.linearize(&self.trial)
         {
-            // the derivatives at the point where we stay were overwritten
-            self.linearization.linearize(&self.x)?;
-            self.rescale();
+            self.restore()?;
             return Ok(Trial::failed(Some(fault)));
         }
+        self.likely_taken = accepted;
         Ok(Trial {
             decrease,
             predicted,
@@ -319,6 +334,13 @@ impl<'p> Minimizer<'p> {
             is_last,
             fault: None,
         })
+    }
+
+    /// Derivatives at the point where we stay, which were overwritten.
+    fn restore(&mut self) -> Result<(), NonFinite> {
+        self.linearization.linearize(&self.x)?;
+        self.rescale();
+        Ok(())
     }
 
     /// Takes the trial point, or goes back to the one before.
@@ -367,12 +389,14 @@ impl<'p> Minimizer<'p> {
         }
     }
 
-    /// Divides the Jacobian's columns by the scale; a product takes a fraction of the time of a quotient.
+    /// Divides the Jacobian's columns by the scale.
     fn rescale(&mut self) {
-        self.factors.clear();
-        let factors = self.scale.iter().map(|&norm| column_scale(norm).recip());
-        self.factors.extend(factors);
-        self.linearization.jacobian_mut().scale_columns(&self.factors);
+        self.divisors.clear();
+        self.divisors
+            .extend(self.scale.iter().map(|&norm| column_scale(norm)));
+        self.linearization
+            .jacobian_mut()
+            .divide_columns(&self.divisors);
     }
 
     /// The linear algebra that was used.
