@@ -260,14 +260,7 @@ impl Case {
         let variant = robot.variant(self.variant).unwrap();
         let start = Instant::now();
         let options = Options::default();
-        let found = calibrate(
-            robot,
-            variant,
-            file,
-            &simulated.folder,
-            &division,
-            &options,
-        );
+        let found = calibrate(robot, variant, file, &simulated.folder, &division, &options);
         let seconds = start.elapsed().as_secs_f64();
         match found {
             Ok(found) => Some((found, simulated.truth.machine, seconds)),
