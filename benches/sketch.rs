@@ -3,8 +3,9 @@
 //! `cargo bench -p tau-benches --bench sketch -- [READINGS ...]`, by default 100, 10 000 and 100 000. Anchors are drawn up
 //! to half of the machine off. The calibration is a call of the library, noise, gross rows and covariance included; its
 //! processor time counts all threads. Then the first least-squares problem alone, from the same start to the same cost:
-//! by tau-solver, and by Ceres Solver with analytic derivatives and Schur elimination (`peers/sketch.cpp`), which is left
-//! out where it can't be built. Every size runs in a process of its own, whose peak memory is that of the calibration.
+//! by tau-solver, and by Ceres Solver with analytic derivatives and Schur elimination (`peers/sketch.cpp`), on one thread or
+//! all, whichever is faster; it is left out where it can't be built. Every size runs in a process of its own, whose peak
+//! memory is that of the calibration.
 
 #[path = "support/sketch.rs"]
 mod sketch;
@@ -25,7 +26,7 @@ use tau_solver::{Problem, solve};
 const SIZES: [usize; 3] = [100, 10_000, 100_000];
 /// Sketches of a hundred readings; of more, the first.
 const SKETCHES: u64 = 40;
-/// Times are the least of so many turns.
+/// Times are the least of so many turns, and of as many solves in each, for all solvers alike.
 const TURNS: usize = 7;
 /// Both stop where a step lowers the cost by less than this share.
 const TOLERANCE: f64 = 1e-12;
@@ -147,31 +148,37 @@ fn beside_peers(readings: &Readings, turns: usize) {
     if program.is_none() {
         println!("  Ceres Solver can't be built: left out");
     }
-    let threads = std::thread::available_parallelism().map_or(1, Into::into);
+    let most = std::thread::available_parallelism().map_or(1, Into::into);
     let mut own = (f64::INFINITY, 0, 0.0);
     let mut peers = vec![(f64::INFINITY, String::new(), 0.0); PEERS.len() * RADII.len()];
     for _ in 0..turns {
-        let started = Instant::now();
-        let solution = solve(&problem, &options).expect("a solution");
-        let seconds = started.elapsed().as_secs_f64();
-        own = (own.0.min(seconds), solution.iterations, solution.cost);
+        for _ in 0..turns {
+            let started = Instant::now();
+            let solution = solve(&problem, &options).expect("a solution");
+            let seconds = started.elapsed().as_secs_f64();
+            own = (own.0.min(seconds), solution.iterations, solution.cost);
+        }
         for (index, peer) in peers.iter_mut().enumerate() {
             let Some(program) = &program else { break };
-            let mut command = Command::new(program);
-            command
-                .arg(&data)
-                .args([PEERS[index / RADII.len()], RADII[index % RADII.len()]])
-                .args([threads.to_string(), format!("{TOLERANCE:e}")]);
-            let output = command.output().expect("a peer");
-            let text = String::from_utf8_lossy(&output.stdout).into_owned();
-            let mut fields = text.split_whitespace().skip(1);
-            let mut next = || fields.next().unwrap_or("nan").to_owned();
-            let seconds: f64 = next().parse().unwrap_or(f64::NAN);
-            *peer = (
-                peer.0.min(seconds),
-                next(),
-                next().parse().unwrap_or(f64::NAN),
-            );
+            // A small problem may take longer on several threads.
+            for threads in [1, most] {
+                let mut command = Command::new(program);
+                command
+                    .arg(&data)
+                    .args([PEERS[index / RADII.len()], RADII[index % RADII.len()]])
+                    .args([threads.to_string(), format!("{TOLERANCE:e}")])
+                    .arg(turns.to_string());
+                let output = command.output().expect("a peer");
+                let text = String::from_utf8_lossy(&output.stdout).into_owned();
+                let mut fields = text.split_whitespace().skip(1);
+                let mut next = || fields.next().unwrap_or("nan").to_owned();
+                let seconds: f64 = next().parse().unwrap_or(f64::NAN);
+                *peer = (
+                    peer.0.min(seconds),
+                    next(),
+                    next().parse().unwrap_or(f64::NAN),
+                );
+            }
         }
     }
     let (seconds, iterations, cost) = own;

@@ -5,7 +5,7 @@
 //! cargo bench -p tau-benches --bench unknown_poses -- --growth
 //! ```
 
-use std::fmt::Write;
+use std::collections::BTreeMap;
 use std::time::Instant;
 
 use clap::Parser;
@@ -13,12 +13,16 @@ use tau::calibration::Options;
 use tau::measurements::{PlateKind, Split};
 use tau::simulation::{Build, Machine, Measure, Poses, Simulation, TrackPoints, simulate};
 use tau::unknown_poses::{RowDivision, UnknownPoses, calibrate};
-use tau_robot::robot::{Owner, Parameter, Robot};
+use tau_robot::robot::{Arm, Owner, Parameter, Robot};
 use tau_robot::robot_file::RobotFile;
 
 const DELTA: &str = include_str!("../tests/robots/linear_delta.tau");
 const HEXAPOD: &str = include_str!("../tests/robots/stewart.tau");
 const FIVE_BAR: &str = include_str!("../generated/models/five_bar.tau");
+const FOUR_BELTS: &str = include_str!("../generated/models/four_belts.tau");
+/// Noise of the drives of belts, and the frame of readings alone: one lower anchor is the origin, the other lies on the x
+/// axis.
+const BELTS: &str = "[drives]\nnoise_m = 2e-4\n[parameters]\nbottom_left_x = { value = 0.0, tol = 1e-6 }\nbottom_left_y = { value = 0.0, tol = 1e-6 }\nbottom_right_y = { value = 0.0, tol = 1e-6 }\n";
 /// Half the width of a 95 % interval, in standard deviations.
 const HALF_WIDTH: f64 = 1.96;
 /// Noise of lengths, and of drives that are not exact (m).
@@ -145,6 +149,22 @@ fn cases() -> Vec<Case> {
             "",
         ),
         case(
+            "hexapod, distances",
+            HEXAPOD,
+            "Full",
+            vec![Measure::Distances],
+            80,
+            "",
+        ),
+        case(
+            "belts, readings",
+            FOUR_BELTS,
+            "Full",
+            vec![rows(PlateKind::Reading)],
+            100,
+            BELTS,
+        ),
+        case(
             "five bar, positions",
             FIVE_BAR,
             "Full",
@@ -189,10 +209,32 @@ impl Case {
         (robot, file)
     }
 
+    /// The file from which machines are drawn. Parallel links have the mean of their lengths, which scatters less than the
+    /// tolerance of each, and is known no better.
+    fn scattered(&self, robot: &Robot, file: &RobotFile) -> RobotFile {
+        let mut scattered = file.clone();
+        if robot.variant(self.variant).unwrap().arm == Arm::Reduced {
+            for cluster in 0..robot.clusters.len() {
+                let links = robot.links_of_cluster(cluster);
+                for &link in &links {
+                    let values = scattered.links.get_mut(&robot.links[link].name);
+                    if let Some(length) = values.and_then(|values| values.length.as_mut()) {
+                        length.tol *= (links.len() as f64).sqrt();
+                    }
+                }
+            }
+        }
+        scattered
+    }
+
     fn simulation(&self, robot: &Robot, file: &RobotFile, poses: usize, seed: u64) -> Simulation {
         Simulation {
             variant: Some(self.variant.to_owned()),
-            build: Build::default(),
+            // Priors are as wide as machines scatter, or else intervals of what they tell a part of were too wide.
+            build: Build::Drawn {
+                links: 1.0,
+                tracks: 1.0,
+            },
             poses: Poses::Random { count: poses },
             measures: self.measures.clone(),
             track_points: TrackPoints {
@@ -212,19 +254,13 @@ impl Case {
         poses: usize,
         seed: u64,
     ) -> Option<(UnknownPoses, Machine, f64)> {
-        let simulated = simulate(&self.simulation(robot, file, poses, seed)).unwrap();
+        let scattered = self.scattered(robot, file);
+        let simulated = simulate(&self.simulation(robot, &scattered, poses, seed)).unwrap();
         let division = RowDivision::of(&simulated.folder, Split::All);
         let variant = robot.variant(self.variant).unwrap();
         let start = Instant::now();
         let options = Options::default();
-        let found = calibrate(
-            robot,
-            variant,
-            &simulated.file,
-            &simulated.folder,
-            &division,
-            &options,
-        );
+        let found = calibrate(robot, variant, file, &simulated.folder, &division, &options);
         let seconds = start.elapsed().as_secs_f64();
         match found {
             Ok(found) => Some((found, simulated.truth.machine, seconds)),
@@ -236,21 +272,22 @@ impl Case {
     }
 }
 
-/// The true value of a parameter; `None` where the fit has it in another form.
-fn truth(parameter: &Parameter, robot: &Robot, machine: &Machine) -> Option<f64> {
+/// The true value of a parameter, and its kind; `None` where the fit has it in another form.
+fn truth(parameter: &Parameter, robot: &Robot, machine: &Machine) -> Option<(&'static str, f64)> {
     let component = |vector: &[f64]| vector.get(parameter.component?).copied();
     let rod = match parameter.owner {
         Owner::Link(link) => &machine.rods[link],
         Owner::Cluster(cluster) => &machine.rods[*robot.links_of_cluster(cluster).first()?],
         Owner::Robot => {
             let values = machine.parameters.get(&parameter.quantity)?;
-            return values.get(parameter.component.unwrap_or(0)).copied();
+            let value = values.get(parameter.component.unwrap_or(0))?;
+            return Some(("machine parameters", *value));
         }
         _ => return None,
     };
-    match parameter.quantity.as_str() {
-        "length" => Some(rod.length_m),
-        "plate_joint" => component(rod.plate_joint_m.as_slice()),
+    let (kind, value) = match parameter.quantity.as_str() {
+        "length" => ("lengths", Some(rod.length_m)),
+        "plate_joint" => ("plate joints", component(rod.plate_joint_m.as_slice())),
         // Plate joints are folded into the offsets of a reduced arm; the plate is level.
         "track_offset" => {
             let folded = matches!(parameter.owner, Owner::Cluster(_));
@@ -259,10 +296,41 @@ fn truth(parameter: &Parameter, robot: &Robot, machine: &Machine) -> Option<f64>
             } else {
                 rod.plate_joint_m * 0.0
             };
-            component((rod.track_offset_m - plate).as_slice())
+            let joint = rod.track_offset_m - plate;
+            ("track origins", component(joint.as_slice()))
         }
-        "track_direction" => component(rod.track_direction.as_slice()),
-        _ => None,
+        "track_direction" => (
+            "track directions",
+            component(rod.track_direction.as_slice()),
+        ),
+        _ => return None,
+    };
+    Some((kind, value?))
+}
+
+/// Parameters within their intervals.
+#[derive(Default)]
+struct Counts {
+    within: u32,
+    all: u32,
+    squares: f64,
+}
+
+impl Counts {
+    fn add(&mut self, z: f64) {
+        self.all += 1;
+        self.within += u32::from(z.abs() < HALF_WIDTH);
+        self.squares += z * z;
+    }
+
+    /// Number, share within, root mean square of the errors over their standard deviations.
+    fn columns(&self) -> String {
+        let count = f64::from(self.all.max(1));
+        let (share, rms) = (
+            f64::from(self.within) / count,
+            (self.squares / count).sqrt(),
+        );
+        format!("{} | {share:.3} | {rms:.3}", self.all)
     }
 }
 
@@ -280,48 +348,42 @@ fn main() {
         .filter(|case| case.name.contains(&arguments.case))
     {
         let (robot, file) = case.robot();
-        let (mut within, mut count, mut squares) = (0_u32, 0_u32, 0.0);
+        let (mut told, mut kinds) = (Counts::default(), BTreeMap::<_, Counts>::new());
         let (mut chi2, mut dof, mut seconds, mut fits) = (0.0, 0.0, 0.0, 0.0);
         for seed in 0..arguments.folders {
             let Some((found, machine, took)) = case.fit(&robot, &file, case.poses, seed) else {
                 continue;
             };
             let fitted = &found.calibration;
-            let data: Vec<f64> = fitted
-                .used
-                .iter()
-                .enumerate()
-                .filter_map(|(place, &index)| {
-                    let parameter = &fitted.machine.variant.parameters[index];
-                    let own = &fitted.parameters[place];
-                    // Where the prior says more than the data, the drawing of the machine is tested and not the fit.
-                    let told = own.sigma < 0.2 * own.tolerance?;
-                    let truth = truth(parameter, &robot, &machine)?;
-                    told.then(|| (own.value - truth) / own.sigma)
-                })
-                .collect();
-            for z in data {
-                count += 1;
-                within += u32::from(z.abs() < HALF_WIDTH);
-                squares += z * z;
+            for (place, &index) in fitted.used.iter().enumerate() {
+                let parameter = &fitted.machine.variant.parameters[index];
+                let own = &fitted.parameters[place];
+                let Some((kind, truth)) = truth(parameter, &robot, &machine) else {
+                    continue;
+                };
+                // Where the prior says more than the data, the drawing of the machine is tested and not the fit.
+                if (own.tolerance).is_some_and(|tolerance| own.sigma < 0.2 * tolerance) {
+                    let z = (own.value - truth) / own.sigma;
+                    told.add(z);
+                    kinds.entry(kind).or_default().add(z);
+                }
             }
             chi2 += found.chi2;
             dof += found.dof;
             seconds += took;
             fits += 1.0;
         }
-        let mut line = String::new();
-        let share = f64::from(within) / f64::from(count.max(1));
-        let rms = (squares / f64::from(count.max(1))).sqrt();
-        let _ = write!(
-            line,
-            "| {} | {} | {count} | {share:.3} | {rms:.3} | {:.3} | {:.1} |",
+        println!(
+            "| {} | {} | {} | {:.3} | {:.1} |",
             case.name,
             case.poses,
+            told.columns(),
             chi2 / dof,
             1e3 * seconds / fits
         );
-        println!("{line}");
+        for (kind, counts) in &kinds {
+            println!("| – {kind} | | {} | | |", counts.columns());
+        }
     }
 }
 

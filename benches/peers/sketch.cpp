@@ -1,16 +1,17 @@
 // A router on four belts and readings of its drives at unknown places, with Ceres Solver: benches/sketch.rs.
 //
-// Usage: sketch DATA METHOD RADIUS THREADS TOLERANCE, with METHOD DENSE_SCHUR, SPARSE_SCHUR or ITERATIVE_SCHUR and the
-// first trust radius.
+// Usage: sketch DATA METHOD RADIUS THREADS TOLERANCE TURNS, with METHOD DENSE_SCHUR, SPARSE_SCHUR or ITERATIVE_SCHUR and
+// the first trust radius.
 //
 // DATA holds, as text: number of shared parameters and of readings; for each shared parameter its name, start, mean and
 // standard deviation of its prior (m); for each reading the place to start from (m), the commands (m) and the weight of
 // each closure (1/m^2).
 //
-// Prints "result SECONDS ITERATIONS COST". The time is that of ceres::Solve, without reading.
+// Prints "result SECONDS ITERATIONS COST". The time is that of ceres::Solve, without reading, the least of so many turns.
 
 #include <ceres/ceres.h>
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <cmath>
@@ -96,8 +97,8 @@ struct Prior : ceres::SizedCostFunction<kShared, kShared> {
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc != 6) {
-    std::cerr << "usage: sketch DATA METHOD RADIUS THREADS TOLERANCE\n";
+  if (argc != 7) {
+    std::cerr << "usage: sketch DATA METHOD RADIUS THREADS TOLERANCE TURNS\n";
     return 2;
   }
   std::ifstream in(argv[1]);
@@ -156,11 +157,17 @@ int main(int argc, char** argv) {
   options.max_num_iterations = 1000;
   options.logging_type = ceres::SILENT;
   ceres::Solver::Summary summary;
-  const auto started = std::chrono::steady_clock::now();
-  ceres::Solve(options, &problem, &summary);
-  const double seconds =
-      std::chrono::duration<double>(std::chrono::steady_clock::now() - started)
-          .count();
+  const std::array<double, kShared> start = values;
+  double seconds = INFINITY;
+  for (int turn = 0; turn < std::stoi(argv[6]); ++turn) {
+    values = start;
+    std::fill(unknowns.begin(), unknowns.end(), std::array<double, 2>{0.0, 0.0});
+    const auto started = std::chrono::steady_clock::now();
+    ceres::Solve(options, &problem, &summary);
+    const std::chrono::duration<double> taken =
+        std::chrono::steady_clock::now() - started;
+    seconds = std::min(seconds, taken.count());
+  }
   std::printf("result %.9f %zu %.17e\n", seconds, summary.iterations.size() - 1,
               summary.final_cost);
   return 0;

@@ -175,6 +175,25 @@ impl Jacobian {
         (&self.columns[range.clone()], &self.values[range])
     }
 
+    /// Euclidean norms of the columns, and `out = Jᵀ y`.
+    pub(crate) fn norms_and_transpose(&self, y: &[f64], norms: &mut [f64], out: &mut [f64]) {
+        if self.by_column.is_some() {
+            self.column_norms(norms);
+            self.transpose_times(y, out);
+            return;
+        }
+        norms.fill(0.0);
+        out.fill(0.0);
+        for (row, &y) in y.iter().enumerate() {
+            let (columns, values) = self.row(row);
+            for (&column, &value) in columns.iter().zip(values) {
+                norms[column] += value * value;
+                out[column] += value * y;
+            }
+        }
+        finish_norms(norms);
+    }
+
     /// Euclidean norms of the columns.
     pub(crate) fn column_norms(&self, norms: &mut [f64]) {
         if let Some(by_column) = &self.by_column {
@@ -185,15 +204,22 @@ impl Jacobian {
                 norms[column] += value * value;
             }
         }
-        for norm in norms.iter_mut() {
-            *norm = norm.sqrt().min(f64::MAX);
-        }
+        finish_norms(norms);
     }
 
     /// Divides each column by a number.
     pub(crate) fn divide_columns(&mut self, divisors: &[f64]) {
         let divide = |(columns, values): (&[usize], &mut [f64])| {
-            for (&column, value) in columns.iter().zip(values) {
+            // Side by side, quotients take half the time.
+            let (columns, last_columns) = columns.as_chunks::<LANES>();
+            let (values, last_values) = values.as_chunks_mut::<LANES>();
+            for (columns, values) in columns.iter().zip(values) {
+                let own: [f64; LANES] = from_fn(|lane| divisors[columns[lane]]);
+                for (value, divisor) in values.iter_mut().zip(own) {
+                    *value /= divisor;
+                }
+            }
+            for (&column, value) in last_columns.iter().zip(last_values) {
                 *value /= divisors[column];
             }
         };
@@ -236,6 +262,13 @@ impl Jacobian {
                 out[column] += value * y;
             }
         }
+    }
+}
+
+/// Turns sums of squares into norms, finite ones.
+fn finish_norms(norms: &mut [f64]) {
+    for norm in norms {
+        *norm = norm.sqrt().min(f64::MAX);
     }
 }
 

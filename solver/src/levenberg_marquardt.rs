@@ -108,6 +108,8 @@ struct Minimizer<'p> {
     cost: f64,
     trial_costs: Vec<f64>,
     radius: f64,
+    /// True if the last step was taken, and the next likely is.
+    likely_taken: bool,
     initial_cost: f64,
     iterations: usize,
     trials: usize,
@@ -136,6 +138,8 @@ struct Trial {
     /// a better linear model.
     polishing: bool,
     accepted: bool,
+    /// True if the cost changed by no more than is asked for: the linear model there is of no use.
+    is_last: bool,
     fault: Option<NonFinite>,
 }
 
@@ -180,6 +184,7 @@ impl<'p> Minimizer<'p> {
             costs,
             cost,
             radius: 0.0,
+            likely_taken: true,
             initial_cost: cost,
             iterations: 0,
             trials: 0,
@@ -221,7 +226,7 @@ impl<'p> Minimizer<'p> {
             if !self.set_trial() || step_norm <= options.step_tolerance * model.size {
                 return last_fault.map_or(Ok(Termination::Step), Err);
             }
-            let trial = self.evaluate(&model)?;
+            let trial = self.evaluate(&model, options.cost_tolerance)?;
             observer(Iteration {
                 part: 0,
                 iteration: self.iterations,
@@ -252,6 +257,9 @@ impl<'p> Minimizer<'p> {
 
             self.exchange();
             self.iterations += 1;
+            if trial.is_last {
+                return Ok(Termination::Cost);
+            }
             let next = self.load();
             let improved = if damping > 0.0 {
                 next.gradient_norm < model.gradient_norm
@@ -277,40 +285,62 @@ impl<'p> Minimizer<'p> {
             }
             retreats = 0;
             model = next;
-            let tolerated = options.cost_tolerance * self.cost;
-            if trial.predicted <= tolerated && trial.decrease.abs() <= tolerated {
-                return Ok(Termination::Cost);
-            }
         }
     }
 
-    /// Evaluates the trial point, and the Jacobian there if the step is to be taken.
-    fn evaluate(&mut self, model: &Model) -> Result<Trial, NonFinite> {
+    /// Evaluates the trial point, and the Jacobian there if the step is to be taken and is not the last.
+    fn evaluate(&mut self, model: &Model, cost_tolerance: f64) -> Result<Trial, NonFinite> {
         self.trials += 1;
         let predicted = self.subproblem.predicted;
-        if let Err(fault) = self.linearization.costs(&self.trial, &mut self.trial_costs) {
-            return Ok(Trial::failed(Some(fault)));
-        }
+        // Where the step is taken, derivatives are wanted too, and values come with them.
+        let at_once = self.likely_taken && self.linearization.is_of_squares();
+        let evaluated = if at_once {
+            self.linearization
+                .linearize(&self.trial)
+                .map(|()| self.linearization.costs_there(&mut self.trial_costs))
+        } else {
+            self.linearization.costs(&self.trial, &mut self.trial_costs)
+        };
+        self.likely_taken = false;
         let decrease = sum_of_differences(&self.costs, &self.trial_costs);
-        if !decrease.is_finite() {
-            return Ok(Trial::failed(None));
+        if evaluated.is_err() || !decrease.is_finite() {
+            if at_once {
+                self.restore()?;
+            }
+            return Ok(Trial::failed(evaluated.err()));
         }
         let rounding = ROUNDINGS * model.rounding;
         let polishing = predicted <= rounding && decrease >= -rounding;
         let accepted = polishing || (predicted > 0.0 && decrease >= ACCEPT * predicted);
-        if accepted && let Err(fault) = self.linearization.linearize(&self.trial) {
-            // the derivatives at the point where we stay were overwritten
-            self.linearization.linearize(&self.x)?;
-            self.rescale();
+        let tolerated = cost_tolerance * sum(&self.trial_costs);
+        let is_last = accepted && predicted <= tolerated && decrease.abs() <= tolerated;
+        if at_once && !accepted {
+            self.restore()?;
+        }
+        if accepted
+            && !is_last
+            && !at_once
+            && let Err(fault) = self.linearization.linearize(&self.trial)
+        {
+            self.restore()?;
             return Ok(Trial::failed(Some(fault)));
         }
+        self.likely_taken = accepted;
         Ok(Trial {
             decrease,
             predicted,
             polishing,
             accepted,
+            is_last,
             fault: None,
         })
+    }
+
+    /// Derivatives at the point where we stay, which were overwritten.
+    fn restore(&mut self) -> Result<(), NonFinite> {
+        self.linearization.linearize(&self.x)?;
+        self.rescale();
+        Ok(())
     }
 
     /// Takes the trial point, or goes back to the one before.
@@ -322,7 +352,12 @@ impl<'p> Minimizer<'p> {
 
     /// Scales the new Jacobian and solves for the undamped step.
     fn load(&mut self) -> Model {
-        self.linearization.jacobian().column_norms(&mut self.norms);
+        let gradient = &mut self.subproblem.gradient;
+        self.linearization.jacobian().norms_and_transpose(
+            self.linearization.residuals(),
+            &mut self.norms,
+            gradient,
+        );
         let residual_norm = norm(self.linearization.residuals());
         let mut residual_scale = residual_norm;
         let mut size = 0.0;
@@ -331,6 +366,7 @@ impl<'p> Minimizer<'p> {
             self.scale[j] = self.scale[j].max(self.norms[j]);
             let scale = column_scale(self.scale[j]);
             size += (self.x[j] * scale).powi(2);
+            self.subproblem.gradient[j] /= scale;
             self.subproblem.lower[j] = (self.lower[j] - self.x[j]) * scale;
             self.subproblem.upper[j] = (self.upper[j] - self.x[j]) * scale;
         }
@@ -416,6 +452,7 @@ impl Trial {
             predicted: 0.0,
             polishing: false,
             accepted: false,
+            is_last: false,
             fault,
         }
     }

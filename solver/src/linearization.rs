@@ -88,4 +88,16 @@ impl<'p> Linearization<'p> {
             Self::Fused(fused) => fused.linearize(x),
         }
     }
+
+    /// True if the residuals tell the costs.
+    pub(crate) fn is_of_squares(&self) -> bool {
+        matches!(self, Self::Stored(system) if system.is_of_squares())
+    }
+
+    /// Writes the cost of each residual at the point of the last [`Self::linearize`], where they tell it.
+    pub(crate) fn costs_there(&self, costs: &mut [f64]) {
+        for (cost, r) in costs.iter_mut().zip(self.residuals()) {
+            *cost = 0.5 * r * r;
+        }
+    }
 }

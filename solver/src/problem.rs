@@ -133,6 +133,8 @@ pub struct Block<'a> {
     /// One per sample; empty means 0, 1, 2, …
     pub(crate) sample_names: Vec<u32>,
     data_len: usize,
+    /// Parameters of the family: it is asked once, since every entry of every sample needs them.
+    family_parameters: usize,
 }
 
 impl<'a> Block<'a> {
@@ -160,6 +162,7 @@ impl<'a> Block<'a> {
             loss: Loss::Squared,
             sample_names: Vec::new(),
             data_len: data.len(),
+            family_parameters: shape.parameters,
         }
     }
 
@@ -206,11 +209,10 @@ impl<'a> Block<'a> {
 
     /// Number of parameters that each sample has of its own.
     fn own_parameters(&self) -> usize {
-        let all = self.family.shape().parameters;
         if self.sample_parameters.is_empty() {
             0
         } else {
-            all.saturating_sub(self.parameters.len())
+            self.family_parameters.saturating_sub(self.parameters.len())
         }
     }
 

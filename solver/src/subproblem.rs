@@ -66,7 +66,7 @@ impl Subproblem {
         }
     }
 
-    /// Takes a new linear model; [`Self::lower`] and [`Self::upper`] are set by the caller. Afterwards
+    /// Takes a new linear model; [`Self::lower`], [`Self::upper`] and [`Self::gradient`] are set by the caller. Afterwards
     /// [`Self::step`] is the undamped step.
     pub(crate) fn load(
         &mut self,
@@ -74,7 +74,6 @@ impl Subproblem {
         residuals: &[f64],
         linear: &mut dyn LinearSolver,
     ) {
-        jacobian.transpose_times(residuals, &mut self.gradient);
         linear.load(jacobian, residuals);
         self.newton.is_full_rank = self.solve_damped(0.0, jacobian, residuals, linear);
         self.predict(self.is_at_minimum(), jacobian, residuals);
@@ -297,8 +296,8 @@ impl Subproblem {
 
     /// True if a parameter is at a bound through which the gradient pushes it.
     fn is_blocked(&self, j: usize) -> bool {
-        let is_below = self.lower[j] >= 0.0 && self.gradient[j] >= 0.0;
-        let is_above = self.upper[j] <= 0.0 && self.gradient[j] <= 0.0;
-        self.bounded && (is_below || is_above)
+        let is_below = || self.lower[j] >= 0.0 && self.gradient[j] >= 0.0;
+        let is_above = || self.upper[j] <= 0.0 && self.gradient[j] <= 0.0;
+        self.bounded && (is_below() || is_above())
     }
 }

@@ -250,6 +250,15 @@ impl<'p> System<'p> {
         Ok(())
     }
 
+    /// True if all costs are squares of residuals.
+    pub(crate) fn is_of_squares(&self) -> bool {
+        let mut losses = self
+            .pieces
+            .iter()
+            .map(|piece| self.problem.blocks[piece.block].loss);
+        losses.all(|loss| loss == Loss::Squared)
+    }
+
     fn scatter(&mut self, x: &[f64]) {
         for (&p, &x) in self.parameters.iter().zip(x) {
             self.all[p] = x;

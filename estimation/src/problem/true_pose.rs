@@ -401,6 +401,10 @@ impl ResidualFamily for TruePose {
                 let sample = first + lane.min(count - 1);
                 self.turned(&own[sample * POSE_UNKNOWNS..][..POSE_UNKNOWNS])
             });
+            let mut of_samples = jacobian[first * total..].chunks_exact_mut(total);
+            let mut of_samples: [&mut [f64]; LANES] =
+                std::array::from_fn(|_| of_samples.next().unwrap_or_default());
+            let of_samples = &mut of_samples[..count];
             for (k, closure) in self.closures.iter().enumerate() {
                 let (one, other) = (&closure.by_parameters, &closure.by_pose);
                 one.gather((data, width), &mut by_parameters);
@@ -415,24 +419,21 @@ impl ResidualFamily for TruePose {
                     residuals[(first + lane) * rows + k] = by_parameters.residual[0][lane];
                 }
                 let row = self.row(k);
-                let of_samples = &mut jacobian[first * total..][..count * total];
                 for (&slot, entry) in closure.slots.iter().zip(&by_parameters.entries) {
-                    let places = of_samples[row.start + slot..].iter_mut().step_by(total);
-                    for (to, value) in places.zip(entry.0) {
-                        *to += value;
+                    for (to, value) in of_samples.iter_mut().zip(entry.0) {
+                        to[row.start + slot] += value;
                     }
                 }
                 let unknowns = row.end - POSE_UNKNOWNS;
                 for (unknown, entry) in closure.unknowns.iter().zip(&by_pose.entries) {
                     let Some(unknown) = unknown else { continue };
-                    let places = of_samples[unknowns + unknown..].iter_mut().step_by(total);
-                    for (to, value) in places.zip(entry.0) {
-                        *to = value;
+                    for (to, value) in of_samples.iter_mut().zip(entry.0) {
+                        to[unknowns + unknown] = value;
                     }
                 }
-                for (lane, turned) in turned[..count].iter().enumerate() {
+                for (of_sample, turned) in of_samples.iter_mut().zip(&turned) {
                     if let Some(turned) = turned {
-                        turn(turned, &mut of_samples[lane * total + unknowns + 3..][..3]);
+                        turn(turned, &mut of_sample[unknowns + 3..unknowns + 6]);
                     }
                 }
             }

@@ -21,9 +21,11 @@ const SKETCH: f64 = 0.1;
 /// Residuals for each parameter, beyond what poses take, by which a machine is found from a sketch. From where they
 /// lead, all poses need some iterations, from the sketch dozens.
 const ROWS_EACH: usize = 6;
-/// Iterations after which a start is given up for the next: most descents take dozens, some crawl along a valley for
-/// thousands.
-const DESCENT: usize = 100;
+/// Iterations after which a start is given up for the next. Of 516 descents of four belts drawn half of the machine off,
+/// 475 arrive within 25 iterations, 494 within 40, seven more within 100, and 15 crawl along a valley. The work until one
+/// arrives is least if they are given up after 30 (M. Luby, A. Sinclair and D. Zuckerman, Inf. Process. Lett. 47, 1993), and
+/// grows by a fiftieth to 40, which leaves room for other machines.
+const DESCENT: usize = 40;
 /// Poses up to which the solver is told to eliminate each; of more it does so by itself.
 const FEW: usize = 1000;
 /// Share of the mean length of the links that a machine may stand from where its reference says.

@@ -73,13 +73,13 @@ impl<'a> Unsolved<'a> {
         let are_exact = drive_sigmas(self.0.file, self.0.machine.robot.commands).is_none();
         let of_row = |(row, weight): (usize, &f64)| {
             let (sample, closure) = (row / count, row % count);
-            let data = &rows.data[..(sample + 1) * width];
-            let factor = &data[data.len() - count * count..];
             let sigma = self.0.assembly.kinds[rows.kinds[closure]].sigma;
+            // Only where drives have noise do samples bring factors.
             let factor = if are_exact {
                 1.0
             } else {
-                factor[closure * count + closure]
+                let data = &rows.data[..(sample + 1) * width];
+                data[data.len() - count * count..][closure * count + closure]
             };
             weight * factor / sigma
         };

@@ -97,36 +97,50 @@ impl Elimination {
         Self { groups, kept }
     }
 
-    /// Number of rows in which each group occurs.
-    fn rows(&self, jacobian: &Jacobian) -> Vec<usize> {
-        let mut group_of = vec![usize::MAX; jacobian.column_count];
-        for (g, columns) in self.groups.iter().enumerate() {
+    /// Rows by the groups that occur in them.
+    pub(crate) fn rows(&self, jacobian: &Jacobian) -> GroupRows {
+        let count = self.groups.len();
+        let mut group_of = vec![count; jacobian.column_count];
+        for (group, columns) in self.groups.iter().enumerate() {
             for &column in columns {
-                group_of[column] = g;
+                group_of[column] = group;
             }
         }
-        let mut rows = vec![0; self.groups.len()];
-        for row in 0..jacobian.row_count() {
+        let group = |row: usize| {
             let columns = jacobian.row(row).0.iter();
-            let group = columns.map(|&column| group_of[column]).min();
-            if let Some(rows) = group.and_then(|group| rows.get_mut(group)) {
-                *rows += 1;
-            }
+            columns.map(|&column| group_of[column]).min()
+        };
+        let rows = 0..jacobian.row_count();
+        let of_rows: Vec<usize> = rows.map(|row| group(row).unwrap_or(count)).collect();
+        let mut starts = vec![0; count + 2];
+        for &group in &of_rows {
+            starts[group + 1] += 1;
         }
-        rows
+        for group in 0..=count {
+            starts[group + 1] += starts[group];
+        }
+        let mut next = starts.clone();
+        let mut all = vec![0; of_rows.len()];
+        for (row, &group) in of_rows.iter().enumerate() {
+            all[next[group]] = row;
+            next[group] += 1;
+        }
+        GroupRows { starts, all }
     }
 
     /// True if all groups occur in some rows, at most so many.
     pub(crate) fn has_few_rows(&self, jacobian: &Jacobian, most: usize) -> bool {
         let rows = self.rows(jacobian);
-        rows.iter().all(|rows| (1..=most).contains(rows))
+        (0..self.groups.len()).all(|group| (1..=most).contains(&rows.of(group).len()))
     }
 
     /// Keeps the groups that occur in more rows than this.
     pub(crate) fn with_few_rows(mut self, jacobian: &Jacobian, most: usize) -> Self {
-        let mut rows = self.rows(jacobian).into_iter();
+        let rows = self.rows(jacobian);
+        let mut group = 0;
         self.groups.retain(|columns| {
-            let few = rows.next().is_some_and(|rows| (1..=most).contains(&rows));
+            let few = (1..=most).contains(&rows.of(group).len());
+            group += 1;
             if !few {
                 self.kept.extend(columns);
             }
@@ -134,6 +148,19 @@ impl Elimination {
         });
         self.kept.sort_unstable();
         self
+    }
+}
+
+/// Rows by groups, those of no group last.
+pub(crate) struct GroupRows {
+    starts: Vec<usize>,
+    all: Vec<usize>,
+}
+
+impl GroupRows {
+    /// Those of a group, ascending; behind the last group, those of none.
+    pub(crate) fn of(&self, group: usize) -> &[usize] {
+        &self.all[self.starts[group]..self.starts[group + 1]]
     }
 }
 
@@ -183,7 +210,9 @@ struct Workspace {
 
 impl Schur {
     pub(crate) fn new(jacobian: &Jacobian, elimination: Elimination) -> Self {
+        let rows = elimination.rows(jacobian);
         let Elimination { groups, kept } = elimination;
+        let other_rows = rows.of(groups.len()).to_vec();
         let n = jacobian.column_count;
         let mut place = vec![0; n];
         let mut group_of = vec![None; n];
@@ -195,21 +224,15 @@ impl Schur {
         for (i, &column) in kept.iter().enumerate() {
             place[column] = i;
         }
-        let mut rows_of = vec![Vec::new(); groups.len()];
-        let mut other_rows = Vec::new();
-        for row in 0..jacobian.row_count() {
-            let mut columns = jacobian.row(row).0.iter();
-            match columns.find_map(|&column| group_of[column]) {
-                Some(group) => rows_of[group].push(row),
-                None => other_rows.push(row),
-            }
-        }
         let is_kept = |column: usize| group_of[column].is_none();
-        let groups = groups.into_iter().zip(rows_of);
+        let groups = groups.into_iter().enumerate();
         let size = kept.len();
         Self {
             groups: groups
-                .map(|(columns, rows)| Group::new(jacobian, columns, rows, &place, &is_kept))
+                .map(|(group, columns)| {
+                    let rows = rows.of(group).to_vec();
+                    Group::new(jacobian, columns, rows, &place, &is_kept)
+                })
                 .collect(),
             other_rows,
             place,

@@ -153,21 +153,15 @@ impl SchurCholesky {
                 group_of[column] = (g, place);
             }
         }
-        let mut rows_of = vec![Vec::new(); elimination.groups.len()];
-        let mut other_rows = Vec::new();
-        for row in 0..jacobian.row_count() {
-            let columns = jacobian.row(row).0.iter();
-            let group = columns.map(|&column| group_of[column].0).min();
-            match group.and_then(|group| rows_of.get_mut(group)) {
-                Some(rows) => rows.push(row),
-                None => other_rows.push(row),
-            }
-        }
+        let rows_of = elimination.rows(jacobian);
+        let mut rows: Vec<usize> = vec![];
         let mut class_of: BTreeMap<Vec<usize>, usize> = BTreeMap::new();
         let mut key = Vec::new();
         let mut classes: Vec<Class> = Vec::new();
         let mut eliminated = vec![(0, 0, 0); n];
-        for (columns, mut rows) in elimination.groups.iter().zip(rows_of) {
+        for (group, columns) in elimination.groups.iter().enumerate() {
+            rows.clear();
+            rows.extend_from_slice(rows_of.of(group));
             let has_kept = |&row: &usize| {
                 let mut columns = jacobian.row(row).0.iter();
                 columns.any(|&column| kept_place[column].is_some())
@@ -201,7 +195,7 @@ impl SchurCholesky {
                 eliminated[column] = (number(class), number(group), number(place));
             }
             classes[class].columns.extend_from_slice(columns);
-            classes[class].rows.extend(rows);
+            classes[class].rows.extend_from_slice(&rows);
         }
         for class in &mut classes {
             let blocks = block_count(class.groups());
@@ -210,7 +204,7 @@ impl SchurCholesky {
         }
         Self {
             classes,
-            other_rows,
+            other_rows: rows_of.of(elimination.groups.len()).to_vec(),
             base: Normal::new(kept.len()),
             kept_step: Mat::zeros(kept.len(), 1),
             factor: None,
