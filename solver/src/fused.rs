@@ -11,11 +11,11 @@
 
 use std::array::from_fn;
 
-use rayon::prelude::*;
 use tau_runtime::{BlockFamily, LANES, Lanes, NormalEquations, block_count};
 
 use crate::jacobian::{Jacobian, JacobianPattern};
 use crate::linear::{DENSE_COLUMNS, Method, qr};
+use crate::parallel;
 use crate::partition::Part;
 use crate::problem::{Prepared, Prior, Problem};
 use crate::system::{Content, DROPPED, NonFinite, System};
@@ -195,18 +195,10 @@ impl<'p> Fused<'p> {
         for piece in &self.pieces {
             let parameters = piece.parameters(self.problem, &self.all);
             let residuals = piece.family.shape().residuals;
-            let ranges = piece.weights.chunks(RANGE * residuals);
-            let range = |(index, weights)| piece.sums(index, weights, &parameters);
-            let sums: Vec<Vec<Lanes>> = if ranges.len() > 1 {
-                piece
-                    .weights
-                    .par_chunks(RANGE * residuals)
-                    .enumerate()
-                    .map(range)
-                    .collect()
-            } else {
-                ranges.enumerate().map(range).collect()
-            };
+            let ranges = piece.weights.chunks(RANGE * residuals).enumerate();
+            let sums = parallel::map_owned(ranges.collect(), |(index, weights)| {
+                piece.sums(index, weights, &parameters)
+            });
             for (i, &a) in piece.columns.iter().enumerate() {
                 for (j, &b) in piece.columns.iter().enumerate().skip(i) {
                     if a == DROPPED || b == DROPPED {

@@ -20,7 +20,7 @@ pub fn both<A: Send, B: Send>(
     (first.result(), second.result())
 }
 
-/// Results of `work` on each item, in order.
+/// Results of `work` on each item, in order; each is handed out alone.
 pub fn map<T: Sync, R: Send>(items: &[T], work: impl Fn(&T) -> R + Sync) -> Vec<R> {
     map_owned(items.iter().collect(), work)
 }
