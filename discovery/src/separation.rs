@@ -3,6 +3,7 @@
 use nalgebra::{Cholesky, DMatrix, DVector};
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::distribution::detectable_noncentrality;
+use tau_estimation::numerics::order::largest_first;
 use tau_estimation::numerics::products::transposed_times;
 use tau_estimation::samples::{Sample, Treatment};
 
@@ -233,7 +234,7 @@ impl System {
                 (!values.is_empty()).then(|| ((values - block * &x).norm_squared(), sample))
             })
             .collect();
-        gains.sort_by(|a, b| b.0.total_cmp(&a.0));
+        largest_first(&mut gains, |&(gain, _)| gain);
         let chosen: Vec<usize> = gains
             .into_iter()
             .take(POSES)

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use tau_codegen::equations::Scope;
 use tau_codegen::language::model::{Readable, Target};
 use tau_estimation::joint::fit::Fit;
+use tau_estimation::numerics::order::smallest_first;
 use tau_estimation::samples::outliers;
 use tau_robot::robot_file::Noise;
 
@@ -108,7 +109,7 @@ fn found(
                 .zip(&values)
                 .map(|(&x, &y)| [x, y])
                 .collect();
-            curve.sort_by(|a, b| a[0].total_cmp(&b[0]));
+            smallest_first(&mut curve, |point| point[0]);
             let square: f64 = values.iter().map(|value| value * value).sum();
             let (place, direction) = bench.displaced(probe);
             Some(Unnamed {

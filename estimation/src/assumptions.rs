@@ -9,6 +9,7 @@ use tau_robot::robot_file::RobotFile;
 use crate::calibration::{
     Line, MOUNTING_M, NominalTrack, Registration, prepared::mean_rotation, set_2, set_3,
 };
+use crate::numerics::order::smallest_first;
 
 /// Checks of what the models assume.
 #[derive(Debug, Clone, Default)]
@@ -197,7 +198,7 @@ impl Pairs {
             .zip(&self.measured)
             .map(|((&q, path), measured)| deviation(q, rotation * measured - path, axes))
             .collect();
-        points.sort_by(|a, b| a.q_m.total_cmp(&b.q_m));
+        smallest_first(&mut points, |point| point.q_m);
         let rms = |of: fn(&PathDeviation) -> f64| {
             (points.iter().map(|point| of(point).powi(2)).sum::<f64>() / points.len() as f64).sqrt()
         };

@@ -1,11 +1,11 @@
 //! Errors of predicted poses: Table I and Figure 8 of the paper.
 
-use rayon::prelude::*;
-use tau_kinematics::{Machine, Reached, Sample};
+use tau_kinematics::{Machine, Sample};
 use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot_file::Noise;
 
 use crate::calibration::{Combination, Error, LinkResult, ParameterEstimate};
+use crate::numerics::parallel;
 use crate::trust::Verdict;
 use crate::uncertainty::{PoseUncertainty, Uncertainty};
 use crate::unknown_poses::HeldErrors;
@@ -212,34 +212,34 @@ pub fn evaluate_knowing(
         .filter_map(|&pose| folder.tcp_poses.get(pose))
         .collect();
     // The first of several errors is told, whichever thread comes across one first.
-    let reached = measured.par_chunks(AT_ONCE).flat_map_iter(|measured| {
+    let chunks: Vec<&[&TcpPose]> = measured.chunks(AT_ONCE).collect();
+    let reached = parallel::map(&chunks, |measured| {
         let samples: Vec<Sample<'_>> = measured.iter().map(|&own| own.into()).collect();
         machine.forward_each(&samples)
     });
-    let reached: Vec<Result<Reached, tau_kinematics::Error>> = reached.collect();
-    let errors: Vec<Result<PoseError, Error>> = measured
-        .par_iter()
-        .zip(reached)
-        .map(|(&measured, reached)| {
-            let sample = Sample::from(measured);
-            let fail = |error| Error::at_pose(measured.pose, machine.explained(error, &sample));
-            let predicted = reached.map_err(fail)?.pose;
-            let sigma = known.map(|(uncertainty, noise)| {
-                let of_pose = uncertainty.pose(machine, &sample.at(predicted))?;
-                Ok(ErrorSigma::new(&of_pose, noise, machine))
-            });
-            let sigma = sigma.transpose().map_err(fail)?;
-            let position = predicted.position_m();
-            let orientation = sample.pose.turn_to(&predicted.rotation).into();
-            Ok(PoseError {
-                pose: measured.pose,
-                position_m: measured.position_m,
-                error_um: [0, 1, 2].map(|k| (position[k] - measured.position_m[k]) * 1e6),
-                orientation_rad: machine.turns().then_some(orientation),
-                sigma,
-            })
-        })
+    let reached: Vec<_> = measured
+        .into_iter()
+        .zip(reached.into_iter().flatten())
         .collect();
+    let errors = parallel::map_owned(reached, |(measured, reached)| {
+        let sample = Sample::from(measured);
+        let fail = |error| Error::at_pose(measured.pose, machine.explained(error, &sample));
+        let predicted = reached.map_err(fail)?.pose;
+        let sigma = known.map(|(uncertainty, noise)| {
+            let of_pose = uncertainty.pose(machine, &sample.at(predicted))?;
+            Ok(ErrorSigma::new(&of_pose, noise, machine))
+        });
+        let sigma = sigma.transpose().map_err(fail)?;
+        let position = predicted.position_m();
+        let orientation = sample.pose.turn_to(&predicted.rotation).into();
+        Ok(PoseError {
+            pose: measured.pose,
+            position_m: measured.position_m,
+            error_um: [0, 1, 2].map(|k| (position[k] - measured.position_m[k]) * 1e6),
+            orientation_rad: machine.turns().then_some(orientation),
+            sigma,
+        })
+    });
     let errors = errors
         .into_iter()
         .collect::<Result<Vec<PoseError>, Error>>()?;

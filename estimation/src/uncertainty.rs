@@ -5,7 +5,6 @@
 //! noise of any measurement. What the model lacks is not in it.
 
 use nalgebra::{DMatrix, Matrix6};
-use rayon::prelude::*;
 use tau_kinematics::{Error, Machine, POSE_COLUMNS, Sample};
 use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot::{Parameter, ResidualKind, Variant};
@@ -14,6 +13,7 @@ use tau_robot::robot_file::keys::WIDE;
 
 use crate::calibration::{Calibration, Prepared};
 use crate::implicit::Linearized;
+use crate::numerics::parallel;
 
 /// Poses at which the largest standard deviation is looked for: more tell nothing else.
 const MOST_POSES: usize = 4000;
@@ -146,14 +146,11 @@ impl Uncertainty {
         let poses: Vec<&TcpPose> = (poses.iter().step_by(step))
             .filter_map(|&pose| folder.tcp_poses.get(pose))
             .collect();
-        let distances: Vec<Result<f64, Error>> = poses
-            .par_iter()
-            .map(|&measured| {
-                let sample = Sample::from(measured);
-                let pose = machine.forward_fitted(&sample)?.pose;
-                Ok(self.pose(machine, &sample.at(pose))?.distance_m())
-            })
-            .collect();
+        let distances = parallel::map(&poses, |&measured| {
+            let sample = Sample::from(measured);
+            let pose = machine.forward_fitted(&sample)?.pose;
+            Ok::<_, Error>(self.pose(machine, &sample.at(pose))?.distance_m())
+        });
         distances
             .into_iter()
             .try_fold(0.0, |largest, distance| Ok(f64::max(largest, distance?)))

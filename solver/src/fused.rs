@@ -12,12 +12,12 @@
 
 use std::array::from_fn;
 
-use rayon::prelude::*;
 use tau_runtime::{BlockFamily, LANES, Lanes, NormalEquations, block_count};
 
 use crate::jacobian::{Jacobian, JacobianPattern};
 use crate::linear::qr::RowReduction;
 use crate::linear::{DENSE_COLUMNS, Method};
+use crate::parallel;
 use crate::partition::Part;
 use crate::problem::{Prepared, Prior, Problem};
 use crate::system::{Content, DROPPED, NonFinite, System};
@@ -240,18 +240,10 @@ impl<'p> Fused<'p> {
         for piece in &self.pieces {
             let parameters = piece.parameters(self.problem, &self.all);
             let residuals = piece.family.shape().residuals;
-            let ranges = piece.weights.chunks(RANGE * residuals);
-            let range = |(index, weights)| piece.sums(index, weights, &parameters);
-            let sums: Vec<Vec<Lanes>> = if ranges.len() > 1 {
-                piece
-                    .weights
-                    .par_chunks(RANGE * residuals)
-                    .enumerate()
-                    .map(range)
-                    .collect()
-            } else {
-                ranges.enumerate().map(range).collect()
-            };
+            let ranges = piece.weights.chunks(RANGE * residuals).enumerate();
+            let sums = parallel::map_owned(ranges.collect(), |(index, weights)| {
+                piece.sums(index, weights, &parameters)
+            });
             for (i, &a) in piece.columns.iter().enumerate() {
                 for (j, &b) in piece.columns.iter().enumerate().skip(i) {
                     if a == DROPPED || b == DROPPED {
@@ -289,8 +281,8 @@ impl Piece<'_> {
         derivatives: &mut [Lanes],
     ) -> bool {
         let (shape, pattern) = (self.family.shape(), self.family.pattern());
-        let shares = residuals.par_chunks_mut(SHARE * shape.residuals);
-        let shares = shares.zip(derivatives.par_chunks_mut(SHARE * pattern.len()));
+        let shares = residuals.chunks_mut(SHARE * shape.residuals);
+        let shares = shares.zip(derivatives.chunks_mut(SHARE * pattern.len()));
         let share = |(share, (residuals, derivatives)): (usize, (&mut [Lanes], &mut [Lanes]))| {
             let first = range * RANGE + share * SHARE;
             let count = residuals.len() / shape.residuals;
@@ -311,7 +303,8 @@ impl Piece<'_> {
             }
             is_finite
         };
-        shares.enumerate().map(share).reduce(|| true, |a, b| a & b)
+        let are_finite = parallel::map_owned(shares.enumerate().collect(), share);
+        are_finite.into_iter().all(|is_finite| is_finite)
     }
 
     /// Products of the columns over one range.

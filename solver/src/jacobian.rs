@@ -2,8 +2,9 @@
 
 use std::array::from_fn;
 
-use rayon::prelude::*;
 use tau_runtime::{LANES, Lanes};
+
+use crate::parallel;
 
 /// Rows or entries that one thread takes at a time; sums over chunks are added in their order, so that
 /// they do not depend on the number of threads.
@@ -128,36 +129,33 @@ impl ByColumn {
 
     /// For each column, the sum over its entries of a function of row and value.
     fn sums(&self, jacobian: &Jacobian, term: impl Fn(usize, f64) -> f64 + Sync, out: &mut [f64]) {
-        out.par_chunks_mut(CHUNK)
-            .enumerate()
-            .for_each(|(chunk, out)| {
-                let first = chunk * CHUNK;
-                let mut start = first.checked_sub(1).map_or(0, |before| self.ends[before]);
-                for (out, &end) in out.iter_mut().zip(&self.ends[first..]) {
-                    let entries = &self.entries[start as usize..end as usize];
-                    *out = entries
-                        .iter()
-                        .map(|&(row, place)| term(row as usize, jacobian.values[place as usize]))
-                        .sum();
-                    start = end;
-                }
-            });
+        let chunks = out.chunks_mut(CHUNK).enumerate().collect();
+        parallel::map_owned(chunks, |(chunk, out)| {
+            let first = chunk * CHUNK;
+            let mut start = first.checked_sub(1).map_or(0, |before| self.ends[before]);
+            for (out, &end) in out.iter_mut().zip(&self.ends[first..]) {
+                let entries = &self.entries[start as usize..end as usize];
+                *out = entries
+                    .iter()
+                    .map(|&(row, place)| term(row as usize, jacobian.values[place as usize]))
+                    .sum();
+                start = end;
+            }
+        });
         let rows = jacobian.row_count();
-        let partial: Vec<Vec<f64>> = (0..rows.div_ceil(CHUNK))
-            .into_par_iter()
-            .map(|chunk| {
-                let mut sums = vec![0.0; self.wide.len()];
-                for row in chunk * CHUNK..rows.min((chunk + 1) * CHUNK) {
-                    let (columns, values) = jacobian.row(row);
-                    for (&column, &value) in columns.iter().zip(values) {
-                        if let Some(sum) = sums.get_mut(self.wide_of[column] as usize) {
-                            *sum += term(row, value);
-                        }
+        let starts: Vec<usize> = (0..rows).step_by(CHUNK).collect();
+        let partial = parallel::map(&starts, |&start| {
+            let mut sums = vec![0.0; self.wide.len()];
+            for row in start..rows.min(start + CHUNK) {
+                let (columns, values) = jacobian.row(row);
+                for (&column, &value) in columns.iter().zip(values) {
+                    if let Some(sum) = sums.get_mut(self.wide_of[column] as usize) {
+                        *sum += term(row, value);
                     }
                 }
-                sums
-            })
-            .collect();
+            }
+            sums
+        });
         for (index, &column) in self.wide.iter().enumerate() {
             out[column] = partial.iter().map(|sums| sums[index]).sum();
         }
@@ -224,10 +222,11 @@ impl Jacobian {
             }
         };
         if self.by_column.is_some() {
-            let columns = self.columns.par_chunks(CHUNK);
-            columns
-                .zip(self.values.par_chunks_mut(CHUNK))
-                .for_each(divide);
+            let chunks = self
+                .columns
+                .chunks(CHUNK)
+                .zip(self.values.chunks_mut(CHUNK));
+            parallel::map_owned(chunks.collect(), divide);
         } else {
             divide((&self.columns, &mut self.values));
         }
@@ -242,8 +241,8 @@ impl Jacobian {
             }
         };
         if self.by_column.is_some() {
-            let chunks = out.par_chunks_mut(CHUNK).enumerate();
-            chunks.for_each(|(chunk, out)| times(chunk * CHUNK, out));
+            let chunks = out.chunks_mut(CHUNK).enumerate().collect();
+            parallel::map_owned(chunks, |(chunk, out)| times(chunk * CHUNK, out));
         } else {
             times(0, out);
         }

@@ -67,6 +67,7 @@ mod levenberg_marquardt;
 mod linear;
 mod linearization;
 mod loss;
+pub mod parallel;
 mod partition;
 mod problem;
 mod solution;

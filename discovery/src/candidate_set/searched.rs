@@ -5,6 +5,7 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector};
 use tau_codegen::language::model::{Model, Place};
 use tau_estimation::calibration::widest;
+use tau_estimation::numerics::order::smallest_first;
 use tau_estimation::numerics::parallel;
 use tau_estimation::numerics::projection::{Subspace, orthonormal};
 use tau_estimation::samples::Sample;
@@ -331,7 +332,7 @@ fn covered(
     (low, high): (f64, f64),
     mut bands: Vec<(usize, (f64, f64))>,
 ) -> (Vec<usize>, Vec<(f64, f64)>) {
-    bands.sort_by(|(_, a), (_, b)| a.0.total_cmp(&b.0));
+    smallest_first(&mut bands, |&(_, (first, _))| first);
     let (mut taken, mut gaps, mut from) = (vec![], vec![], low);
     for (band, (first, last)) in bands {
         if from <= first && last <= high {

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use nalgebra::DMatrix;
+use tau_estimation::numerics::order::largest_first;
 use tau_estimation::numerics::parallel;
 use tau_estimation::numerics::products::transposed_times;
 use tau_estimation::numerics::projection::orthonormal;
@@ -58,7 +59,7 @@ pub(crate) fn ambiguous(bench: &CandidateSet, view: &LinearModel) -> Vec<Ambiguo
             });
         }
     }
-    pairs.sort_by(|a, b| b.kappa.total_cmp(&a.kappa));
+    largest_first(&mut pairs, |pair| pair.kappa);
     pairs
 }
 

@@ -7,6 +7,7 @@ use tau_codegen::equations::Scope;
 use tau_codegen::language::Model;
 use tau_codegen::language::model::{Readable, Term};
 use tau_codegen::language::units::Dimension;
+use tau_estimation::numerics::order::smallest_first;
 
 use crate::candidate_set::CandidateSet;
 use crate::candidates::{Candidate, Entry, scope};
@@ -227,7 +228,7 @@ fn displacements(
 /// Means over bins of equal number, or over each value where there are few.
 fn binned(points: &[Point]) -> Vec<Bin> {
     let mut sorted = points.to_vec();
-    sorted.sort_by(|a, b| a.at.total_cmp(&b.at));
+    smallest_first(&mut sorted, |point| point.at);
     let values = 1 + sorted
         .windows(2)
         .filter(|pair| pair[0].at < pair[1].at)

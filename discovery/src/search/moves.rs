@@ -9,6 +9,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use tau_codegen::language::model::Place;
+use tau_estimation::numerics::order::smallest_first;
 
 use super::super::candidate_set::{CandidateSet, Score, Table};
 use super::super::constants::Constants;
@@ -66,7 +67,7 @@ impl Search<'_> {
             moves
         };
         moves.retain(|change| change.predicted < 0.0);
-        moves.sort_by(|a, b| a.predicted.total_cmp(&b.predicted));
+        smallest_first(&mut moves, |change| change.predicted);
         moves
     }
 
@@ -367,7 +368,7 @@ impl Search<'_> {
                 search.is_alike(&without.view, &own, score)
             }));
         }
-        moves.sort_by(|a, b| a.predicted.total_cmp(&b.predicted));
+        smallest_first(&mut moves, |change| change.predicted);
         moves
     }
 

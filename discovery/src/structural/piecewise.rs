@@ -9,6 +9,7 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 use tau_estimation::evaluation::evaluate;
 use tau_estimation::numerics::distribution::chi2_survival;
+use tau_estimation::numerics::order::{largest_first, smallest_first};
 use tau_estimation::numerics::parallel;
 use tau_estimation::numerics::projection::Subspace;
 
@@ -85,7 +86,7 @@ fn bent(
     progress: &mut dyn FnMut(&str),
 ) -> Result<Outcome, Error> {
     let mut tracks = std::mem::take(&mut found.tracks);
-    tracks.sort_by(|a, b| b.statistic.total_cmp(&a.statistic));
+    largest_first(&mut tracks, |track| track.statistic);
     let mut notes: Vec<Considered> = tracks.iter().map(TrackTest::considered).collect();
     for (track, note) in tracks.iter().zip(&mut notes) {
         if !track.is_wanted {
@@ -306,7 +307,7 @@ fn off_line(search: &Search<'_>, track: usize) -> Vec<Unnamed> {
         .filter(|sample| sample.set == 2 && sample.track == Some(track))
         .map(|sample| (sample.commands_m[track], sample.pose.position))
         .collect();
-    points.sort_by(|a, b| a.0.total_cmp(&b.0));
+    smallest_first(&mut points, |&(command, _)| command);
     let Some(line) = Line::fit(&points) else {
         return vec![];
     };

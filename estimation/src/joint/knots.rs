@@ -9,6 +9,7 @@ use tau_kinematics::{Path, track_axes};
 use tau_robot::robot::TrackShape;
 
 use crate::joint::Joint;
+use crate::numerics::order::largest_first;
 use crate::problem::Eliminated;
 use crate::samples::Sample;
 use crate::samples::frames::joints_on;
@@ -245,7 +246,7 @@ fn orthonormal_shapes(commands: &[f64], is_across: bool) -> DMatrix<f64> {
     let (open, taken) = open(commands, is_across);
     let eigen = SymmetricEigen::new(open);
     let mut order: Vec<usize> = (0..commands.len()).collect();
-    order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
+    largest_first(&mut order, |&place| eigen.eigenvalues[place]);
     eigen
         .eigenvectors
         .select_columns(&order[..commands.len() - taken])

@@ -2,8 +2,10 @@
 
 pub mod distribution;
 pub mod grouped;
-pub mod parallel;
+pub mod order;
 pub mod products;
 pub mod projection;
 pub mod spread;
 pub mod triangle;
+
+pub use tau_solver::parallel;

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SymmetricEigen};
 
 use crate::numerics::grouped::Grouped;
+use crate::numerics::order::largest_first;
 use crate::numerics::parallel;
 use crate::numerics::products::{transposed_times, transposed_times_columns};
 
@@ -315,7 +316,7 @@ pub fn orthonormal(norms: &[f64], gram: &DMatrix<f64>) -> DMatrix<f64> {
         .enumerate()
         .filter(|&(_, value)| value > least)
         .collect();
-    kept.sort_by(|a, b| b.1.total_cmp(&a.1));
+    largest_first(&mut kept, |&(_, value)| value);
     DMatrix::from_fn(scale.len(), kept.len(), |row, k| {
         let (index, value) = kept[k];
         scale[row] * eigen.eigenvectors[(row, index)] / value.sqrt()

@@ -25,10 +25,14 @@ pub use check::{Check, Checked, FileFacts, Gap, Range, Sight, check};
 pub use mistake::Mistake;
 pub use prediction::{of_prediction, outliers_of_validation};
 pub use reach::Reach;
+pub(crate) use verdict::shorten;
 pub use verdict::{
     FileFit, PoseFit, Pull, Status, Verdict, mistakes, of_calibration, of_calibration_knowing,
     refuse,
 };
+
+/// Worst poses or rows and largest pulls that are listed.
+pub(crate) const LISTED: usize = 5;
 
 /// Chance that a test calls consistent input inconsistent, the same as that at which errors in variables begin to
 /// estimate noise. Two tests decide, of residuals and of parameters, so that at most one clean folder in five hundred

@@ -10,6 +10,7 @@ use tau_robot::robot::{ResidualKind, Variant};
 
 use crate::calibration::{Error, Prepared};
 use crate::numerics::distribution::chi2_survival;
+use crate::numerics::order::{largest_first, smallest_first};
 use crate::numerics::parallel;
 use crate::problem::{Closures, Residuals};
 use crate::trust::first_look::FirstLook;
@@ -195,7 +196,7 @@ pub(crate) fn mistakes(case: &Case<'_>, known: Option<&Judged>) -> Result<Vec<Mi
                 .as_ref()
                 .is_none_or(|given| tried.is_much_nearer(given))
     });
-    all.sort_by(|a, b| evidence(a).total_cmp(&evidence(b)));
+    smallest_first(&mut all, evidence);
     let decisive = 2.0 * ODDS.ln();
     if let Some(best) = all
         .first()
@@ -264,7 +265,7 @@ fn first(case: &Case<'_>, hypotheses: Vec<Hypothesis>) -> Vec<Hypothesis> {
     let mut ranked: Vec<(f64, Hypothesis)> = (totals.into_iter().zip(hypotheses))
         .filter(|(total, _)| *total < as_given)
         .collect();
-    ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+    smallest_first(&mut ranked, |own| own.0);
     ranked.truncate(CLOSER);
     ranked
         .into_iter()
@@ -386,7 +387,7 @@ fn commands(case: &Case<'_>) -> Vec<Hypothesis> {
         .skip(1)
         .map(|columns| (misfit(&columns), columns))
         .collect();
-    ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+    smallest_first(&mut ranked, |own| own.0);
     ranked.truncate(KEPT);
     ranked
         .into_iter()
@@ -447,7 +448,7 @@ fn dimensions(case: &Case<'_>, given: Option<&Tried>) -> Vec<Tried> {
         let mut worst: Vec<&Deviation> = (given.deviations.iter())
             .filter(|deviation| falls(deviation) > 2.0 * ODDS.ln())
             .collect();
-        worst.sort_by(|a, b| b.deleted.abs().total_cmp(&a.deleted.abs()));
+        largest_first(&mut worst, |deviation| deviation.deleted.abs());
         let worst = worst.into_iter().take(DIMENSIONS);
         starts.extend(worst.map(|d| (d.parameter, given.values[d.parameter])));
     }
@@ -512,7 +513,7 @@ fn far_off(case: &Case<'_>) -> Option<Vec<(usize, f64)>> {
             }
         }
     }
-    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    smallest_first(&mut found, |own| own.0);
     found.truncate(DIMENSIONS);
     Some(
         found

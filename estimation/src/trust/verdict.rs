@@ -8,6 +8,7 @@ use tau_robot::robot_file::RobotFile;
 
 use crate::calibration::{Calibration, Error};
 use crate::numerics::distribution::chi2_survival;
+use crate::numerics::order::largest_first;
 use crate::numerics::parallel;
 use crate::numerics::spread::spread;
 use crate::problem::Component;
@@ -16,13 +17,13 @@ use crate::trust::judged::{Deviation, Judged, Misfit};
 use crate::trust::mistake::Mistake;
 use crate::trust::reach::Reach;
 use crate::trust::recognise::{self, ITERATIONS};
-use crate::trust::{ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, general, numbering, weighing_words};
+use crate::trust::{
+    ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, LISTED, general, numbering, weighing_words,
+};
 use crate::uncertainty::Uncertainty;
 use crate::unknown_poses::errors_in_variables::GroupFit;
 use crate::weighing::{Loss, MOST_POSES, Outlier, Repeats, Weighing};
 
-/// Worst poses and largest pulls that are listed.
-const LISTED: usize = 5;
 /// Residuals below this share of the stated noise make it suspect: by chance even twenty of them are never so small.
 const LEAST_RATIO: f64 = 1.0 / 3.0;
 
@@ -373,8 +374,8 @@ pub fn of_calibration_knowing(
 }
 
 /// Leaves the largest.
-pub(super) fn shorten(pulls: &mut Vec<Pull>) {
-    pulls.sort_by(|a, b| b.tolerances.abs().total_cmp(&a.tolerances.abs()));
+pub(crate) fn shorten(pulls: &mut Vec<Pull>) {
+    largest_first(pulls, |pull| pull.tolerances.abs());
     pulls.truncate(LISTED);
 }
 
@@ -390,7 +391,7 @@ pub(super) fn measured(case: &Case<'_>, judged: &Judged, pulls: Vec<Pull>) -> Ve
             sigmas,
         })
         .collect();
-    worst.sort_by(|a, b| b.sigmas.total_cmp(&a.sigmas));
+    largest_first(&mut worst, |pose| pose.sigmas);
     worst.truncate(LISTED);
     Verdict {
         status: Status::Consistent,

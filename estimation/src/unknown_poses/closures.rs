@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use nalgebra::{Cholesky, DMatrix};
-use rayon::prelude::*;
 use tau_kinematics::{Closures, Machine};
 use tau_robot::input_error::InputError;
 use tau_robot::robot::{Instance, ResidualKind};
@@ -15,6 +14,7 @@ use super::kinds::drive_sigmas;
 use super::lengths::Lengths;
 use super::rows::{DRIVES, LINKS, RowPlace, Rows};
 use crate::calibration::error::Error;
+use crate::numerics::parallel;
 use crate::problem::{CLOSURE_SHARE, POSE_UNKNOWNS, TruePose, by_pose};
 
 impl Assembly<'_> {
@@ -78,17 +78,8 @@ impl Assembly<'_> {
             }
             Ok::<_, Error>(found)
         };
-        let chunks = self.poses.chunks(CHUNK).enumerate();
-        let found: Vec<Result<ClosureRows, Error>> = if self.poses.len() <= CHUNK {
-            chunks.map(of_chunk).collect()
-        } else {
-            chunks
-                .collect::<Vec<_>>()
-                .into_par_iter()
-                .map(of_chunk)
-                .collect()
-        };
-        for found in found {
+        let chunks = self.poses.chunks(CHUNK).enumerate().collect();
+        for found in parallel::map_owned(chunks, of_chunk) {
             let found = found?;
             rows.data.extend(found.data);
             rows.own.extend(found.own);

@@ -11,6 +11,7 @@ use super::fit::Fit;
 use super::gauge::scaled;
 use crate::calibration::Error;
 use crate::numerics::distribution::{chi2_quantile_above, f_quantile_above};
+use crate::numerics::order::largest_first;
 use crate::trust::Mistake;
 
 /// Chance that two distances in their places are taken for exchanged ones: a hundredth of the usual level, since an answer
@@ -115,7 +116,7 @@ impl Fit<'_> {
                 }
             }
         }
-        pairs.sort_by(|a, b| b.1.total_cmp(&a.1));
+        largest_first(&mut pairs, |&(_, gain)| gain);
         pairs.into_iter().map(|(pair, _)| pair).collect()
     }
 

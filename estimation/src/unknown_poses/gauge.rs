@@ -1,5 +1,6 @@
 //! Gauge freedoms: combinations that measurements leave open, in words of the machine.
 
+use crate::numerics::order::{largest_first, smallest_first};
 use nalgebra::{DMatrix, DVector, Vector3};
 use tau_kinematics::Machine;
 use tau_robot::robot::Owner;
@@ -297,7 +298,7 @@ impl Shared<'_> {
                     if share(&basis, &direction) < INDEPENDENT {
                         continue;
                     }
-                    named.sort_by(|a, b| b.0.total_cmp(&a.0));
+                    largest_first(&mut named, |own| own.0);
                     let most = named[0].0;
                     named.retain(|(share, _)| *share > 0.1 * most);
                     let words: Vec<&str> = named.iter().map(|(_, m)| m.words.as_str()).collect();
@@ -341,7 +342,7 @@ impl Shared<'_> {
     /// A direction by the unknowns that it changes most.
     fn in_parameters(&self, direction: &DVector<f64>) -> String {
         let mut largest: Vec<usize> = (0..direction.len()).collect();
-        largest.sort_by(|&a, &b| direction[b].abs().total_cmp(&direction[a].abs()));
+        largest_first(&mut largest, |&place| direction[place].abs());
         let most = direction[largest[0]].abs();
         let named = largest
             .iter()
@@ -389,7 +390,7 @@ fn without(basis: &mut Vec<DVector<f64>>, vector: &DVector<f64>) {
     nearest.normalize_mut();
     let mut left: Vec<DVector<f64>> = vec![];
     // The ones farthest from it first, which lose least.
-    basis.sort_by(|a, b| a.dot(&nearest).abs().total_cmp(&b.dot(&nearest).abs()));
+    smallest_first(basis, |own| own.dot(&nearest).abs());
     for own in basis.iter().take(basis.len().saturating_sub(1)) {
         let mut own = own - &nearest * nearest.dot(own);
         for _ in 0..2 {

@@ -8,6 +8,7 @@ use super::outcome::{GroupFit, SIGNIFICANT};
 use super::rows::RowPlace;
 use super::{ABSORBED, GrossRow, KindFit};
 use crate::numerics::distribution::{chi2_quantile_above, chi2_survival, f_quantile_above};
+use crate::numerics::order::largest_first;
 use crate::problem::Component;
 
 /// Chance that the largest of all residuals is taken for a gross one though none is: one folder in a hundred loses a
@@ -149,7 +150,7 @@ impl Fit<'_> {
             let of_others = ((squares - row.sigmas.powi(2)).max(0.0) / others.max(1.0)).sqrt();
             row.sigmas > of_most.min(student * of_others).max(normal)
         });
-        far.sort_by(|a, b| b.sigmas.total_cmp(&a.sigmas));
+        largest_first(&mut far, |row| row.sigmas);
         far
     }
 

@@ -3,11 +3,8 @@
 use super::UnknownPoses;
 use super::kinds::AXES;
 use super::rows::Kind;
-use crate::trust::{FileFit, PoseFit, Pull, Status, Verdict, general};
+use crate::trust::{FileFit, LISTED, PoseFit, Pull, Status, Verdict, general, shorten};
 use crate::weighing::Outlier;
-
-/// Worst rows and largest pulls that are listed.
-const LISTED: usize = 5;
 /// A parameter that is pulled farther than this many tolerances has a wrong tolerance, or takes up what the model
 /// lacks: of a hundred parameters, one in a hundred and fifty machines has one by chance.
 const FAR_PULL: f64 = 4.0;
@@ -47,8 +44,7 @@ impl UnknownPoses {
                 })
             })
             .collect();
-        pulls.sort_by(|a, b| b.tolerances.abs().total_cmp(&a.tolerances.abs()));
-        pulls.truncate(LISTED);
+        shorten(&mut pulls);
         if let Some(pull) = pulls
             .first()
             .filter(|pull| pull.tolerances.abs() > FAR_PULL)

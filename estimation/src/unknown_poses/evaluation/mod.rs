@@ -28,6 +28,7 @@ use super::{
     ABSORBED, EXACT_COST, GrossRow, HeldOutKind, ROUNDS, RowDivision, SAME_NOISE, SAME_POSE,
 };
 use crate::calibration::{self, Error, Prepared};
+use crate::numerics::order::largest_first;
 use crate::problem::POSE_UNKNOWNS;
 use crate::trust::Mistake;
 use crate::uncertainty::Uncertainty;
@@ -459,7 +460,7 @@ impl Fit<'_> {
             }
         };
         let mut moved: Vec<Moved> = self.used.iter().enumerate().map(of).collect();
-        moved.sort_by(|a, b| b.squares.total_cmp(&a.squares));
+        largest_first(&mut moved, |own| own.squares);
         moved
     }
 

@@ -6,11 +6,11 @@ use super::super::kinds::AXES;
 use super::super::rows::Kind;
 use super::HeldErrors;
 use crate::numerics::distribution::{chi2_survival, f_survival};
-use crate::trust::{FileFit, LARGEST_MISFIT, LEVEL, PoseFit, Pull, Status, Verdict, general};
+use crate::numerics::order::largest_first;
+use crate::trust::{
+    FileFit, LARGEST_MISFIT, LEVEL, LISTED, PoseFit, Pull, Status, Verdict, general, shorten,
+};
 use crate::weighing::Outlier;
-
-/// Worst poses and parameters that are listed.
-const LISTED: usize = 5;
 /// A parameter that takes away this share of the squares beyond chance is named for them; it decides the words alone, not
 /// the status.
 const MOST: f64 = 0.8;
@@ -193,7 +193,7 @@ impl HeldErrors {
                 sigmas: (squares / count).sqrt(),
             })
             .collect();
-        worst.sort_by(|a, b| b.sigmas.total_cmp(&a.sigmas));
+        largest_first(&mut worst, |pose| pose.sigmas);
         worst.truncate(LISTED);
         worst
     }
@@ -205,8 +205,7 @@ impl HeldErrors {
                 tolerances: own.sigmas,
             })
             .collect();
-        pulls.sort_by(|a, b| b.tolerances.abs().total_cmp(&a.tolerances.abs()));
-        pulls.truncate(LISTED);
+        shorten(&mut pulls);
         pulls
     }
 

@@ -1,0 +1,41 @@
+//! Items in order of a number of theirs; those of equal numbers stay as they were.
+
+/// The smallest number first.
+pub fn smallest_first<T>(items: &mut Vec<T>, number: impl Fn(&T) -> f64) {
+    let numbers: Vec<f64> = items.iter().map(number).collect();
+    arrange(items, ascending(&numbers));
+}
+
+/// The largest number first.
+pub fn largest_first<T>(items: &mut Vec<T>, number: impl Fn(&T) -> f64) {
+    smallest_first(items, |item| -number(item));
+}
+
+/// Sorts places, not items: the sort is compiled once and not for every kind of item.
+fn ascending(numbers: &[f64]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..numbers.len()).collect();
+    order.sort_by(|&a, &b| numbers[a].total_cmp(&numbers[b]));
+    order
+}
+
+fn arrange<T>(items: &mut Vec<T>, order: Vec<usize>) {
+    let mut left: Vec<Option<T>> = items.drain(..).map(Some).collect();
+    items.extend(order.into_iter().filter_map(|place| left[place].take()));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn equal_numbers_stay_in_order() {
+        let of = [(2.0, 'a'), (-1.0, 'b'), (2.0, 'c'), (f64::INFINITY, 'd')];
+        let names = |items: &[(f64, char)]| items.iter().map(|item| item.1).collect::<String>();
+        let mut items = of.to_vec();
+        smallest_first(&mut items, |item| item.0);
+        assert_eq!(names(&items), "bacd");
+        let mut items = of.to_vec();
+        largest_first(&mut items, |item| item.0);
+        assert_eq!(names(&items), "dacb");
+    }
+}
