@@ -27,9 +27,7 @@ use state::{Composition, Context, Member, State, start_of};
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::projection::Subspace;
 
-/// A better score is one that is better by more than rounding.
-const ROUNDING: f64 = 1e-6;
-/// A fit whose score changes by less, as much as a descent leaves of χ², has the scores that were known.
+/// Scores that differ by no more than a descent leaves of χ² are the same: what looks alike is not exchanged for less.
 const SAME: f64 = 0.1;
 
 /// The search, and the best model so far.
@@ -132,7 +130,7 @@ impl<'a> Search<'a> {
             self.steps.truncate(1);
             self.gaps.truncate(1);
             self.climb(false, progress)?;
-            if self.score > first.1 - ROUNDING {
+            if self.score > first.1 - SAME {
                 self.go_to(first.0, first.1);
                 (self.steps, self.gaps, self.drops_um) = notes;
             }
@@ -193,7 +191,7 @@ impl<'a> Search<'a> {
             };
             let score = self.score_of_state(&next);
             self.visited.insert(composition, Some(score));
-            if score < self.score - ROUNDING {
+            if score < self.score - SAME {
                 self.accept(next, score)?;
                 return Ok(true);
             }

@@ -63,7 +63,7 @@ fn the_best_model_visited_is_the_answer() {
     assert!(search.visited.len() >= search.steps.len());
     assert!(search.score < base - 100.0);
     for (composition, score) in &search.visited {
-        let is_no_better = score.is_none_or(|score| score > search.score - ROUNDING);
+        let is_no_better = score.is_none_or(|score| score > search.score - SAME);
         assert!(is_no_better, "{composition:?}: {score:?} {}", search.score);
     }
 }
