@@ -22,6 +22,8 @@ use crate::samples::Sample;
 
 /// Samples that are evaluated at once.
 const CHUNK: usize = 256;
+/// Poses that tell the bias: a mean over them, to half a percent of what it is.
+const TELLING: usize = 4000;
 /// Moves below this share of every standard deviation are none.
 const SAME: f64 = 0.01;
 /// Moves at most: each comes nearer by at least what poses and priors tell more of a parameter than its noise feigns.
@@ -52,18 +54,20 @@ pub(crate) fn corrected(
     if !inverse.iter().all(|entry| entry.is_finite()) {
         return Ok(fitted);
     }
-    let displaced = |closure: usize, sample: usize| {
-        let part = &residuals.parts[closure];
+    let stride = samples.len().div_ceil(TELLING).max(1);
+    let telling: Vec<&Sample> = samples.iter().step_by(stride).collect();
+    let share = samples.len() as f64 / telling.len().max(1) as f64 * misfit.min(1.0);
+    let displaced = |closure: usize, telling: usize| {
+        let (part, sample) = (&residuals.parts[closure], stride * telling);
         let of_closure = displacement(&part.by_pose[sample], part.weights[sample], noise);
         Displacement {
-            factor: of_closure.factor * weights[sample] * misfit.min(1.0),
+            factor: of_closure.factor * weights[sample] * share,
             ..of_closure
         }
     };
-    let all: Vec<&Sample> = samples.iter().collect();
     for _ in 0..ROUNDS {
         let values = super::values(machine, &residuals.used, &fitted);
-        let bias = bias(machine, &values, &all, &displaced)?;
+        let bias = bias(machine, &values, &telling, &displaced)?;
         let of_fit = residuals.used.iter().map(|&index| bias[index]);
         let step = inverse * DVector::from_iterator(fitted.len(), of_fit);
         let mut has_moved = false;
