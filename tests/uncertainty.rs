@@ -11,6 +11,10 @@ use tau::kinematics::{InverseOptions, Machine, Pose, Sample};
 use tau::robot_file::RobotFile;
 use tau::simulation::{Conditions, Poses, Simulation, TrackPoints, simulate};
 use tau::uncertainty::Uncertainty;
+use tau_estimation::joint::Joint;
+use tau_estimation::joint::fit::Fit;
+use tau_estimation::samples;
+use tau_estimation::samples::frames::Frames;
 
 use crate::support::{ROBOTS, Random, fields, gantry_tau, number, prototype, tau_in};
 
@@ -265,23 +269,31 @@ fn many_poses_do_not_draw_joints_towards_the_tool() {
     let poses: Vec<usize> = (0..folder.tcp_poses.len()).collect();
     let options = calibration::Options::default();
     let found = calibration::calibrate(&robot, variant, file, folder, &poses, &options).unwrap();
-    let rods = &simulated.truth.machine.rods;
-    let known: Vec<(&str, f64, f64)> = (found.parameters.iter())
-        .map(|parameter| (parameter.name.as_str(), parameter.value, parameter.sigma))
-        .collect();
-    let mut deviations = vec![];
-    for (rod, link) in rods.iter().zip(&robot.links) {
-        let link = &link.name;
-        for (axis, &truth) in ["x", "y", "z"].iter().zip(rod.plate_joint_m.iter()) {
-            let name = format!("{link}.plate_joint.{axis}");
-            let found = known.iter().find(|(own, ..)| *own == name);
-            let &(_, value, sigma) = found.unwrap();
-            deviations.push((value - truth) / sigma);
-        }
-    }
     // χ² of eighteen at one in a thousand; they are hardly correlated, since tolerances decide on them.
-    let chi2: f64 = deviations.iter().map(|deviation| deviation.powi(2)).sum();
-    assert!(chi2 < 42.3, "{chi2} {deviations:.2?}");
+    let chi2 = |values: &[f64]| -> f64 {
+        let mut chi2 = 0.0;
+        for (rod, link) in simulated.truth.machine.rods.iter().zip(&robot.links) {
+            for (axis, truth) in ["x", "y", "z"].iter().zip(rod.plate_joint_m.iter()) {
+                let name = format!("{}.plate_joint.{axis}", link.name);
+                let index = variant.parameters.iter().position(|own| own.name == name);
+                let sigma = found.parameters.iter().find(|own| own.name == name);
+                chi2 += ((values[index.unwrap()] - truth) / sigma.unwrap().sigma).powi(2);
+            }
+        }
+        chi2
+    };
+    let of_closures = chi2(&found.machine.values);
+    assert!(of_closures < 42.3, "{of_closures}");
+
+    // Nor does the fit of whitened poses, by which a folder is judged and searched.
+    let prepared = Prepared::new(&robot, variant, file, Some(folder), &poses).unwrap();
+    let samples = samples::Sample::all(&robot, folder, &poses[..4000], &Frames::default());
+    let joint = Joint::new(prepared.machine, &prepared.nominal, &samples, file.noise).unwrap();
+    let (values, weights) = Fit::of_set_1(&joint, &samples).unwrap();
+    let fit = Fit::robust(joint, &values, weights, &samples, file.noise).unwrap();
+    for of_poses in [chi2(&values), chi2(&fit.joint.values(&fit.fitted))] {
+        assert!(of_poses < 42.3, "{of_poses}");
+    }
 }
 
 /// Where a folder was calibrated, poses say how far they are known and whether they lie inside.

@@ -189,16 +189,7 @@ pub fn calibrate(
         if !solution.converged() || solution.parameters.iter().any(|value| !value.is_finite()) {
             return Err(not_converged(solution.termination.to_string()));
         }
-        let rows = weights.iter().filter(|weight| **weight > 0.0).count() * residuals.parts.len();
-        let without_prior = residuals
-            .priors
-            .iter()
-            .filter(|prior| prior.tolerance.is_none());
-        let degrees = rows as f64 - without_prior.count() as f64;
-        let minimum = (
-            &solution.parameters[..],
-            2.0 * solution.cost / degrees.max(1.0),
-        );
+        let minimum = (&solution.parameters[..], solution.cost);
         let inverse = problem::inverse_information(problem, minimum.0).map_err(failed)?;
         solution.parameters =
             problem::corrected(&residuals, measured_in, minimum, weights, &inverse)?;

@@ -82,7 +82,8 @@ pub struct Linear {
 
 /// Residuals this many standard deviations large count less in the first fit.
 const ROBUST: f64 = 3.0;
-/// Poses that tell the bias of a score: a mean over them, to some percent of what it is.
+/// Poses that tell the bias of a score: a mean over them, to some percent of what it is; every refit of a search pays for
+/// them.
 const TELLING: usize = 100;
 /// Share of a column's norm that stands in for the prior of a parameter that has none.
 const WEAK: f64 = 1e-6;
@@ -197,15 +198,20 @@ impl Joint {
         Ok(self.used.iter().map(|&index| share * bias[index]).collect())
     }
 
-    /// Residual of a prior: its square with that of the value's bias completed.
-    fn departure(&self, column: usize, value: f64) -> Option<(f64, f64)> {
+    /// The prior of a column that takes the bias off: the square of its residual, with that of the bias completed.
+    fn prior(&self, column: usize) -> Option<Nominal> {
         let prior = self.priors.get(column)?;
-        let tolerance = prior.tolerance.filter(|&tolerance| tolerance > 0.0)?;
         let bias = self.bias.get(column).copied().unwrap_or(0.0);
-        Some((
-            (value - prior.value) / tolerance - tolerance * bias,
-            tolerance,
-        ))
+        let tolerance = prior.tolerance.unwrap_or(0.0);
+        let mean = prior.value + tolerance.powi(2) * bias;
+        Some(Nominal::new(mean, prior.tolerance))
+    }
+
+    /// Residual of a prior, and its tolerance.
+    fn departure(&self, column: usize, value: f64) -> Option<(f64, f64)> {
+        let prior = self.prior(column)?;
+        let tolerance = prior.tolerance.filter(|&tolerance| tolerance > 0.0)?;
+        Some(((value - prior.value) / tolerance, tolerance))
     }
 
     /// The same of set 1 alone, with the noise (m) of the points that piecewise tracks pass through: unknowns with a
@@ -306,11 +312,9 @@ impl Joint {
             block.with_loss(tau_solver::Loss::Huber(ROBUST))
         });
         let start = start.iter().copied();
-        let with_bias = self.priors.iter().zip(&self.bias).map(|(prior, bias)| {
-            let tolerance = prior.tolerance.unwrap_or(0.0);
-            Nominal::new(prior.value + tolerance.powi(2) * bias, prior.tolerance)
-        });
-        let priors: Vec<Nominal> = with_bias.collect();
+        let priors: Vec<Nominal> = (0..self.used.len())
+            .filter_map(|column| self.prior(column))
+            .collect();
         Problem {
             parameters: parameters(&self.machine.variant, &self.used, &priors, start),
             blocks: blocks.collect(),

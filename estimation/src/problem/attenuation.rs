@@ -18,6 +18,7 @@ use tau_robot::robot_file::Noise;
 
 use super::Residuals;
 use crate::calibration::error::Error;
+use crate::calibration::nominal::Nominal;
 use crate::samples::Sample;
 
 /// Samples that are evaluated at once.
@@ -37,15 +38,15 @@ struct Displacement {
     factor: f64,
 }
 
-/// The values where the corrected score of single closures vanishes, from those at their minimum; `inverse` is H⁻¹ there,
-/// `misfit` the sum of squares over its degrees of freedom, `weights` those of the samples' squares.
+/// The values where the corrected score of single closures vanishes, from those at their minimum and half the sum of squares
+/// and priors there; `inverse` is H⁻¹ there, `weights` those of the samples' squares.
 ///
 /// # Errors
 /// Data that closures take are missing.
 pub(crate) fn corrected(
     residuals: &Residuals,
     (machine, samples, noise): (&Machine, &[Sample], Noise),
-    (minimum, misfit): (&[f64], f64),
+    (minimum, cost): (&[f64], f64),
     weights: &[f64],
     inverse: &DMatrix<f64>,
 ) -> Result<Vec<f64>, Error> {
@@ -54,6 +55,11 @@ pub(crate) fn corrected(
     if !inverse.iter().all(|entry| entry.is_finite()) {
         return Ok(fitted);
     }
+    let has_prior = |prior: &&Nominal| prior.tolerance.is_some_and(|tolerance| tolerance > 0.0);
+    let priors = residuals.priors.iter().filter(has_prior).count() as f64;
+    let count = weights.iter().filter(|weight| **weight > 0.0).count() * residuals.parts.len();
+    let degrees = count as f64 + priors - fitted.len() as f64;
+    let misfit = 2.0 * cost / degrees.max(1.0);
     let stride = samples.len().div_ceil(TELLING).max(1);
     let telling: Vec<&Sample> = samples.iter().step_by(stride).collect();
     let share = samples.len() as f64 / telling.len().max(1) as f64 * misfit.min(1.0);
