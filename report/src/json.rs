@@ -4,8 +4,10 @@
 //! is a number that is not finite.
 
 use std::collections::BTreeMap;
+use std::io;
 
 use serde::Serialize;
+use serde_json::ser::{Formatter, PrettyFormatter, Serializer};
 use serde_json::{Map, Value, json};
 use tau::assumptions::{Assumptions, PathDeviation, TrackComparison, TrackLinearity};
 use tau::calibration::{LinkResult, ParameterEstimate};
@@ -25,7 +27,7 @@ const SCHEMA: u32 = 1;
 
 /// Room for the text of an error of a pose: rather more than it takes, since room costs nothing until it is used, and
 /// growing copies all that is there.
-const BYTES_OF_POSE: usize = 1 << 11;
+const BYTES_OF_POSE: usize = 1 << 10;
 
 /// A result as the text of a file, with `schema`, the version of its fields.
 pub fn document(mut value: Value) -> String {
@@ -38,10 +40,50 @@ pub fn document(mut value: Value) -> String {
 /// The text of a result, for which there is room for so many bytes.
 fn text(result: &impl Serialize, room: usize) -> String {
     let mut text = Vec::with_capacity(room);
-    let written = serde_json::to_writer_pretty(&mut text, result);
+    let mut serializer = Serializer::with_formatter(&mut text, FieldPerLine::default());
+    let written = result.serialize(&mut serializer);
     written.expect("names are strings, and nothing else fails in memory");
     text.push(b'\n');
     String::from_utf8(text).expect("JSON is text")
+}
+
+/// JSON with each field of an object on a line of its own and arrays within a line, where the components of a vector are
+/// read together. Written out in lines as well, they would be two fifths of a study blank.
+#[derive(Debug, Default)]
+struct FieldPerLine(PrettyFormatter<'static>);
+
+impl Formatter for FieldPerLine {
+    fn begin_array_value<W: ?Sized + io::Write>(
+        &mut self,
+        writer: &mut W,
+        first: bool,
+    ) -> io::Result<()> {
+        writer.write_all(if first { b"" } else { b", " })
+    }
+
+    fn begin_object<W: ?Sized + io::Write>(&mut self, writer: &mut W) -> io::Result<()> {
+        self.0.begin_object(writer)
+    }
+
+    fn begin_object_key<W: ?Sized + io::Write>(
+        &mut self,
+        writer: &mut W,
+        first: bool,
+    ) -> io::Result<()> {
+        self.0.begin_object_key(writer, first)
+    }
+
+    fn begin_object_value<W: ?Sized + io::Write>(&mut self, writer: &mut W) -> io::Result<()> {
+        self.0.begin_object_value(writer)
+    }
+
+    fn end_object_value<W: ?Sized + io::Write>(&mut self, writer: &mut W) -> io::Result<()> {
+        self.0.end_object_value(writer)
+    }
+
+    fn end_object<W: ?Sized + io::Write>(&mut self, writer: &mut W) -> io::Result<()> {
+        self.0.end_object(writer)
+    }
 }
 
 /// The result of `tau study`: of many poses it is long, and never stands in memory as a tree of values.

@@ -13,11 +13,11 @@ pub(crate) const MANIFEST: &str = "manifest.json";
 /// Its field: names of the files with their SHA-256.
 const FIELD: &str = "files";
 
-/// The manifest of some files: names and contents.
-pub(crate) fn manifest(files: &[(String, String)]) -> String {
-    let sums: BTreeMap<&str, String> = files
+/// The manifest of some files.
+pub(crate) fn manifest(files: &[Input]) -> String {
+    let sums: BTreeMap<&str, &str> = files
         .iter()
-        .map(|(name, text)| (name.as_str(), Input::new(name, text.as_bytes()).sha256))
+        .map(|file| (file.name.as_str(), file.sha256.as_str()))
         .collect();
     format!("{:#}\n", json!({ FIELD: sums }))
 }

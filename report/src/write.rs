@@ -7,7 +7,7 @@ use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use tau::session::Record;
+use tau::session::{Input, Record};
 use tau::study::results::Study;
 
 use super::stale::{self, MANIFEST};
@@ -30,28 +30,25 @@ pub fn write_study(folder: &Path, study: &Study, record: &Record) -> io::Result<
 
 /// Files of [`write_study`]: paths and contents.
 pub fn study_files(folder: &Path, study: &Study, record: &Record) -> Vec<(PathBuf, String)> {
+    let summed = |name: &str, text: String| (Input::new(name, text.as_bytes()), text);
     let drawn = || {
         let figures = figures::all(study);
-        let page = html::page(study, &figures, record);
-        (figures, page)
+        let page = summed("report.html", html::page(study, &figures, record));
+        let machine = first_page::drawing(study).map(|drawing| summed("machine.svg", drawing.svg));
+        let figures = (figures.into_iter()).map(|figure| summed(&figure.file_name, figure.svg));
+        (page, machine.into_iter().chain(figures).collect::<Vec<_>>())
     };
-    let results = || json::study(study).timeless().document();
-    let ((figures, page), results) = rayon::join(drawn, results);
-    let machine = first_page::drawing(study).map(|drawing| drawing.svg);
-    let mut files = vec![
-        ("report.html".to_owned(), page),
-        ("study.json".to_owned(), results),
-    ];
-    files.extend(machine.map(|svg| ("machine.svg".to_owned(), svg)));
-    files.extend(
-        figures
-            .into_iter()
-            .map(|figure| (figure.file_name, figure.svg)),
-    );
-    let manifest = stale::manifest(&files);
-    files.push((MANIFEST.to_owned(), manifest));
-    let at_place = |(name, content): (String, String)| (folder.join(name), content);
-    files.into_iter().map(at_place).collect()
+    // Of many poses the results are long enough that even their sum is worth a thread of its own.
+    let results = || summed("study.json", json::study(study).timeless().document());
+    let ((page, pictures), results) = rayon::join(drawn, results);
+    let (sums, texts): (Vec<_>, Vec<_>) = [page, results].into_iter().chain(pictures).unzip();
+    let manifest = stale::manifest(&sums);
+    let files = sums.into_iter().zip(texts);
+    let mut files: Vec<_> = files
+        .map(|(sum, text)| (folder.join(sum.name), text))
+        .collect();
+    files.push((folder.join(MANIFEST), manifest));
+    files
 }
 
 /// Held while files are written.
