@@ -143,8 +143,22 @@ fn fields_of_the_json_stand_in_the_order_of_their_names() {
     let study = fixture::study();
     let results = json::study(&study);
     let tree = serde_json::json!(results);
-    assert_eq!(results.document(), format!("{tree:#}\n"));
     assert_eq!(results.document(), json::document(tree));
+}
+
+#[test]
+fn json_has_a_line_for_each_field_and_none_for_a_component() {
+    let value = serde_json::json!({ "a": [1.5, null, "b"], "c": [{ "d": [], "e": {} }, {}] });
+    let lines = r#"{
+  "a": [1.5, null, "b"],
+  "c": [{
+    "d": [],
+    "e": {}
+  }, {}],
+  "schema": 1
+}
+"#;
+    assert_eq!(json::document(value), lines);
 }
 
 #[test]
