@@ -292,8 +292,9 @@ impl<'p> Minimizer<'p> {
     fn evaluate(&mut self, model: &Model, cost_tolerance: f64) -> Result<Trial, NonFinite> {
         self.trials += 1;
         let predicted = self.subproblem.predicted;
-        // Where the step is taken, derivatives are wanted too, and values come with them.
-        let at_once = self.likely_taken && self.linearization.is_of_squares();
+        // Where the step is taken and is not the last, derivatives are wanted too, and values come with them.
+        let is_likely_last = predicted <= cost_tolerance * self.cost;
+        let at_once = self.likely_taken && !is_likely_last && self.linearization.is_of_squares();
         let evaluated = if at_once {
             self.linearization
                 .linearize(&self.trial)

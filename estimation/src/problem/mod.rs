@@ -434,6 +434,27 @@ impl Part {
         .with_weights(weights.map(|(k, &weight)| weigh(k, weight)).collect())
         .with_sample_names(self.numbers.clone())
     }
+
+    /// The part for the solver with at most so many of its samples, evenly spread, each of which counts for those left
+    /// out as well: beside priors they weigh as much as all.
+    pub(crate) fn block_of_some(&self, most: usize) -> Block<'_> {
+        let shape = self.family.shape();
+        let step = self.samples.len().div_ceil(most).max(1);
+        let some = |numbers: &[f64], each: usize| -> Vec<f64> {
+            let of_samples = numbers.chunks(each.max(1)).step_by(step);
+            of_samples.flatten().copied().collect()
+        };
+        let counted = (step as f64).sqrt();
+        let weights = some(&self.weights, shape.residuals).into_iter();
+        Block::new(
+            &self.label,
+            &*self.family,
+            self.parameters.clone(),
+            &some(&self.data, shape.data),
+        )
+        .with_weights(weights.map(|weight| weight * counted).collect())
+        .with_sample_names(self.numbers.iter().copied().step_by(step).collect())
+    }
 }
 
 /// The closure by pose that belongs to one by parameters.

@@ -40,7 +40,7 @@ use tau_robot::robot_file::RobotFile;
 use tau_solver::{Solution, solve};
 
 use crate::calibration::prepared::Prepared;
-use crate::calibration::{self, Error};
+use crate::calibration::{self, EXACT_COST, Error};
 use crate::problem::CLOSURE_SHARE;
 use crate::weighing::Loss;
 use elimination::Reduced;
@@ -69,8 +69,6 @@ const CREEPING_COST: f64 = 1e-4;
 /// Relative change of the cost at which a round ends while noise is still estimated: 1e-8 moves parameters by 1e-4 of their
 /// standard deviations, and noise by less.
 const ROUGH_COST: f64 = 1e-8;
-/// The same once noise is known: parameters stay within 1e-6 of their standard deviations.
-const EXACT_COST: f64 = 1e-12;
 /// Changes of a standard deviation below this share are none: far less than what its own estimate is known to.
 const SAME_NOISE: f64 = 1e-3;
 /// The same while gross rows are sought, for which a standard deviation to a percent is more than enough.

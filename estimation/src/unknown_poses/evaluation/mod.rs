@@ -24,10 +24,8 @@ use super::fit::Fit;
 use super::heldout::predicted;
 use super::refusals::refuse_tracker_effects;
 use super::rows::{Kind, RowPlace};
-use super::{
-    ABSORBED, EXACT_COST, GrossRow, HeldOutKind, ROUNDS, RowDivision, SAME_NOISE, SAME_POSE,
-};
-use crate::calibration::{self, Error, Prepared};
+use super::{ABSORBED, GrossRow, HeldOutKind, ROUNDS, RowDivision, SAME_NOISE, SAME_POSE};
+use crate::calibration::{self, EXACT_COST, Error, Prepared};
 use crate::numerics::order::largest_first;
 use crate::problem::POSE_UNKNOWNS;
 use crate::trust::Mistake;
