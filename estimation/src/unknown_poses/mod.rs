@@ -290,7 +290,7 @@ impl Fit<'_> {
         if let Some(exact) = exact {
             self.assembly.kinds[exact].sigma /= CLOSURE_SHARE;
         }
-        let iterations = self.from_afar(values, options)?;
+        let iterations = self.follow_from_afar(values, options)?;
         let solution = self.solved(values, ROUGH_COST, options)?;
         self.assembly.kinds = kinds;
         values.clone_from(&solution.parameters);
@@ -305,7 +305,7 @@ impl Fit<'_> {
     /// a start hundreds of standard deviations off, derivatives miss dozens: at the stated noise, steps would follow these
     /// against the tolerances, and some end in another minimum (E. L. Allgower and K. Georg, *Numerical Continuation
     /// Methods*, 1990).
-    fn from_afar(
+    fn follow_from_afar(
         &mut self,
         values: &mut Vec<f64>,
         options: &calibration::Options,
