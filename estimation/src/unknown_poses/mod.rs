@@ -312,7 +312,7 @@ impl Fit<'_> {
     ) -> Result<usize, Error> {
         let stated = self.assembly.kinds.clone();
         let reduced = self.elimination(values).reduce();
-        let left = (reduced.rows() - reduced.spent) as f64;
+        let left = reduced.rows().saturating_sub(reduced.spent).max(1) as f64;
         let residuals = reduced.residuals.iter().flatten();
         let squares: f64 = residuals.map(|residual| residual * residual).sum();
         let mut times = (squares / left).sqrt();
