@@ -66,6 +66,8 @@ const ROUNDS: usize = 60;
 /// Relative change of the cost at which a round ends while the noise of groups is judged: it hardly follows where cost
 /// creeps along valleys that mean nothing.
 const CREEPING_COST: f64 = 1e-4;
+/// The same while noise is taken for larger than stated: a tenth of the cost is a twentieth of the noise that follows.
+const STAGE_COST: f64 = 0.1;
 /// Relative change of the cost at which a round ends while noise is still estimated: 1e-8 moves parameters by 1e-4 of their
 /// standard deviations, and noise by less.
 const ROUGH_COST: f64 = 1e-8;
@@ -286,15 +288,46 @@ impl Fit<'_> {
         if let Some(exact) = exact {
             self.assembly.kinds[exact].sigma /= CLOSURE_SHARE;
         }
-        let solution = self.solved(values, ROUGH_COST, options);
+        let iterations = self.follow_from_afar(values, options)?;
+        let solution = self.solved(values, ROUGH_COST, options)?;
         self.assembly.kinds = kinds;
-        let solution = solution?;
         values.clone_from(&solution.parameters);
         self.rebuild(values)?;
         if !heights.is_empty() {
             self.lay_in_plane(&heights, values);
         }
-        Ok(solution.iterations)
+        Ok(iterations + solution.iterations)
+    }
+
+    /// Follows the minimum from noise as large as the misfit of the start down to the stated one, and returns iterations. Of
+    /// a start hundreds of standard deviations off, derivatives miss dozens: at the stated noise, steps would follow these
+    /// against the tolerances, and some end in another minimum (E. L. Allgower and K. Georg, *Numerical Continuation
+    /// Methods*, 1990).
+    fn follow_from_afar(
+        &mut self,
+        values: &mut Vec<f64>,
+        options: &calibration::Options,
+    ) -> Result<usize, Error> {
+        let stated = self.assembly.kinds.clone();
+        let reduced = self.elimination(values).reduce();
+        let left = reduced.rows().saturating_sub(reduced.spent).max(1) as f64;
+        let residuals = reduced.residuals.iter().flatten();
+        let squares: f64 = residuals.map(|residual| residual * residual).sum();
+        let mut times = (squares / left).sqrt();
+        let mut iterations = 0;
+        while times > 1.0 {
+            for (kind, stated) in self.assembly.kinds.iter_mut().zip(&stated) {
+                kind.sigma = times * stated.sigma;
+            }
+            let solution = self.solved(values, STAGE_COST, options)?;
+            iterations += solution.iterations;
+            // Squares, those of the tolerances among them, are expected to be as many as the rows that poses leave. Where
+            // parameters take up little of the misfit that falls slowly: noise is halved at least.
+            times *= (2.0 * solution.cost / left).sqrt().min(0.5);
+            values.clone_from(&solution.parameters);
+        }
+        self.assembly.kinds = stated;
+        Ok(iterations)
     }
 
     /// Indices of the heights of balls beside a plate that moves in the plane z = 0.
