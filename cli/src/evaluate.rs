@@ -37,7 +37,7 @@ pub(super) fn run(
     let widening = session.robot_file().widening();
     let found = evaluate_knowing(&machine, known, session.folder(), &poses);
     let found = found.map_err(|error| trust::explained(&session, variant, error))?;
-    let verdict = session.verdict_on_prediction_of(&machine, poses.clone())?;
+    let verdict = session.verdict_on_prediction(&machine, poses.clone())?;
     let (robot, folder) = (&session.robot().name, &session.folder().name);
     let title = format!("{robot}, {variant}, {folder}");
     let without = without_outliers(&found.errors, &verdict.outliers);

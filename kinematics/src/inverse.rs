@@ -182,21 +182,16 @@ impl Machine {
         poses: &[Pose],
         options: &InverseOptions,
     ) -> Result<Vec<Reached>, (usize, Error)> {
-        continued(poses, options, |pose, options| self.inverse(*pose, options))
-    }
-
-    /// Commands and orientations along a sequence of positions (m), likewise.
-    ///
-    /// # Errors
-    /// As [`Machine::inverse_position`], with the index of the position.
-    pub fn inverse_position_sequence(
-        &self,
-        positions_m: &[[f64; 3]],
-        options: &InverseOptions,
-    ) -> Result<Vec<Reached>, (usize, Error)> {
-        continued(positions_m, options, |position, options| {
-            self.inverse_position(*position, options)
-        })
+        let mut options = options.clone();
+        let mut reached = Vec::with_capacity(poses.len());
+        for (index, &pose) in poses.iter().enumerate() {
+            let next = self
+                .inverse(pose, &options)
+                .map_err(|error| (index, error))?;
+            options.near = Some((next.pose, next.commands_m.clone()));
+            reached.push(next);
+        }
+        Ok(reached)
     }
 
     /// For each command, the mean of the roots of the closures that it drives.
@@ -400,20 +395,4 @@ impl Machine {
             )
             .collect()
     }
-}
-
-/// Solves for each target near the solution of the one before.
-fn continued<T>(
-    targets: &[T],
-    options: &InverseOptions,
-    solve: impl Fn(&T, &InverseOptions) -> Result<Reached, Error>,
-) -> Result<Vec<Reached>, (usize, Error)> {
-    let mut options = options.clone();
-    let mut reached = Vec::with_capacity(targets.len());
-    for (index, target) in targets.iter().enumerate() {
-        let next = solve(target, &options).map_err(|error| (index, error))?;
-        options.near = Some((next.pose, next.commands_m.clone()));
-        reached.push(next);
-    }
-    Ok(reached)
 }

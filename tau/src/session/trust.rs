@@ -42,21 +42,13 @@ impl<R> Session<R> {
         trust::outliers_of_validation(calibration, &self.robot_file, &self.folder, division)
     }
 
-    /// The verdict on a prediction: the poses that validate, as a [machine as given](Self::machine) predicts them, against noise and the
-    /// standard deviations or tolerances of the robot file.
+    /// The verdict on a prediction: poses, by index, that took no part in any calibration, as a
+    /// [machine as given](Self::machine) predicts them, against noise and the standard deviations or tolerances of the
+    /// robot file. They are those that validate, or those that are [unseen](Self::unseen).
     ///
     /// # Errors
     /// As [`Self::verdict`].
-    pub fn verdict_on_prediction(&self, machine: &Machine) -> Result<Verdict, Error> {
-        let validation = self.poses()?.division.validation;
-        self.verdict_on_prediction_of(machine, validation)
-    }
-
-    /// The same for other poses, given by index, such as those that are [unseen](Self::unseen).
-    ///
-    /// # Errors
-    /// As [`Self::verdict`].
-    pub fn verdict_on_prediction_of(
+    pub fn verdict_on_prediction(
         &self,
         machine: &Machine,
         poses: Vec<usize>,
