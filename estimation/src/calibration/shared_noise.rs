@@ -8,10 +8,9 @@
 //! H. White, Econometrica 48, 1980, with known noise).
 
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 use tau_robot::robot_file::Noise;
 
-use crate::numerics::triangle;
+use crate::numerics::{parallel, triangle};
 use crate::problem::Residuals;
 
 /// Poses whose derivatives are multiplied at once.
@@ -35,11 +34,10 @@ pub(crate) fn factor_with_shared_noise(
     if !inverse.iter().all(|entry| entry.is_finite()) {
         return None;
     }
-    let shares: Vec<DMatrix<f64>> = information
-        .par_chunks(CHUNK)
-        .enumerate()
-        .map(|(chunk, information)| share(residuals, noise, fitted, (chunk * CHUNK, information)))
-        .collect();
+    let chunks = information.chunks(CHUNK).enumerate().collect();
+    let shares: Vec<DMatrix<f64>> = parallel::map_owned(chunks, |(chunk, information)| {
+        share(residuals, noise, fitted, (chunk * CHUNK, information))
+    });
     let priors = residuals.priors.iter().map(|prior| {
         let tolerance = prior.tolerance.filter(|&tolerance| tolerance > 0.0);
         tolerance.map_or(0.0, |tolerance| tolerance.powi(-2))

@@ -11,7 +11,6 @@
 //! The mean of r itself, ½·tr(r″·Σ_x), is left out: it is that of a length wrong by σ²/L.
 
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 use tau_kinematics::Machine;
 use tau_robot::robot::{Instance, ResidualKind};
 use tau_robot::robot_file::Noise;
@@ -19,6 +18,7 @@ use tau_robot::robot_file::Noise;
 use super::Residuals;
 use crate::calibration::error::Error;
 use crate::calibration::nominal::Nominal;
+use crate::numerics::parallel;
 use crate::samples::Sample;
 
 /// Samples that are evaluated at once.
@@ -156,13 +156,12 @@ fn bias(
     let closures = machine.variant.instances_of(ResidualKind::Closure);
     for (index, closure) in closures.enumerate() {
         let own: Vec<f64> = closure.parameters.iter().map(|&p| values[p]).collect();
-        let shares: Vec<Result<Vec<f64>, Error>> = (all.par_chunks(CHUNK))
-            .map(|places| {
-                let displaced = places.iter().map(|&place| displacement(index, place));
-                let displaced: Vec<Displacement> = displaced.collect();
-                share((machine, closure), &own, &samples[places[0]..], &displaced)
-            })
-            .collect();
+        let chunks: Vec<&[usize]> = all.chunks(CHUNK).collect();
+        let shares: Vec<Result<Vec<f64>, Error>> = parallel::map(&chunks, |places| {
+            let displaced = places.iter().map(|&place| displacement(index, place));
+            let displaced: Vec<Displacement> = displaced.collect();
+            share((machine, closure), &own, &samples[places[0]..], &displaced)
+        });
         // Added in order, so that the sum does not depend on threads.
         for share in shares {
             for (&parameter, share) in closure.parameters.iter().zip(share?) {

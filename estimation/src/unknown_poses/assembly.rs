@@ -4,7 +4,6 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use nalgebra::Vector3;
-use rayon::prelude::*;
 use tau_kinematics::{Machine, Pose};
 use tau_robot::measurements::{Conditions, DISTANCES, Folder, PlateKind, PlateRow, TCP_POSES};
 use tau_robot::robot_file::{RobotFile, StatedNoise};
@@ -14,6 +13,7 @@ use super::objects::{Object, ObjectUnknown, collect_objects};
 use super::quantity::{Measured, Quantity, base};
 use super::rows::{Kind, RowPlace, Rows};
 use crate::calibration::error::Error;
+use crate::numerics::parallel;
 use crate::problem::POSE_UNKNOWNS;
 use crate::samples::Sample;
 
@@ -237,12 +237,9 @@ impl<'a> Assembly<'a> {
             }
             Ok(())
         };
-        if self.poses.len() <= CHUNK {
-            return place(&mut self.poses);
-        }
-        let placed = self.poses.par_chunks_mut(CHUNK).map(place);
+        let chunks = self.poses.chunks_mut(CHUNK).collect();
         // The first error in order, whatever thread is faster.
-        placed.find_map_first(Result::err).map_or(Ok(()), Err)
+        parallel::map_owned(chunks, place).into_iter().collect()
     }
 
     fn measured_poses(&self) -> BTreeMap<u32, Pose> {

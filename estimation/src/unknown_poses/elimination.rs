@@ -7,11 +7,11 @@
 use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 
 use super::assembly::{Assembly, CHUNK};
 use super::dense::{DEPENDENT, Dense, Triangle, dot, orthonormal, stacked};
 use super::rows::{Kind, RowIndex, Rows};
+use crate::numerics::parallel;
 use crate::problem::POSE_UNKNOWNS;
 
 /// The information of all rows about the shared unknowns.
@@ -128,8 +128,8 @@ impl Linearized {
             residuals: vec![0.0; samples * shape.residuals],
             entries: vec![0.0; samples * width],
         };
-        let residuals = found.residuals.par_chunks_mut(CHUNK * shape.residuals);
-        let entries = found.entries.par_chunks_mut((CHUNK * width).max(1));
+        let residuals = found.residuals.chunks_mut(CHUNK * shape.residuals);
+        let entries = found.entries.chunks_mut((CHUNK * width).max(1));
         let linearize = |(chunk, (residuals, entries)): (usize, (&mut [f64], &mut [f64]))| {
             let first = CHUNK * chunk;
             let end = first + residuals.len() / shape.residuals;
@@ -141,11 +141,7 @@ impl Linearized {
             let own: Vec<f64> = indices.iter().map(|&index| own[index]).collect();
             (rows.family).linearize_each(&prepared, &shared, &own, residuals, entries);
         };
-        if samples <= CHUNK {
-            linearize((0, (&mut found.residuals, &mut found.entries)));
-        } else {
-            residuals.zip(entries).enumerate().for_each(linearize);
-        }
+        parallel::map_owned(residuals.zip(entries).enumerate().collect(), linearize);
         found
     }
 }
@@ -287,12 +283,10 @@ impl<'a> Elimination<'a> {
 
     /// Results of `of_chunk` for chunks of clusters, in order.
     fn of_chunks<T: Send>(&self, of_chunk: impl Fn(&[Cluster], &mut Dense) -> T + Sync) -> Vec<T> {
-        let chunks = self.clusters.all.par_chunks(CHUNK);
-        if self.clusters.all.len() <= CHUNK {
-            return vec![of_chunk(&self.clusters.all, &mut Dense::default())];
-        }
-        let found = chunks.map_init(Dense::default, |dense, clusters| of_chunk(clusters, dense));
-        found.collect()
+        let chunks: Vec<&[Cluster]> = self.clusters.all.chunks(CHUNK).collect();
+        parallel::map(&chunks, |clusters| {
+            of_chunk(clusters, &mut Dense::default())
+        })
     }
 
     /// A number for each residual, from pairs of its row and the number.

@@ -13,13 +13,13 @@ use std::fmt;
 
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};
-use rayon::prelude::*;
 use tau_runtime::{LANES, Lanes, block_count};
 
 use crate::jacobian::Jacobian;
 use crate::linear::group::{MOST_ROWS, Normal, Pattern};
 use crate::linear::schur::{Elimination, MAX_GROUP};
 use crate::linear::{LEAST_DAMPING, LinearSolver};
+use crate::parallel;
 
 /// Blocks of groups of a class that are summed up together.
 const CHUNK: usize = 32;
@@ -124,15 +124,6 @@ fn portions(classes: &mut [Class]) -> Vec<Vec<Portion<'_>>> {
     parts
 }
 
-/// Results of `work` on each item, in order; one item is no matter for threads.
-fn each<T: Send, R: Send>(items: Vec<T>, work: impl Fn(T) -> R + Sync + Send) -> Vec<R> {
-    if items.len() > 1 {
-        items.into_par_iter().map(work).collect()
-    } else {
-        items.into_iter().map(work).collect()
-    }
-}
-
 impl SchurCholesky {
     /// Elimination of this method: small groups with few rows.
     pub(crate) fn elimination(jacobian: &Jacobian) -> Elimination {
@@ -218,14 +209,15 @@ impl SchurCholesky {
     /// Eliminates and factors; false if something is not positive definite.
     fn factor(&mut self, damping: f64, held: &[bool], step: &[f64]) -> bool {
         let size = self.kept.len();
-        let sums: Vec<Option<Normal>> = each(portions(&mut self.classes), |portions| {
-            let mut normal = Normal::new(size);
-            let mut regular = true;
-            for portion in portions {
-                regular &= portion.eliminate(damping, held, step, &mut normal);
-            }
-            regular.then_some(normal)
-        });
+        let sums: Vec<Option<Normal>> =
+            parallel::map_owned(portions(&mut self.classes), |portions| {
+                let mut normal = Normal::new(size);
+                let mut regular = true;
+                for portion in portions {
+                    regular &= portion.eliminate(damping, held, step, &mut normal);
+                }
+                regular.then_some(normal)
+            });
         let mut normal = self.base.clone();
         for sum in &sums {
             let Some(sum) = sum else { return false };
@@ -370,7 +362,7 @@ impl Portion<'_> {
 
 impl LinearSolver for SchurCholesky {
     fn load(&mut self, jacobian: &Jacobian, residuals: &[f64]) {
-        each(portions(&mut self.classes), |portions| {
+        parallel::map_owned(portions(&mut self.classes), |portions| {
             for mut portion in portions {
                 portion.load(jacobian, residuals);
             }
@@ -408,7 +400,7 @@ impl LinearSolver for SchurCholesky {
             return false;
         }
         let kept_step = self.kept_step.col_as_slice(0);
-        each(portions(&mut self.classes), |portions| {
+        parallel::map_owned(portions(&mut self.classes), |portions| {
             for portion in portions {
                 portion.back_substitute(kept_step);
             }
