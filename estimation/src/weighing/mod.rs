@@ -581,10 +581,10 @@ fn deleted(descent: &Descent, factor: &DMatrix<f64>, residuals: usize) -> Vec<(f
         let spread = spread.rows(pose * residuals, residuals) * plain;
         let open = &spread * spread.transpose();
         let missed = (&one - &open * weight.powi(2))
-            .try_inverse()
+            .cholesky()
             .and_then(|others| {
-                let error = &others * &own;
-                let covariance = &one + &open * others;
+                let error = others.solve(&own);
+                let covariance = &one + others.solve(&open);
                 Some(error.dot(&covariance.cholesky()?.solve(&error)))
             });
         let sum = missed.unwrap_or_else(|| own.norm_squared());
