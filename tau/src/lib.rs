@@ -58,7 +58,6 @@
 //! | `calibration` | yes | [`Session`], measurement folders, kinematics, calibration, evaluation; implies `solver` |
 //! | `discovery` | yes | [`Session::discover`], [`study`]; implies `calibration` |
 //! | `simulation` | | `simulation`: the virtual robot, which writes measurement folders; implies `calibration` |
-//! | `serde` | | results of a search that serialise |
 //!
 //! A crate that only calls generated functions takes `default-features = false`.
 
