@@ -582,7 +582,7 @@ fn positions_of_a_hexapod_lead_to_the_machine() {
     };
     for seed in [429, 491, 643, 761, 906] {
         let simulated = simulate(&Simulation {
-            build: build.clone(),
+            build,
             seed,
             ..simulation(&robot, &file, "Full", &positions, 40)
         });
