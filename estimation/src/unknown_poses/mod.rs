@@ -288,9 +288,11 @@ impl Fit<'_> {
         if let Some(exact) = exact {
             self.assembly.kinds[exact].sigma /= CLOSURE_SHARE;
         }
-        let iterations = self.follow_from_afar(values, options)?;
-        let solution = self.solved(values, ROUGH_COST, options)?;
+        let came_near = self
+            .follow_from_afar(values, options)
+            .and_then(|iterations| Ok((iterations, self.solved(values, ROUGH_COST, options)?)));
         self.assembly.kinds = kinds;
+        let (iterations, solution) = came_near?;
         values.clone_from(&solution.parameters);
         self.rebuild(values)?;
         if !heights.is_empty() {
