@@ -173,6 +173,7 @@ mod tests {
                 factors: vec![1.0; rows.len()],
                 rows: rows.clone(),
                 degrees: rows.len() as f64 - 1.0,
+                completed: 0.0,
             };
             let subspace = Subspace::of(&column, &view.remainder(&column));
             held_out_gain(&view, &subspace, &samples, 0, &Constants::default())

@@ -140,7 +140,7 @@ impl Outcome {
                 .map(|(name, column)| (name.to_owned(), fit.fitted[column]))
                 .collect(),
             covariance: &b * b.transpose(),
-            cost: 0.5 * fit.residuals.norm_squared(),
+            cost: 0.5 * fit.chi2(),
             poses,
             unknown: None,
         }

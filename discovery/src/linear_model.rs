@@ -49,6 +49,8 @@ pub(super) struct LinearModel {
     pub(super) rows: Vec<Row>,
     /// Degrees of freedom of the residuals.
     pub(super) degrees: f64,
+    /// Sum of squares of the priors' residuals that is no misfit.
+    pub(super) completed: f64,
 }
 
 impl LinearModel {
@@ -60,6 +62,7 @@ impl LinearModel {
             factors: fit.factors.clone(),
             rows: fit.joint.rows.clone(),
             degrees: fit.degrees(),
+            completed: fit.joint.completed(),
         }
     }
 
@@ -82,6 +85,7 @@ impl LinearModel {
             factors: fit.factors.clone(),
             rows: fit.joint.rows.clone(),
             degrees: fit.degrees(),
+            completed: fit.joint.completed(),
         }
     }
 
@@ -97,6 +101,7 @@ impl LinearModel {
             factors: self.factors.clone(),
             rows: self.rows.clone(),
             degrees: self.degrees - new as f64,
+            completed: self.completed,
         }
     }
 
@@ -133,6 +138,6 @@ impl LinearModel {
 
     /// Sum of squares of the residuals.
     pub(super) fn total(&self) -> f64 {
-        self.residuals.norm_squared()
+        self.residuals.norm_squared() - self.completed
     }
 }

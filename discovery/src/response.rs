@@ -405,6 +405,7 @@ pub(super) mod tests {
             factors: vec![1.0; ROWS],
             rows: (0..ROWS).map(row).collect(),
             degrees: ROWS as f64,
+            completed: 0.0,
         }
     }
 

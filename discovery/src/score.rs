@@ -58,6 +58,6 @@ impl Yardstick {
             .map(|(sum, degrees)| degrees * (sum / degrees).ln())
             .sum();
         let priors = view.residuals.rows_range(view.rows.len()..).norm_squared();
-        measured + priors
+        measured + priors - view.completed
     }
 }

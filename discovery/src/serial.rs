@@ -341,6 +341,7 @@ mod tests {
                     factors: vec![1.0; count],
                     rows: rows.clone(),
                     degrees,
+                    completed: 0.0,
                 };
                 inflation(&view, &subspace, &samples, &Constants::default())
             })

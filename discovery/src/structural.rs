@@ -120,7 +120,7 @@ impl FullArm {
         let spread = &ties * &full.basis.b;
         let solved = Cholesky::new(&spread * spread.transpose())?.solve(&broken);
         let (statistic, rank) = (broken.dot(&solved), ties.nrows() as f64);
-        let total = full.residuals.norm_squared() + statistic;
+        let total = full.chi2() + statistic;
         let (_, p_value) = f_form(statistic, rank, total, full.degrees() + rank);
         Some(Self {
             is_significant: p_value.value() <= constants.level * constants.further,

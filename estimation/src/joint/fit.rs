@@ -158,6 +158,11 @@ impl Fit {
         (sum, degrees, count)
     }
 
+    /// Sum of squares of all residuals, those of the priors too.
+    pub fn chi2(&self) -> f64 {
+        self.residuals.norm_squared() - self.joint.completed()
+    }
+
     /// Degrees of freedom of all residuals.
     pub fn degrees(&self) -> f64 {
         let left_out = self.factors.iter().filter(|&&factor| factor == 0.0).count();

@@ -201,10 +201,22 @@ impl Joint {
     /// The prior of a column that takes the bias off: the square of its residual, with that of the bias completed.
     fn prior(&self, column: usize) -> Option<Nominal> {
         let prior = self.priors.get(column)?;
-        let bias = self.bias.get(column).copied().unwrap_or(0.0);
         let tolerance = prior.tolerance.unwrap_or(0.0);
-        let mean = prior.value + tolerance.powi(2) * bias;
+        let mean = prior.value + tolerance * self.completion(column);
         Some(Nominal::new(mean, prior.tolerance))
+    }
+
+    /// Share of the residual of a prior that completes its square.
+    fn completion(&self, column: usize) -> f64 {
+        let tolerance = self.priors.get(column).and_then(|prior| prior.tolerance);
+        let bias = self.bias.get(column).copied().unwrap_or(0.0);
+        tolerance.unwrap_or(0.0) * bias
+    }
+
+    /// Sum of squares that is in the rows of the priors only because squares are completed: no misfit.
+    pub fn completed(&self) -> f64 {
+        let columns = 0..self.bias.len();
+        columns.map(|column| self.completion(column).powi(2)).sum()
     }
 
     /// Residual of a prior, and its tolerance.
