@@ -38,8 +38,8 @@ constants! {
     further: 0.1;
     /// Share of the level that all names have together; unnamed families are many and have the rest.
     share_of_names: 0.8;
-    /// Fall of −2 ln L within which two models fit as well: odds of twenty to one.
-    as_good: 6.0;
+    /// Fall of −2 ln L within which two models fit as well: three standard deviations, since each is compared with many.
+    as_good: 9.0;
     /// Level at which structure is looked for where a found effect acts, among the families that act there alone.
     left_where_found: 0.005;
     /// An effect that has to exceed its tolerance so many times to be seen is no candidate.

@@ -447,6 +447,7 @@ pub(super) mod tests {
             factors,
             rows: vec![],
             degrees: 9.0,
+            completed: 0.0,
         };
         let columns = view.weighted(&candidates::columns(&entries, &[0, 1], &probes));
         let responses = Responses::of(&view, &probes, &pairs);

@@ -303,6 +303,17 @@ impl<'a> Mistakes<'a> {
         }
     }
 
+    /// One mistake in the stead of all but the first ones.
+    pub(crate) fn replace_from(
+        &mut self,
+        first: usize,
+        (span, message, help): (Range<usize>, String, String),
+    ) {
+        self.found.truncate(first);
+        self.unlisted = first - self.found.len();
+        self.add(span, message, Some(help));
+    }
+
     /// Number of mistakes so far, listed or not.
     pub(crate) fn len(&self) -> usize {
         self.found.len() + self.unlisted

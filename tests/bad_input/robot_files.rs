@@ -22,6 +22,11 @@ fn values() {
         &ROBOT[ROBOT.find("[links.right]").unwrap()..],
         "",
     );
+    answers.robot(
+        "of another robot",
+        ROBOT,
+        "robot = \"Hexapod\"\n[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n",
+    );
     answers.robot("misspelt link", "[links.right]", "[links.rigth]");
     answers.robot(
         "negative tolerance",

@@ -114,7 +114,8 @@ fn the_misfit_is_that_of_the_estimated_noise() {
     let (search, _) = begun(&input, None, &mut |_| {}).unwrap();
     let fit = &search.state.fit;
     let view = LinearModel::of(fit);
-    let mut expected = view.residuals.rows_range(view.rows.len()..).norm_squared();
+    let of_priors = view.residuals.rows_range(view.rows.len()..);
+    let mut expected = of_priors.norm_squared() - fit.joint.completed();
     for component in tau_estimation::joint::Component::ALL {
         let (sum, degrees, _) = fit.misfit(|row| fit.joint.rows[row].component == component);
         let scale = fit.scales[component as usize];

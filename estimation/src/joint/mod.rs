@@ -557,6 +557,17 @@ pub(crate) mod tests {
         }
     }
 
+    /// What takes the bias off adds nothing to the misfit where parameters are as stated.
+    #[test]
+    fn completed_squares_are_no_misfit() {
+        let (joint, samples) = of_set_1();
+        let factors = joint.factors(&[1.0; 4], &vec![1.0; samples.len()]);
+        let residuals = joint.residuals(&joint.fitted(&joint.machine.values), &factors);
+        let of_priors = residuals.rows_range(joint.rows.len()..).norm_squared();
+        assert!(of_priors > 0.1, "there is a bias: {of_priors}");
+        assert!((of_priors - joint.completed()).abs() < 1e-9 * of_priors);
+    }
+
     /// Those of the priors too, off their means.
     #[test]
     fn derivatives_are_those_of_small_steps() {

@@ -68,8 +68,18 @@ impl<'a> Document<'a> {
         }
         let file = document.file(root.get_ref());
         if let Some(robot) = robot {
+            let of_text = document.mistakes.len();
             let meant = check::names(&mut document.mistakes, root.get_ref(), &file, robot);
             check::complete(&mut document.mistakes, root.get_ref(), &file, robot, &meant);
+            // A file that does not fit because it is another robot's has no mistake of its own.
+            if let Some(message) = file.other_robot(robot)
+                && document.mistakes.len() > of_text
+                && let Some(name) = root.get_ref().get("robot")
+            {
+                let help = format!("give the description of `{}` (`--model`)", file.robot);
+                let mistake = (name.span(), message, help);
+                document.mistakes.replace_from(of_text, mistake);
+            }
         }
         document.mistakes.finish()?;
         Ok(file)
