@@ -72,26 +72,7 @@ pub(super) fn held_out_gain(
         })
         .collect();
     sums.sort_by(f64::total_cmp);
-    let lower = sums[count(constants.lower * RESAMPLES as f64).min(RESAMPLES - 1)];
-    lower + gain_of_priors(view, subspace)
-}
-
-/// The same gain of the priors, each held out alone: what is stated of a machine is no sample that could be drawn anew.
-///
-/// A row of leverage h whose residual is e is missed by e/(1 − h) where all others predict it, with the variance 1/(1 − h).
-fn gain_of_priors(view: &LinearModel, subspace: &Subspace) -> f64 {
-    let explained = &subspace.u * subspace.u.tr_mul(&view.residuals);
-    let score = |residual: f64, leverage: f64| {
-        let left = (1.0 - leverage).max(TOLD);
-        residual.powi(2) / left - left.ln()
-    };
-    (view.rows.len()..view.residuals.len())
-        .map(|row| {
-            let (residual, leverage) = (view.residuals[row], view.q.row(row).norm_squared());
-            let more = subspace.u.row(row).norm_squared();
-            score(residual, leverage) - score(residual - explained[row], leverage + more)
-        })
-        .sum()
+    sums[count(constants.lower * RESAMPLES as f64).min(RESAMPLES - 1)]
 }
 
 /// Fold of each sample: neighbours in the order measured, set by set.
@@ -173,54 +154,6 @@ mod tests {
     use crate::fixture::of_set_1;
     use tau_estimation::joint::Row;
     use tau_estimation::numerics::projection::Basis;
-
-    /// Held against fits to all rows but one.
-    #[test]
-    fn priors_are_predicted_by_all_other_rows() {
-        let (rows, columns) = (30, 4);
-        let mut random = Random(11);
-        let mut drawn = |rows, columns| DMatrix::from_fn(rows, columns, |_, _| normal(&mut random));
-        let mut jacobian = drawn(rows + columns, columns);
-        let priors = DMatrix::identity(columns, columns);
-        jacobian.rows_mut(rows, columns).copy_from(&priors);
-        let candidate = drawn(rows + columns, 1);
-        let measured = DVector::from(drawn(rows + columns, 1).column(0).into_owned());
-        let both = DMatrix::from_columns(&[
-            jacobian.column(0),
-            jacobian.column(1),
-            jacobian.column(2),
-            jacobian.column(3),
-            candidate.column(0),
-        ]);
-        let score = |model: &DMatrix<f64>, row: usize| {
-            let (own, others) = (model.row(row), model.clone().remove_row(row));
-            let inverse = (others.tr_mul(&others)).try_inverse().unwrap();
-            let fitted = &inverse * others.tr_mul(&measured.clone().remove_row(row));
-            let variance = 1.0 + (own * &inverse * own.transpose())[0];
-            (measured[row] - (own * fitted)[0]).powi(2) / variance + variance.ln()
-        };
-        let expected: f64 = (rows..rows + columns)
-            .map(|row| score(&jacobian, row) - score(&both, row))
-            .sum();
-
-        let basis = Basis::of(&jacobian).unwrap();
-        let row = |sample| Row {
-            sample,
-            component: tau_estimation::joint::Component::Closure,
-            residual: 0,
-        };
-        let view = LinearModel {
-            residuals: basis.residuals_after(&measured),
-            q: basis.q,
-            factors: vec![1.0; rows],
-            rows: (0..rows).map(row).collect(),
-            degrees: rows as f64,
-            completed: 0.0,
-        };
-        let subspace = Subspace::of(&candidate, &view.remainder(&candidate));
-        let found = gain_of_priors(&view, &subspace);
-        assert!((found - expected).abs() < 1e-9, "{found} {expected}");
-    }
 
     /// A signal that holds everywhere is confirmed, one that only fits the noise is not.
     #[test]

@@ -165,9 +165,11 @@ impl Fit {
 
     /// Degrees of freedom of all residuals.
     pub fn degrees(&self) -> f64 {
-        let left_out = self.factors.iter().filter(|&&factor| factor == 0.0).count();
-        // Displaced points are known by measurements alone: what stands in for their priors tells nothing.
-        let rows = self.residuals.len() - self.joint.displacements() - left_out;
-        (rows as f64 - self.basis.q.ncols() as f64).max(1.0)
+        let measured = self.factors.iter().filter(|&&factor| factor > 0.0).count();
+        // What stands in for a prior where there is none tells nothing.
+        let is_stated = |tolerance: f64| tolerance > 0.0;
+        let priors = self.joint.priors.iter();
+        let stated = priors.filter(|prior| prior.tolerance.is_some_and(is_stated));
+        ((measured + stated.count()) as f64 - self.basis.q.ncols() as f64).max(1.0)
     }
 }
