@@ -108,13 +108,11 @@ fn noise() -> DVector<f64> {
         columns.push(column(&[cart], |q, _| q.powi(4)));
     }
     let left = remainder(&noise, &columns);
-    &left * (OF_ROWS.sqrt() / left.norm())
+    &left * (DEGREES.sqrt() / left.norm())
 }
 
 /// Degrees of freedom of the rows beside the offsets, and sum of squares of the noise.
-const OF_ROWS: f64 = ROWS as f64 - 3.0;
-/// The same with the priors, which count as measurements however wide they are.
-const DEGREES: f64 = ROWS as f64;
+const DEGREES: f64 = ROWS as f64 - 3.0;
 
 /// The machine's dimensions, which nothing here depends on.
 fn robot_file() -> String {
@@ -225,7 +223,7 @@ fn the_score_of_a_model_is_that_by_hand() {
     let score = |members: &[Used]| world.search(&input, &rows, members).score;
     let misfit = |columns: &[DVector<f64>]| {
         let left = left(&rows, &[&offsets()[..], columns].concat());
-        OF_ROWS * (left / OF_ROWS).ln()
+        DEGREES * (left / DEGREES).ln()
     };
     close(score(&[]), misfit(&[]));
     let one = [used("gap", "one", gap(&[0]))];
@@ -258,9 +256,9 @@ fn an_effect_joins_where_it_pays() {
     let column = tilt(&[1]);
     let own = left(&column, &offsets());
     for (share, joins) in [(0.98, false), (1.02, true)] {
-        // DEGREES · ln(1 + a²·own / OF_ROWS) is that share of the cost.
+        // DEGREES · ln(1 + a²·own / DEGREES) is that share of the cost.
         let fall_by_hand = share * cost();
-        let amplitude = (OF_ROWS * (fall_by_hand / DEGREES).exp_m1() / own).sqrt();
+        let amplitude = (DEGREES * (fall_by_hand / DEGREES).exp_m1() / own).sqrt();
         let rows = noise() + amplitude * &column;
         let mut search = world.search(&input, &rows, &[]);
         let moves = search.moves(false, false);
@@ -284,7 +282,7 @@ fn an_effect_joins_at_all_places_that_pay() {
     let before = left(&rows, &offsets());
     close(
         moves[0].predicted,
-        fall(before, OF_ROWS) + 2.0 * cost() + further(),
+        fall(before, DEGREES) + 2.0 * cost() + further(),
     );
 }
 
@@ -305,9 +303,9 @@ fn an_effect_that_does_too_little_leaves() {
     let after = left(&rows, &[offsets(), vec![gap(&[0])]].concat());
     close(
         moves[0].predicted,
-        fall(OF_ROWS, after) - cost() - further(),
+        fall(DEGREES, after) - cost() - further(),
     );
-    assert!(fall(OF_ROWS, after) > 1.0);
+    assert!(fall(DEGREES, after) > 1.0);
 }
 
 /// An effect that stands in for another gives way to it.
@@ -320,7 +318,7 @@ fn the_effect_takes_the_place_of_its_look_alike() {
     let moves = search.moves(true, false);
     assert_eq!(named(&search, &moves[0]), ["bow(three)"]);
     let before = left(&rows, &[offsets(), vec![tilt(&[2])]].concat());
-    close(moves[0].predicted, fall(before, OF_ROWS));
+    close(moves[0].predicted, fall(before, DEGREES));
 }
 
 /// Equal amplitudes at all places are one in common.
@@ -349,7 +347,7 @@ fn an_amplitude_in_common_is_split() {
     let before = left(&rows, &[offsets(), vec![gap(&[0, 1, 2])]].concat());
     close(
         moves[0].predicted,
-        fall(before, OF_ROWS) + cost() + further(),
+        fall(before, DEGREES) + cost() + further(),
     );
 }
 
