@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 
 use rayon::prelude::*;
 use tau::Robot;
-use tau::discovery::{Discovery, Options, Status, discover};
+use tau::discovery::{Discovery, Options, Outcome, Status, discover};
 use tau::measurements::PlateKind;
 use tau::robot_file::RobotFile;
 use tau::simulation::{Approach, Build, Effect, Measure, Poses, Simulation, Temperature, simulate};
@@ -246,9 +246,8 @@ fn on_a_linear_delta_clear_effects_have_their_names() {
     assert!(wrong.len() <= bound(10, 0.05), "{wrong:?}");
 }
 
-/// A linear delta of which heights over a bed and distances between holes are measured, no pose, and the names that
-/// discovery gives.
-fn named_by_heights_and_distances(seed: u64, effects: &[&str]) -> Vec<(String, String)> {
+/// What discovery finds of a linear delta of which heights over a bed and distances between holes are measured, no pose.
+fn found_by_heights_and_distances(seed: u64, effects: &[&str], options: &Options) -> Outcome {
     let robot = Robot::from(&tau_generated::linear_delta::ROBOT);
     let text = "robot = \"LinearDelta\"
         [noise]
@@ -270,12 +269,35 @@ fn named_by_heights_and_distances(seed: u64, effects: &[&str]) -> Vec<(String, S
     let measured = simulate(&simulation).unwrap();
     assert!(measured.folder.tcp_poses.is_empty() && measured.folder.cart_poses.is_empty());
     let (file, folder) = (&measured.file, &measured.folder);
-    let options = Options::default();
-    let found = discover(&robot, "Full", file, folder, &options, &mut |_| {}).unwrap();
+    discover(&robot, "Full", file, folder, options, &mut |_| {}).unwrap()
+}
+
+/// The names that it gives.
+fn named_by_heights_and_distances(seed: u64, effects: &[&str]) -> Vec<(String, String)> {
+    let found = found_by_heights_and_distances(seed, effects, &Options::default());
     let effects = found.discovery.effects.into_iter();
     effects
         .map(|effect| (effect.name, effect.place.to_string()))
         .collect()
+}
+
+/// More poses than a search takes: an evenly spread part shows the same, and distances between them take part.
+#[test]
+fn a_part_of_many_unknown_poses_is_searched() {
+    let mut options = Options::default();
+    options.constants.most_poses = 60.0;
+    let found = found_by_heights_and_distances(500, &["backlash(a): gap=2e-4"], &options);
+    let remarks = &found.discovery.remarks;
+    let of_all = |remark: &String| remark.starts_with("of 80 poses that calibrate");
+    assert!(remarks.iter().any(of_all), "{remarks:?}");
+    let names: Vec<String> = (found.discovery.effects.iter())
+        .map(|effect| format!("{}({})", effect.name, effect.place))
+        .collect();
+    assert_eq!(names, ["backlash(a)"]);
+    let unknown = found.unknown.unwrap();
+    assert_eq!(unknown.counts.calibration, 80);
+    assert!(unknown.rows.distances.len() > 20, "{:?}", unknown.rows);
+    assert!(unknown.division.calibration.len() <= 60);
 }
 
 #[test]

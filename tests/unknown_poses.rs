@@ -570,17 +570,23 @@ fn a_ball_beside_a_plane_calibrates_a_five_bar() {
     assert!((chi2 / dof - 1.0).abs() < spread, "{chi2} of {dof}");
 }
 
-/// Of the first thousand machines, these five ended elsewhere while noise was the stated one from the start, 10 to 20
-/// standard deviations off. `cargo bench --bench unknown_poses` counts all.
+/// Of the first thousand machines each with exact and with noisy drives, these ended elsewhere while noise was the stated
+/// one from the start, 7 to 20 standard deviations off. `cargo bench --bench unknown_poses` counts all.
 #[test]
 fn positions_of_a_hexapod_lead_to_the_machine() {
-    let (robot, file) = robot("stewart", "");
+    let noisy = "[drives]\nnoise_m = 1e-5\n";
+    lead_to_the_machine("", &[429, 491, 643, 761, 906]);
+    lead_to_the_machine(noisy, &[218, 420, 429, 491, 580, 643, 906]);
+}
+
+fn lead_to_the_machine(drives: &str, seeds: &[u64]) {
+    let (robot, file) = robot("stewart", drives);
     let positions = [Measure::Rows(PlateKind::Position)];
     let build = Build::Drawn {
         links: 1.0,
         tracks: 1.0,
     };
-    for seed in [429, 491, 643, 761, 906] {
+    for &seed in seeds {
         let simulated = simulate(&Simulation {
             build,
             seed,

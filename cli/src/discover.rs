@@ -1,6 +1,6 @@
 //! `tau discover`.
 
-use tau::discovery::{Discovery, OfUnknownPoses, Options, Outcome as Found};
+use tau::discovery::{Discovery, Options, Outcome as Found};
 use tau::input_error::InputError;
 use tau::kinematics::Layout;
 use tau::measurements::Split;
@@ -72,7 +72,7 @@ pub(super) fn run(
             let (calibrated, layout) = state(&session, &found, arguments.refit)?;
             let unknown = found.unknown.as_ref();
             let placed = unknown.map_or(folder, |unknown| &unknown.folder);
-            let counts = known.or(unknown.map(OfUnknownPoses::counts));
+            let counts = known.or(unknown.map(|unknown| unknown.counts));
             let setting = report::Setting {
                 poses: counts.map_or_else(|| session.poses().map(|poses| poses.counts), Ok)?,
                 has_cart_poses: !folder.cart_poses.is_empty(),

@@ -293,13 +293,17 @@ fn discovered(
     };
     let mut outcome = searched(&input, started, progress)?;
     if taken.len() < all {
-        outcome.discovery.remarks.push(format!(
-            "of {all} poses that calibrate {}, evenly spread, took part in the search: more take memory, and an effect \
-             that so many do not show is below a tenth of the noise",
-            taken.len()
-        ));
+        let remark = remark_on_part(all, taken.len());
+        outcome.discovery.remarks.push(remark);
     }
     Ok(outcome)
+}
+
+fn remark_on_part(all: usize, taken: usize) -> String {
+    format!(
+        "of {all} poses that calibrate {taken}, evenly spread, took part in the search: more take memory, and an effect \
+         that so many do not show is below a tenth of the noise"
+    )
 }
 
 /// The search from a base, or where its arm is reduced and a full one is significantly better, from that.

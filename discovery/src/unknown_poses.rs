@@ -13,7 +13,9 @@ use tau_robot::robot::Robot;
 use tau_robot::robot_file::{RobotFile, Value};
 
 use super::constants::count;
-use super::{Constants, DISCOVERED, Error, Input, Options, Outcome, searched, variant_of};
+use super::{
+    Constants, DISCOVERED, Error, Input, Options, Outcome, remark_on_part, searched, variant_of,
+};
 
 /// Result of a discovery in a folder whose poses are unknown.
 #[derive(Clone)]
@@ -22,8 +24,10 @@ pub struct OfUnknownPoses {
     pub folder: Folder,
     /// Those that calibrate, and those that are held out.
     pub division: Division,
-    /// Rows that calibrate, and those that are held out.
+    /// Rows that took part, and those that are held out.
     pub rows: RowDivision,
+    /// Numbers of poses by whether their own measurements calibrate.
+    pub counts: PoseCounts,
     /// The calibration of the discovered variant.
     pub fitted: UnknownPoses,
 }
@@ -34,20 +38,6 @@ impl fmt::Debug for OfUnknownPoses {
         shown
             .field("division", &self.division)
             .finish_non_exhaustive()
-    }
-}
-
-impl OfUnknownPoses {
-    /// Numbers of poses by whether their own measurements calibrate.
-    pub fn counts(&self) -> PoseCounts {
-        let rows = &self.rows;
-        let total = rows.calibration.union(&rows.validation).count();
-        PoseCounts {
-            total,
-            in_range: total,
-            calibration: rows.calibration.len(),
-            validation: rows.validation.len(),
-        }
     }
 }
 
@@ -69,7 +59,11 @@ pub(super) fn search(
 ) -> Result<Outcome, Error> {
     let (folder, remark) = with_known_tensions(folder, file, robot);
     let folder = &folder;
-    let rows = RowDivision::of(folder, options.split);
+    let all = RowDivision::of(folder, options.split);
+    let thinned = all.thinned(folder, count(options.constants.most_poses));
+    let part = (thinned.as_ref())
+        .map(|rows| remark_on_part(all.calibration.len(), rows.calibration.len()));
+    let (counts, rows) = (all.counts(), thinned.unwrap_or(all));
     let fit = calibration::Options::default();
     let variant = variant_of(robot, base)?;
     let of_base = unknown_poses::calibrate(robot, variant, file, folder, &rows, &fit)?;
@@ -121,11 +115,15 @@ pub(super) fn search(
             known = Some(fitted);
             continue;
         }
-        outcome.discovery.remarks.extend(remark);
+        outcome
+            .discovery
+            .remarks
+            .extend(remark.into_iter().chain(part));
         outcome.unknown = Some(OfUnknownPoses {
             folder: estimated,
             division,
             rows,
+            counts,
             fitted,
         });
         return Ok(outcome);

@@ -43,6 +43,8 @@ pub(super) struct Fit<'a> {
     pub(super) groups: Vec<NoiseGroup>,
     /// Loss of single residuals, if it is not least squares.
     pub(super) loss: Option<Loss>,
+    /// True if the values that it starts from are those of a sketch.
+    pub(super) is_sketch: bool,
 }
 
 impl<'a> Fit<'a> {
@@ -124,6 +126,7 @@ impl<'a> Fit<'a> {
             gross: vec![],
             groups: vec![],
             loss: None,
+            is_sketch,
         })
     }
 

@@ -270,21 +270,22 @@ impl Fit<'_> {
         solve(&self.problem(values), &solver).map_err(failed)
     }
 
-    /// Comes near with closures that are exact taken for as noisy as what was measured, and returns iterations. Poses that
-    /// closures hold to much less can follow the machine along their curves in tiny steps alone, hundreds of them where
-    /// tolerances are wide; from where this ends, a few are left (a quadratic penalty that grows: J. Nocedal and S. J.
-    /// Wright, *Numerical Optimization*, 2006, section 17.1).
+    /// Comes near from afar, and returns iterations. Closures that are exact are taken for as noisy as what was measured:
+    /// poses that they hold to much less can follow the machine along their curves in tiny steps alone, hundreds of them
+    /// where tolerances are wide; from where this ends, a few are left (a quadratic penalty that grows: J. Nocedal and S.
+    /// J. Wright, *Numerical Optimization*, 2006, section 17.1).
     fn approach(
         &mut self,
         values: &mut Vec<f64>,
         options: &calibration::Options,
     ) -> Result<usize, Error> {
         let heights = self.heights();
-        let exact = (self.assembly.kinds.iter()).position(|kind| kind.stated.is_none());
-        if exact.is_none() && heights.is_empty() {
+        let kinds = self.assembly.kinds.clone();
+        let exact = kinds.iter().position(|kind| kind.stated.is_none());
+        // A sketch has several starts, each soon given up, in place of a long way from one.
+        if self.is_sketch && exact.is_none() && heights.is_empty() {
             return Ok(0);
         }
-        let kinds = self.assembly.kinds.clone();
         if let Some(exact) = exact {
             self.assembly.kinds[exact].sigma /= CLOSURE_SHARE;
         }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use tau_robot::measurements::{Folder, Split};
+use tau_robot::measurements::{Distance, Folder, PoseCounts, Split};
 
 use super::ABSORBED;
 use super::evaluation::JudgedRows;
@@ -12,6 +12,7 @@ use super::objects::Object;
 use super::rows::{Kind, RowPlace};
 use crate::calibration::Calibration;
 use crate::numerics::distribution::chi2_survival;
+use crate::numerics::spread::spread;
 use crate::problem::Component;
 use crate::trust::Mistake;
 use crate::weighing::Loss;
@@ -65,6 +66,54 @@ impl RowDivision {
             validation: numbers(&own.validation),
             distances: lines(&of_rows.calibration),
             held_out_distances: lines(&of_rows.validation),
+        }
+    }
+
+    /// The same with rows of so many poses at most that calibrate, evenly spread: distances, whose other rows come along,
+    /// and poses that no distance is of. `None` where these are no more.
+    #[must_use]
+    pub fn thinned(&self, folder: &Folder, most: usize) -> Option<Self> {
+        let distances = folder.distances.iter();
+        let distances: Vec<&Distance> = distances
+            .filter(|row| self.distances.contains(&row.line))
+            .collect();
+        let ends = |rows: &[&Distance]| rows.iter().flat_map(|row| row.poses).collect();
+        let coupled: BTreeSet<u32> = ends(&distances);
+        let alone: Vec<u32> = self.calibration.difference(&coupled).copied().collect();
+        let mut share = most as f64 / (coupled.len() + alone.len()) as f64;
+        if share >= 1.0 {
+            return None;
+        }
+        loop {
+            #[allow(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "a share of a number of rows"
+            )]
+            let part = |all: usize| spread(all, (share * all as f64) as usize).into_iter();
+            let rows: Vec<&Distance> = part(distances.len()).map(|k| distances[k]).collect();
+            let mut poses: BTreeSet<u32> = ends(&rows);
+            poses.extend(part(alone.len()).map(|k| alone[k]));
+            if poses.len() <= most {
+                return Some(Self {
+                    calibration: self.calibration.intersection(&poses).copied().collect(),
+                    distances: rows.iter().map(|row| row.line).collect(),
+                    ..self.clone()
+                });
+            }
+            // Where each pose has several distances, a share of these has a larger one of the poses.
+            share *= most as f64 / poses.len() as f64;
+        }
+    }
+
+    /// Numbers of poses by whether their own measurements calibrate.
+    pub fn counts(&self) -> PoseCounts {
+        let total = self.calibration.union(&self.validation).count();
+        PoseCounts {
+            total,
+            in_range: total,
+            calibration: self.calibration.len(),
+            validation: self.validation.len(),
         }
     }
 
@@ -279,5 +328,44 @@ impl UnknownPoses {
     /// True if residuals are no larger than the stated noise lets expect.
     pub fn is_consistent(&self) -> bool {
         chi2_survival(self.chi2, self.dof.max(1e-9)) > SIGNIFICANT
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A chain of distances over the first 101 poses, and a hundred more poses that none is of.
+    #[test]
+    fn a_part_keeps_distances_with_their_poses_and_is_evenly_spread() {
+        let distances = (0..100).map(|k| Distance {
+            line: k as usize + 2,
+            poses: [k, k + 1],
+            distance_m: 0.1,
+            sigma_m: None,
+        });
+        let folder = Folder {
+            distances: distances.collect(),
+            ..Folder::default()
+        };
+        let all = RowDivision {
+            calibration: (0..201).collect(),
+            distances: (2..102).collect(),
+            ..RowDivision::default()
+        };
+        assert_eq!(all.thinned(&folder, 201), None);
+        let part = all.thinned(&folder, 40).unwrap();
+        let poses = part.calibration.len();
+        assert!((36..=40).contains(&poses), "{poses}");
+        let is_whole = |line: &usize| {
+            let ends = folder.distances[line - 2].poses;
+            ends.iter().all(|pose| part.calibration.contains(pose))
+        };
+        assert!(part.distances.iter().all(is_whole));
+        for quarter in 0..4 {
+            let own = 50 * quarter..50 * (quarter + 1);
+            let count = part.calibration.range(own).count();
+            assert!((6..=15).contains(&count), "{quarter}: {count}");
+        }
     }
 }

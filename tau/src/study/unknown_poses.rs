@@ -7,7 +7,7 @@ use tau_estimation::trust::{self, Status, Verdict};
 use tau_estimation::unknown_poses::{self, EstimatedPoses, HeldErrors, RowDivision, UnknownPoses};
 use tau_kinematics::{Layout, Pose};
 use tau_robot::effects::CATALOGUE;
-use tau_robot::measurements::{Division, PoseCounts};
+use tau_robot::measurements::Division;
 use tau_robot::robot::Variant;
 
 use super::results::Study;
@@ -63,7 +63,7 @@ pub(super) fn run<R>(
         robot: robot.name.clone(),
         architecture: robot.architecture(),
         folder: folder.name.clone(),
-        poses: counts(&division),
+        poses: division.counts(),
         rows: Some(division.clone()),
         noise: (file.noise.position_m, file.noise.rotation_rad),
         variants: results,
@@ -86,17 +86,6 @@ pub(super) fn run<R>(
         study.layout = layout(found);
     }
     Ok(study)
-}
-
-/// Numbers of poses by whether their own measurements calibrate.
-fn counts(division: &RowDivision) -> PoseCounts {
-    let total = division.calibration.union(&division.validation).count();
-    PoseCounts {
-        total,
-        in_range: total,
-        calibration: division.calibration.len(),
-        validation: division.validation.len(),
-    }
 }
 
 fn of_variant<R>(
