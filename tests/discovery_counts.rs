@@ -246,7 +246,7 @@ fn on_a_linear_delta_clear_effects_have_their_names() {
     assert!(wrong.len() <= bound(10, 0.05), "{wrong:?}");
 }
 
-/// What discovery finds of a linear delta of which heights over a bed and distances between holes are measured, no pose.
+/// Discovery on a linear delta of which heights over a bed and distances between holes are measured, no pose.
 fn found_by_heights_and_distances(seed: u64, effects: &[&str], options: &Options) -> Outcome {
     let robot = Robot::from(&tau_generated::linear_delta::ROBOT);
     let text = "robot = \"LinearDelta\"

@@ -166,7 +166,7 @@ impl Fit {
     /// Degrees of freedom of all residuals.
     pub fn degrees(&self) -> f64 {
         let measured = self.factors.iter().filter(|&&factor| factor > 0.0).count();
-        // What stands in for a prior where there is none tells nothing.
+        // A row that stands in for a prior that is not there tells nothing.
         let is_stated = |tolerance: f64| tolerance > 0.0;
         let priors = self.joint.priors.iter();
         let stated = priors.filter(|prior| prior.tolerance.is_some_and(is_stated));

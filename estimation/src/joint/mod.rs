@@ -201,22 +201,20 @@ impl Joint {
     /// The prior of a column that takes the bias off: the square of its residual, with that of the bias completed.
     fn prior(&self, column: usize) -> Option<Nominal> {
         let prior = self.priors.get(column)?;
-        let tolerance = prior.tolerance.unwrap_or(0.0);
-        let mean = prior.value + tolerance * self.completion(column);
+        let mean = prior.value + prior.tolerance.unwrap_or(0.0) * self.completion(column);
         Some(Nominal::new(mean, prior.tolerance))
     }
 
     /// Share of the residual of a prior that completes its square.
     fn completion(&self, column: usize) -> f64 {
         let tolerance = self.priors.get(column).and_then(|prior| prior.tolerance);
-        let bias = self.bias.get(column).copied().unwrap_or(0.0);
-        tolerance.unwrap_or(0.0) * bias
+        tolerance.unwrap_or(0.0) * self.bias.get(column).unwrap_or(&0.0)
     }
 
     /// Sum of squares that is in the rows of the priors only because squares are completed: no misfit.
     pub fn completed(&self) -> f64 {
-        let columns = 0..self.bias.len();
-        columns.map(|column| self.completion(column).powi(2)).sum()
+        let own = (0..self.bias.len()).map(|column| self.completion(column));
+        own.map(|share| share.powi(2)).sum()
     }
 
     /// Residual of a prior, and its tolerance.
@@ -557,12 +555,12 @@ pub(crate) mod tests {
         }
     }
 
-    /// What takes the bias off adds nothing to the misfit where parameters are as stated.
+    /// Squares that are completed add nothing to the misfit where parameters are as stated.
     #[test]
     fn completed_squares_are_no_misfit() {
-        let (joint, samples) = of_set_1();
-        let factors = joint.factors(&[1.0; 4], &vec![1.0; samples.len()]);
-        let residuals = joint.residuals(&joint.fitted(&joint.machine.values), &factors);
+        let joint = of_set_1().0;
+        let nominal = joint.fitted(&joint.machine.values);
+        let residuals = joint.residuals(&nominal, &vec![1.0; joint.rows.len()]);
         let of_priors = residuals.rows_range(joint.rows.len()..).norm_squared();
         assert!(of_priors > 0.1, "there is a bias: {of_priors}");
         assert!((of_priors - joint.completed()).abs() < 1e-9 * of_priors);
