@@ -48,14 +48,7 @@ pub(super) fn names<'r>(
             }
             let nearest = nearest(name, known.iter().copied());
             meant.extend(nearest);
-            let help = if nearest.is_none() && file.robot != robot.name {
-                format!(
-                    "the file is for robot `{}`, the description is of `{}`",
-                    file.robot, robot.name
-                )
-            } else {
-                suggestion(name, known.iter().copied())
-            };
+            let help = suggestion(name, known.iter().copied());
             let message = format!("robot `{}` has no {what} `{name}`", robot.name);
             mistakes.push_with_help(key.span(), message, help);
         }
