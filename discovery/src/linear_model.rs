@@ -62,7 +62,7 @@ impl LinearModel {
             factors: fit.factors.clone(),
             rows: fit.joint.rows.clone(),
             degrees: fit.degrees(),
-            completed: fit.joint.completed(),
+            completed: fit.joint.completed().sum(),
         }
     }
 
@@ -79,13 +79,15 @@ impl LinearModel {
         for &column in columns {
             residuals[rows + column] = 0.0;
         }
+        let completed = fit.joint.completed().enumerate();
+        let left = completed.filter(|(column, _)| !columns.contains(column));
         Self {
             residuals: &residuals - &q * q.tr_mul(&residuals),
             q: Arc::new(q),
             factors: fit.factors.clone(),
             rows: fit.joint.rows.clone(),
             degrees: fit.degrees(),
-            completed: fit.joint.completed(),
+            completed: (left.map(|(_, square)| square)).sum(),
         }
     }
 

@@ -115,7 +115,7 @@ fn the_misfit_is_that_of_the_estimated_noise() {
     let fit = &search.state.fit;
     let view = LinearModel::of(fit);
     let of_priors = view.residuals.rows_range(view.rows.len()..);
-    let mut expected = of_priors.norm_squared() - fit.joint.completed();
+    let mut expected = of_priors.norm_squared() - fit.joint.completed().sum::<f64>();
     for component in tau_estimation::joint::Component::ALL {
         let (sum, degrees, _) = fit.misfit(|row| fit.joint.rows[row].component == component);
         let scale = fit.scales[component as usize];

@@ -160,7 +160,7 @@ impl Fit {
 
     /// Sum of squares of all residuals, those of the priors too.
     pub fn chi2(&self) -> f64 {
-        self.residuals.norm_squared() - self.joint.completed()
+        self.residuals.norm_squared() - self.joint.completed().sum::<f64>()
     }
 
     /// Degrees of freedom of all residuals.

@@ -211,10 +211,9 @@ impl Joint {
         tolerance.unwrap_or(0.0) * self.bias.get(column).unwrap_or(&0.0)
     }
 
-    /// Sum of squares that is in the rows of the priors only because squares are completed: no misfit.
-    pub fn completed(&self) -> f64 {
-        let own = (0..self.bias.len()).map(|column| self.completion(column));
-        own.map(|share| share.powi(2)).sum()
+    /// Squares that are in the rows of the priors only because squares are completed: no misfit; by columns.
+    pub fn completed(&self) -> impl Iterator<Item = f64> {
+        (0..self.bias.len()).map(|column| self.completion(column).powi(2))
     }
 
     /// Residual of a prior, and its tolerance.
@@ -563,7 +562,8 @@ pub(crate) mod tests {
         let residuals = joint.residuals(&nominal, &vec![1.0; joint.rows.len()]);
         let of_priors = residuals.rows_range(joint.rows.len()..).norm_squared();
         assert!(of_priors > 0.1, "there is a bias: {of_priors}");
-        assert!((of_priors - joint.completed()).abs() < 1e-9 * of_priors);
+        let completed: f64 = joint.completed().sum();
+        assert!((of_priors - completed).abs() < 1e-9 * of_priors);
     }
 
     /// Those of the priors too, off their means.
