@@ -77,6 +77,18 @@ distances = { distance_m = 2e-5 }
     assert!((number - value).abs() < 3.0 * sigma, "{number} {period}");
 }
 
+/// The length of a step is no track that bends: measured carts take no part where poses are unknown, and tracks stay straight.
+#[test]
+fn tracks_stay_straight_where_poses_are_unknown() {
+    let folder = tempfile::tempdir().unwrap();
+    let line = "tau simulate --model linear_delta --out DIR/measured --random --poses 60 --measure heights";
+    tau_in(folder.path(), line).done();
+    assert!(folder.path().join("measured/cart_poses.csv").exists());
+    let line = "tau discover DIR/measured --model linear_delta --base Full --out DIR/out --json -";
+    let found = tau_in(folder.path(), line).json();
+    assert_eq!(found["piecewise_tracks"].as_array().map_or(0, Vec::len), 0);
+}
+
 /// A leg's stretch has its true size by measured forces though the stated payload is twice the true one; by statics it
 /// has half of it. That of what holds the leg looks the same, by the leg's length: nothing tells which of the two it is.
 #[test]

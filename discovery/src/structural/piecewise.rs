@@ -148,7 +148,7 @@ impl Found {
         tracks: Vec<TrackTest>,
         outcome: Outcome,
     ) -> Result<Self, Error> {
-        // Where poses are unknown there are no errors at the tool, and tracks stay straight.
+        // Where poses are unknown there are no errors at the tool.
         let errors = match search.input.unknown {
             Some(_) => vec![],
             None => {
@@ -197,6 +197,10 @@ fn with_piecewise(
 
 /// Tests of all straight tracks beside what was found, their measured points free to move.
 pub(in super::super) fn tracks(search: &Search<'_>, base: &Variant) -> Vec<TrackTest> {
+    // Where poses are unknown, measurements of carts take no part.
+    if search.input.unknown.is_some() {
+        return vec![];
+    }
     let straight: Vec<(usize, Vec<f64>)> = base
         .tracks
         .iter()
