@@ -7,6 +7,7 @@ use tau::study;
 use tau::trust::Status;
 use tau_report as report;
 use tau_robot::input_error::both;
+use tau_robot::number::shortest;
 use tau_robot::robot_file::RobotFile;
 
 use super::deliver::{Outcome, Target, check_folder, written};
@@ -204,11 +205,11 @@ fn parameters(found: &Calibration, widening: f64) -> Result<String, Failure> {
         vec![
             parameter.name.clone(),
             parameter.unit.clone(),
-            number(parameter.nominal),
-            parameter.tolerance.map_or_else(String::new, number),
-            number(parameter.value),
-            number(parameter.sigma),
-            number(widening * parameter.sigma),
+            shortest(parameter.nominal),
+            parameter.tolerance.map_or_else(String::new, shortest),
+            shortest(parameter.value),
+            shortest(parameter.sigma),
+            shortest(widening * parameter.sigma),
         ]
     });
     csv(header.map(String::from).into(), rows)
@@ -226,7 +227,9 @@ fn covariance(found: &Calibration) -> Result<String, Failure> {
     let mut entries: Vec<Vec<String>> = vec![];
     for (i, row) in found.covariance.iter().enumerate() {
         let known = entries.iter().map(|row| row[i].clone());
-        let row = known.chain(row[i..].iter().copied().map(number)).collect();
+        let row = known
+            .chain(row[i..].iter().copied().map(shortest))
+            .collect();
         entries.push(row);
     }
     let rows = names().zip(entries).map(|(name, mut row)| {
@@ -246,18 +249,13 @@ fn undetermined(found: &Calibration) -> Result<String, Failure> {
             combination.terms.iter().map(move |(parameter, share)| {
                 vec![
                     (index + 1).to_string(),
-                    number(combination.data_over_prior),
+                    shortest(combination.data_over_prior),
                     parameter.clone(),
-                    number(*share),
+                    shortest(*share),
                 ]
             })
         });
     csv(header.map(String::from).into(), rows)
-}
-
-/// All digits, so that it can be read again bit for bit.
-pub(super) fn number(value: f64) -> String {
-    format!("{value:?}")
 }
 
 /// A table as comma-separated text; names that hold commas are quoted.

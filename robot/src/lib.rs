@@ -5,6 +5,7 @@ pub mod fingerprint;
 pub mod input_error;
 pub mod klipper;
 pub mod measurements;
+pub mod number;
 pub mod prototype;
 pub mod robot;
 pub mod robot_file;

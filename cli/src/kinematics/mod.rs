@@ -16,8 +16,9 @@ use tau::robot_file::RobotFile;
 use tau::uncertainty::PoseUncertainty;
 use tau_report as report;
 use tau_robot::input_error::{both, quoted};
+use tau_robot::number::shortest;
 
-use super::calibrate::{csv, number};
+use super::calibrate::csv;
 use super::deliver::{Outcome, Target, check_file};
 use super::kept::Kept;
 use super::resolve::{files, robot};
@@ -434,8 +435,8 @@ impl<'a> Setup<'a> {
             };
             let mut fields = vec![row.pose.to_string()];
             let numbers = reached.commands_m.iter().copied();
-            fields.extend(numbers.chain(reached.pose.position_m()).map(number));
-            fields.extend(angles.iter().copied().map(number));
+            fields.extend(numbers.chain(reached.pose.position_m()).map(shortest));
+            fields.extend(angles.iter().copied().map(shortest));
             fields.extend(known.cells(certainty, machine, with_commands));
             fields
         });

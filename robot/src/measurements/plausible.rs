@@ -318,17 +318,14 @@ struct Quantiles {
 impl Quantiles {
     /// Of the values that are numbers; NaN where there are none.
     fn of(values: &[f64]) -> Self {
-        let mut sorted: Vec<f64> = values
-            .iter()
-            .copied()
-            .filter(|value| !value.is_nan())
-            .collect();
-        sorted.sort_by(f64::total_cmp);
-        let at = |tenths: usize| {
-            sorted
-                .get(sorted.len().saturating_sub(1) * tenths / 10)
-                .copied()
-                .unwrap_or(f64::NAN)
+        let mut numbers: Vec<f64> = values.to_vec();
+        numbers.retain(|value| !value.is_nan());
+        let last = numbers.len().saturating_sub(1);
+        let mut at = |tenths: usize| {
+            if numbers.is_empty() {
+                return f64::NAN;
+            }
+            *(numbers.select_nth_unstable_by(last * tenths / 10, f64::total_cmp)).1
         };
         Self {
             tenth: at(1),

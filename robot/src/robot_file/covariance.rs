@@ -6,6 +6,7 @@ use toml::de::{DeTable, DeValue};
 
 use super::document::Document;
 use super::keys::key_place;
+use crate::number::shortest;
 
 /// Covariance of the parameters of a calibrated variant under the stated noise, priors included.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -35,7 +36,8 @@ impl Covariance {
         }
         writeln!(out, "factor = [")?;
         for row in &self.factor {
-            writeln!(out, "  {row:?},")?;
+            let row: Vec<String> = row.iter().map(|&entry| shortest(entry)).collect();
+            writeln!(out, "  [{}],", row.join(", "))?;
         }
         writeln!(out, "]")
     }
