@@ -231,7 +231,7 @@ pub(super) fn noise_scales(fit: &Fit) -> Vec<NoiseScale> {
         .map(|component| NoiseScale {
             set: component.set(),
             of: match component {
-                Component::Closure => "closure",
+                Component::Closure | Component::Exact => "closure",
                 Component::CartRotation => "rotation",
                 Component::CartPosition | Component::Position => "position",
             },

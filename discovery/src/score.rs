@@ -41,15 +41,18 @@ impl Yardstick {
     ///
     /// `view` is the fit with what unnamed families take up.
     pub(crate) fn misfit(&self, fit: &Fit, view: &LinearModel) -> f64 {
-        let mut sums = [0.0; Component::ALL.len()];
+        let (mut sums, mut exact) = ([0.0; Component::ALL.len()], 0.0);
         for (row, at) in view.rows.iter().enumerate() {
             let square = if fit.weights[at.sample] == 0.0 {
                 self.limits[at.sample]
             } else {
                 view.residuals[row].powi(2)
             };
-            let component = at.component as usize;
-            sums[component] += square * fit.scales[component].powi(2);
+            // What exact drives hold counts as it is.
+            match sums.get_mut(at.component as usize) {
+                Some(sum) => *sum += square * fit.scales[at.component as usize].powi(2),
+                None => exact += square,
+            }
         }
         let measured: f64 = sums
             .iter()
@@ -58,6 +61,6 @@ impl Yardstick {
             .map(|(sum, degrees)| degrees * (sum / degrees).ln())
             .sum();
         let priors = view.residuals.rows_range(view.rows.len()..).norm_squared();
-        measured + priors - view.completed
+        measured + exact + priors - view.completed
     }
 }

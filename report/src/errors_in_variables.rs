@@ -96,7 +96,7 @@ pub fn json(found: &ErrorsInVariables, fitted: &VariantResult, closure: &Variant
 
 fn name(group: Component) -> &'static str {
     match group {
-        Component::Closure => "set 1, TCP poses",
+        Component::Closure | Component::Exact => "set 1, TCP poses",
         Component::CartPosition => "set 2, cart positions",
         Component::CartRotation => "set 2, cart rotations",
         Component::Position => "set 3, cart positions",

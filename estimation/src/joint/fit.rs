@@ -4,8 +4,8 @@ use nalgebra::{DMatrix, DVector};
 use tau_robot::robot_file::Noise;
 
 use crate::calibration::{Error, searched, widest};
-use crate::joint::Joint;
 use crate::joint::descent::{Descent, not_converged};
+use crate::joint::{Component, Joint};
 use crate::numerics::grouped::Grouped;
 use crate::numerics::projection::{Basis, Normal};
 use crate::samples::Sample;
@@ -163,13 +163,15 @@ impl Fit {
         self.residuals.norm_squared() - self.joint.completed().sum::<f64>()
     }
 
-    /// Degrees of freedom of all residuals.
+    /// Degrees of freedom of all residuals that have noise.
     pub fn degrees(&self) -> f64 {
         let measured = self.factors.iter().filter(|&&factor| factor > 0.0).count();
         // A row that stands in for a prior that is not there tells nothing.
         let is_stated = |tolerance: f64| tolerance > 0.0;
         let priors = self.joint.priors.iter();
         let stated = priors.filter(|prior| prior.tolerance.is_some_and(is_stated));
-        ((measured + stated.count()) as f64 - self.basis.q.ncols() as f64).max(1.0)
+        let all = (measured + stated.count()) as f64 - self.basis.q.ncols() as f64;
+        let (_, exact, _) = self.misfit(|row| self.joint.rows[row].component == Component::Exact);
+        (all - exact).max(1.0)
     }
 }

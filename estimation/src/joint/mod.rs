@@ -97,6 +97,21 @@ impl Joint {
         samples: &[Sample],
         noise: Noise,
     ) -> Result<Self, Error> {
+        let mut joint = Self::of_residuals(machine, nominal, samples, noise)?;
+        joint.bias = joint.bias(samples, noise)?;
+        Ok(joint)
+    }
+
+    /// The same for residuals at known values, where priors play no part.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub(crate) fn of_residuals(
+        machine: Machine,
+        nominal: &[Nominal],
+        samples: &[Sample],
+        noise: Noise,
+    ) -> Result<Self, Error> {
         Self::with(machine, nominal, samples, noise, Closures::Whitened)
     }
 
@@ -112,9 +127,9 @@ impl Joint {
         noise: Noise,
         (groups, objects): (&[Eliminated], &[Nominal]),
     ) -> Result<Self, Error> {
-        // In the order of their rows: groups of as many samples and residuals follow each other.
+        // In the order of their rows: groups of one shape follow each other.
         let mut groups = groups.to_vec();
-        groups.sort_by_key(|group| (group.samples.len(), group.by_closure.nrows()));
+        groups.sort_by_key(Eliminated::shape);
         let closures = Closures::Eliminated(&groups);
         let mut joint = Self::with(machine, nominal, samples, noise, closures)?;
         if !objects.is_empty() {
@@ -178,9 +193,6 @@ impl Joint {
         if let Some(knots) = knots::measured(&joint, samples) {
             joint.knots = knots;
             joint.groups = joint.groups();
-        }
-        if matches!(closures, Closures::Whitened) {
-            joint.bias = joint.bias(samples, noise)?;
         }
         Ok(joint)
     }
@@ -249,7 +261,7 @@ impl Joint {
     pub fn factors(&self, scales: &[f64; 4], weights: &[f64]) -> Vec<f64> {
         self.rows
             .iter()
-            .map(|row| weights[row.sample] / scales[row.component as usize])
+            .map(|row| weights[row.sample] / row.component.scale(scales))
             .collect()
     }
 
@@ -294,12 +306,17 @@ impl Joint {
 
     /// The whitening of each pose of set 1, by rows, in order.
     pub fn closure_factors(&self) -> impl Iterator<Item = &[f64]> {
+        self.closure_data().map(|(_, factor)| factor)
+    }
+
+    /// The same, with the data that all closures take of the pose before it.
+    pub(crate) fn closure_data(&self) -> impl Iterator<Item = (&[f64], &[f64])> {
         let is_of_closures = |part: &&Part| part.components.first() == Some(&Component::Closure);
         let parts = self.parts.iter().map(|rows| &rows.part);
         parts.filter(is_of_closures).flat_map(|part| {
             let (rows, width) = (part.components.len(), part.family.shape().data);
             let samples = part.data.chunks_exact(width);
-            samples.map(move |data| &data[width - rows * rows..])
+            samples.map(move |data| data.split_at(width - rows * rows))
         })
     }
 

@@ -42,10 +42,12 @@ pub enum Component {
     CartRotation,
     /// Positions of set 3.
     Position,
+    /// Closures beyond the plate's freedoms, which exact drives hold: they bind parameters, and have no noise.
+    Exact,
 }
 
 impl Component {
-    /// All of them, in the order of noise scales.
+    /// All that have noise, in the order of its scales.
     pub const ALL: [Self; 4] = [
         Self::Closure,
         Self::CartPosition,
@@ -53,10 +55,15 @@ impl Component {
         Self::Position,
     ];
 
+    /// Its scale among those of all that have noise.
+    pub(crate) fn scale(self, scales: &[f64; 4]) -> f64 {
+        scales.get(self as usize).copied().unwrap_or(1.0)
+    }
+
     /// The set that it belongs to.
     pub fn set(self) -> u8 {
         match self {
-            Self::Closure => 1,
+            Self::Closure | Self::Exact => 1,
             Self::CartPosition | Self::CartRotation => 2,
             Self::Position => 3,
         }
@@ -321,13 +328,13 @@ impl Part {
         let closures: Vec<Instance> = (machine.variant.instances_of(ResidualKind::Closure))
             .cloned()
             .collect();
-        let mut parts: BTreeMap<(usize, usize), Self> = BTreeMap::new();
+        let mut parts: BTreeMap<[usize; 3], Self> = BTreeMap::new();
         for group in groups {
-            let (poses, rows) = (group.samples.len(), group.by_closure.nrows());
+            let shape @ [poses, rows, exact] = group.shape();
             if rows == 0 {
                 continue;
             }
-            let part = parts.entry((poses, rows)).or_insert_with(|| {
+            let part = parts.entry(shape).or_insert_with(|| {
                 let all = closures.iter().cycle().take(poses * closures.len());
                 let family = WhitenedPose::eliminated(all.cloned().collect(), rows);
                 let parameters = family.parameters().to_vec();
@@ -335,7 +342,11 @@ impl Part {
                     "closures".to_owned(),
                     (Arc::new(family), parameters),
                     (samples, vec![]),
-                    vec![Component::Closure; rows],
+                    [
+                        vec![Component::Closure; rows - exact],
+                        vec![Component::Exact; exact],
+                    ]
+                    .concat(),
                 )
             });
             for &sample in &group.samples {

@@ -35,6 +35,8 @@ pub struct Eliminated {
     pub samples: Vec<usize>,
     /// Share of each closure (m²) in each residual: residuals × (samples · closures).
     pub by_closure: DMatrix<f64>,
+    /// Number of residuals, the last ones, that are of closures alone, and those exact.
+    pub exact: usize,
     /// Part that is none of the closures'.
     pub constants: DVector<f64>,
     /// Derivatives by the unknowns of targets, surfaces and balls.
@@ -45,6 +47,13 @@ pub struct Eliminated {
     pub origins: Vec<Origin>,
     /// Index of the sample that each residual says most of.
     pub owners: Vec<usize>,
+}
+
+impl Eliminated {
+    /// Number of samples, of residuals, and of exact ones among them.
+    pub(crate) fn shape(&self) -> [usize; 3] {
+        [self.samples.len(), self.by_closure.nrows(), self.exact]
+    }
 }
 
 /// Place of a row.

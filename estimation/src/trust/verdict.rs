@@ -144,7 +144,7 @@ impl Verdict {
     pub fn with_groups(mut self, groups: &[GroupFit], file: &RobotFile) -> Self {
         for group in groups {
             let (name, kind, sigma, unit) = match group.group {
-                Component::Closure => continue,
+                Component::Closure | Component::Exact => continue,
                 Component::CartPosition => {
                     ("cart_poses.csv", "position", file.noise.position_m, "m")
                 }

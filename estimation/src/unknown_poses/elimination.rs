@@ -9,7 +9,8 @@ use std::ops::Range;
 use nalgebra::{DMatrix, DVector};
 
 use super::assembly::{Assembly, CHUNK};
-use super::dense::{DEPENDENT, Dense, Triangle, dot, orthonormal, stacked};
+use super::dense::{DEPENDENT, Dense, Triangle, orthonormal, stacked};
+use super::outcome::KindFit;
 use super::rows::{Kind, RowIndex, Rows};
 use crate::numerics::parallel;
 use crate::problem::POSE_UNKNOWNS;
@@ -347,22 +348,39 @@ impl<'a> Elimination<'a> {
         }
     }
 
-    /// Sum of squares of what is left of the residuals when poses follow them to first order, and the number of rows less
-    /// that of pose unknowns.
-    pub(super) fn without_poses(&self) -> (f64, usize) {
+    /// What is left of the residuals of each kind when poses follow them to first order.
+    pub(super) fn without_poses(&self) -> Vec<KindFit> {
+        let none = |&kind: &Kind| KindFit {
+            kind,
+            rows: 0,
+            redundancy: 0.0,
+            squares: 0.0,
+        };
+        let none: Vec<KindFit> = self.kinds.iter().map(none).collect();
         let parts = self.of_chunks(|clusters, dense| {
-            let (mut squares, mut left) = (0.0, 0);
+            let mut fits = none.clone();
             for cluster in clusters {
                 self.fill(cluster, dense);
-                squares += dot(dense.rest(), dense.rest());
-                let rows = dense.rows.iter();
-                left += rows.filter(|&&row| self.weight(row) > 0.0).count() - dense.rank;
+                for (index, (&row, rest)) in dense.rows.iter().zip(dense.rest()).enumerate() {
+                    if self.weight(row) > 0.0 {
+                        let fit = &mut fits[self.blocks[row.0].kinds[row.2]];
+                        let by_poses: f64 = dense.basis().map(|column| column[index].powi(2)).sum();
+                        fit.rows += 1;
+                        fit.redundancy += 1.0 - by_poses;
+                        fit.squares += rest * rest;
+                    }
+                }
             }
-            (squares, left)
+            fits
         });
-        parts
-            .into_iter()
-            .fold((0.0, 0), |all, part| (all.0 + part.0, all.1 + part.1))
+        parts.into_iter().fold(none.clone(), |mut all, part| {
+            for (all, part) in all.iter_mut().zip(part) {
+                all.rows += part.rows;
+                all.redundancy += part.redundancy;
+                all.squares += part.squares;
+            }
+            all
+        })
     }
 
     /// Share of each residual that the fit absorbs, by rows and samples; `covariance` is that of the shared unknowns.

@@ -13,7 +13,7 @@ use super::assembly::{Assembly, Chosen};
 use super::elimination::{Elimination, Raw};
 use super::kinds::drive_sigmas;
 use super::outcome::{RowDivision, UnknownPoses};
-use super::rows::{RowPlace, Rows};
+use super::rows::{Kind, RowPlace, Rows};
 use crate::calibration::error::Error;
 use crate::calibration::nominal::Nominal;
 use crate::problem::{Eliminated, Origin, POSE_UNKNOWNS, by_pose, gradient};
@@ -23,7 +23,8 @@ use crate::samples::Sample;
 const ROUNDS: usize = 12;
 /// Moves of a pose (m, rad) below which it has arrived: far below all noise.
 const ARRIVED: f64 = 1e-7;
-/// A direction that no reference has more than this share of can't be lined up with it.
+/// A direction that no reference has more than this share of can't be lined up with it; a row with less of it is none of
+/// its own.
 const ACROSS: f64 = 1e-6;
 
 /// The measurements of a folder whose poses are unknown, with estimates of the poses.
@@ -310,15 +311,20 @@ impl Grouped<'_> {
         let outside = raw.complement();
         let origins = self.origins(samples, &of_samples);
         let reference = known.get(of_samples.as_slice());
-        let (basis, owners) = reference
-            .and_then(|known| Some((lined_up(&outside, &known.basis)?, known.owners.clone())))
+        let is_closure = |row: usize| raw.rows[row].0 == 0;
+        let are_exact = self.assembly.kinds.iter().any(Kind::is_exact);
+        let (basis, owners, exact) = reference
+            .and_then(|known| {
+                let basis = lined_up(&outside, &known.basis)?;
+                Some((basis, known.owners.clone(), known.exact))
+            })
             .unwrap_or_else(|| {
-                let (basis, pivots) = pivoted(&outside, raw.free_rows());
+                let first = |row: usize| are_exact && !is_closure(row);
+                let (basis, pivots, rest) = pivoted(&outside, raw.free_rows(), first);
                 let owners = pivots.iter().map(|&row| origins[row].sample);
-                (basis, owners.collect())
+                (basis, owners.collect(), if are_exact { rest } else { 0 })
             });
         let shares = self.closure_shares(machine, samples, &own)?;
-        let is_closure = |row: usize| raw.rows[row].0 == 0;
         let measured = DVector::from_fn(raw.rows.len(), |row, _| {
             if is_closure(row) {
                 0.0
@@ -331,6 +337,7 @@ impl Grouped<'_> {
         let displaced = DVector::from_fn(objects, |k, _| displaced.get(k).copied().unwrap_or(0.0));
         Ok(Eliminated {
             by_closure: basis.tr_mul(&shares),
+            exact,
             constants: basis.tr_mul(&measured) - &by_object * displaced,
             by_object,
             samples: of_samples,
@@ -412,19 +419,32 @@ impl Grouped<'_> {
     }
 }
 
-/// Orthonormal directions in the image of a projection, so many of them, each with the row that it says most of.
-fn pivoted(outside: &DMatrix<f64>, count: usize) -> (DMatrix<f64>, Vec<usize>) {
+/// Orthonormal directions in the image of a projection, so many of them, each with the row that it says most of: those of
+/// some rows first, as long as these leave anything, and the number of directions behind, which have no share in them.
+fn pivoted(
+    outside: &DMatrix<f64>,
+    count: usize,
+    is_first: impl Fn(usize) -> bool,
+) -> (DMatrix<f64>, Vec<usize>, usize) {
     let mut left = outside.clone();
     let mut basis = DMatrix::zeros(outside.nrows(), count);
-    let mut pivots = vec![];
+    let (mut pivots, mut first) = (vec![], 0);
     for k in 0..count {
-        let (row, size) = left.diagonal().argmax();
-        let direction = left.column(row) / size.max(f64::MIN_POSITIVE).sqrt();
+        let among = |wanted: &dyn Fn(usize) -> bool| {
+            let rows = (0..left.nrows()).filter(|&row| wanted(row));
+            rows.max_by(|&a, &b| left[(a, a)].total_cmp(&left[(b, b)]))
+        };
+        let own = among(&is_first).filter(|&row| first == k && left[(row, row)] > ACROSS);
+        first += usize::from(own.is_some());
+        let Some(row) = own.or_else(|| among(&|_| true)) else {
+            break;
+        };
+        let direction = left.column(row) / left[(row, row)].max(f64::MIN_POSITIVE).sqrt();
         left -= &direction * direction.transpose();
         basis.set_column(k, &direction);
         pivots.push(row);
     }
-    (basis, pivots)
+    (basis, pivots, count - first)
 }
 
 /// The basis of the image of a projection that is nearest to another, `None` where it lacks one of its directions (N. J.
@@ -479,7 +499,8 @@ mod tests {
     #[test]
     fn pivots_give_an_orthonormal_basis_of_what_is_left() {
         let columns = random(9, 4, 1);
-        let (basis, pivots) = pivoted(&outside(&columns), 5);
+        let (basis, pivots, rest) = pivoted(&outside(&columns), 5, |_| false);
+        assert_eq!(rest, 5);
         assert!((basis.tr_mul(&basis) - DMatrix::identity(5, 5)).norm() < 1e-12);
         assert!(columns.tr_mul(&basis).norm() < 1e-12);
         let mut rows = pivots.clone();
@@ -488,10 +509,21 @@ mod tests {
         assert_eq!(rows.len(), 5, "{pivots:?}");
     }
 
+    /// Four rows that two columns move, and one that a third does: beside it three directions of the four are left.
+    #[test]
+    fn some_rows_come_first_and_the_rest_has_no_share_in_them() {
+        let columns = random(6, 2, 1);
+        let is_first = |row: usize| row == 5;
+        let (basis, pivots, rest) = pivoted(&outside(&columns), 4, is_first);
+        assert_eq!((pivots[0], rest), (5, 3));
+        assert!((basis.tr_mul(&basis) - DMatrix::identity(4, 4)).norm() < 1e-12);
+        assert!(basis.row(5).columns(1, 3).norm() < 1e-12);
+    }
+
     #[test]
     fn a_basis_turns_as_little_as_it_can() {
         let columns = random(9, 4, 2);
-        let (reference, _) = pivoted(&outside(&columns), 5);
+        let (reference, ..) = pivoted(&outside(&columns), 5, |_| false);
         let nearby = outside(&(columns + 1e-3 * random(9, 4, 3)));
         let basis = lined_up(&nearby, &reference).unwrap();
         assert!((basis.tr_mul(&basis) - DMatrix::identity(5, 5)).norm() < 1e-12);

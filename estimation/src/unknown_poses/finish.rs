@@ -6,6 +6,7 @@ use tau_solver::Problem;
 
 use super::elimination::Reduced;
 use super::fit::Fit;
+use super::outcome::KindFit;
 use super::{ObjectEstimate, Rank, UnknownPoses, heldout, quantity};
 use crate::calibration::{self, Calibration, Combination, Error, Fitted, combinations};
 use crate::numerics::triangle;
@@ -59,8 +60,8 @@ impl Fit<'_> {
             calibration,
             objects,
             unknown_objects: self.assembly.objects.clone(),
-            chi2: kinds.iter().map(|kind| kind.squares).sum(),
-            dof: kinds.iter().map(|kind| kind.redundancy).sum(),
+            chi2: kinds.iter().map(KindFit::chi2).sum(),
+            dof: kinds.iter().map(KindFit::dof).sum(),
             kinds,
             rank,
             gross: self.gross.clone(),

@@ -7,9 +7,13 @@ use tau_kinematics::Machine;
 use super::assembly::{Assembly, Chosen};
 use super::elimination::{Elimination, Reduced};
 use super::fit::Fit;
+use super::outcome::KindFit;
 use super::rows::{Kind, Rows};
 use crate::calibration::Error;
 use crate::problem::POSE_UNKNOWNS;
+
+/// Number of residuals beyond the unknowns of poses that is none but for rounding.
+const LEAST: f64 = 1e-6;
 
 /// Errors of a kind of measurement on rows held out.
 #[derive(Debug, Clone, PartialEq)]
@@ -66,11 +70,13 @@ impl HeldOut {
         let own = vec![0.0; POSE_UNKNOWNS * assembly.poses.len()];
         let elimination = Elimination::new(&blocks, &assembly, shared, &own);
         let reduced = elimination.reduce();
-        let (squares, left) = elimination.without_poses();
+        let kinds = elimination.without_poses();
+        let squares: f64 = kinds.iter().map(KindFit::chi2).sum();
+        let left: f64 = kinds.iter().map(KindFit::dof).sum();
         Ok(Some(Self {
             poses: assembly.poses.len(),
             rows: reduced.rows(),
-            residual_over_noise: (left > 0).then(|| (squares / left as f64).sqrt()),
+            residual_over_noise: (left > LEAST).then(|| (squares / left).sqrt()),
             predicted: predicted(&blocks, &assembly.kinds, &reduced),
         }))
     }

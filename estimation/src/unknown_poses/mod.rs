@@ -281,7 +281,7 @@ impl Fit<'_> {
     ) -> Result<usize, Error> {
         let heights = self.heights();
         let kinds = self.assembly.kinds.clone();
-        let exact = kinds.iter().position(|kind| kind.stated.is_none());
+        let exact = kinds.iter().position(Kind::is_exact);
         // A sketch has several starts, each soon given up, in place of a long way from one.
         if self.is_sketch && exact.is_none() && heights.is_empty() {
             return Ok(0);

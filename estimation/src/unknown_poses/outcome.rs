@@ -159,6 +159,26 @@ pub struct KindFit {
 }
 
 impl KindFit {
+    /// True if the rows tell something against their noise: exact drives have none, and what stands for it is only a
+    /// bound, which they meet or not.
+    fn is_judged(&self) -> bool {
+        !self.kind.is_exact() || self.squares > self.redundancy
+    }
+
+    /// Sum of squares that counts.
+    pub(super) fn chi2(&self) -> f64 {
+        if self.is_judged() { self.squares } else { 0.0 }
+    }
+
+    /// Residuals that count, less what the fit absorbs of them.
+    pub(super) fn dof(&self) -> f64 {
+        if self.is_judged() {
+            self.redundancy
+        } else {
+            0.0
+        }
+    }
+
     /// Root mean square of the residuals over the noise, by what the fit leaves of them; `None` where it leaves nothing.
     pub fn residual_over_noise(&self) -> Option<f64> {
         let left = self.redundancy > (1.0 - ABSORBED) * self.rows as f64;

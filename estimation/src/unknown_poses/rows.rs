@@ -42,6 +42,11 @@ impl Kind {
     pub fn is_estimated(&self) -> bool {
         self.stated == Some(StatedNoise::Estimate)
     }
+
+    /// True for drives without noise.
+    pub fn is_exact(&self) -> bool {
+        self.stated.is_none()
+    }
 }
 
 /// A family with its samples.

@@ -385,7 +385,7 @@ impl Fit<'_> {
         let by_poses = elimination.leverages(&found.followed);
         let mut errors = vec![];
         for (block, rows) in self.blocks.iter().enumerate() {
-            if !self.can_be_gross(block) && self.assembly.kinds[rows.kinds[0]].stated.is_none() {
+            if !self.can_be_gross(block) && self.assembly.kinds[rows.kinds[0]].is_exact() {
                 continue;
             }
             let each = rows.kinds.len();
