@@ -10,6 +10,7 @@ use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot::{Parameter, ResidualKind, Variant};
 use tau_robot::robot_file::RobotFile;
 use tau_robot::robot_file::keys::WIDE;
+use tau_runtime::{Kernel, LANES, Lanes, block_count, vectorized};
 
 use crate::calibration::{Calibration, Prepared};
 use crate::implicit::Linearized;
@@ -23,10 +24,10 @@ const MOST_POSES: usize = 4000;
 pub struct Uncertainty {
     /// Row of each of the variant's parameters in [`Self::factor`]; `None` where the parameter is known exactly.
     rows: Vec<Option<usize>>,
-    /// F, by rows; zeros at their ends are left out.
-    factor: Vec<Vec<f64>>,
-    /// Number of columns of F.
-    columns: usize,
+    /// F: one row after the other, each in as many blocks of columns.
+    factor: Vec<Lanes>,
+    /// Number of blocks of a row.
+    blocks: usize,
 }
 
 /// Covariance of a predicted pose.
@@ -62,10 +63,24 @@ impl Uncertainty {
         let rows = (0..variant.parameters.len())
             .map(|index| listed.iter().position(|&own| own == index))
             .collect();
+        Self::by_rows(rows, &factor)
+    }
+
+    /// Of parameters by their rows of F, where zeros at their ends may be left out.
+    fn by_rows(rows: Vec<Option<usize>>, factor: &[Vec<f64>]) -> Self {
+        let columns = factor.iter().map(Vec::len).max();
+        let blocks = block_count(columns.unwrap_or(0));
+        let of_row = |row: &Vec<f64>| {
+            let mut lanes = vec![Lanes::ZERO; blocks];
+            for (column, entry) in row.iter().enumerate() {
+                lanes[column / LANES][column % LANES] = *entry;
+            }
+            lanes
+        };
         Self {
             rows,
-            columns: factor.len(),
-            factor,
+            factor: factor.iter().flat_map(of_row).collect(),
+            blocks,
         }
     }
 
@@ -111,28 +126,26 @@ impl Uncertainty {
         };
         let rows = variant.parameters.iter().enumerate().map(row);
         let rows = rows.collect::<Option<Vec<_>>>()?;
-        Some(Self {
-            rows,
-            factor,
-            columns,
-        })
+        Some(Self::by_rows(rows, &factor))
     }
 
     /// Rows of F of some parameters, given by index; zero where one is known exactly.
     pub(crate) fn factor_of(&self, parameters: &[usize]) -> DMatrix<f64> {
-        let mut factor = DMatrix::zeros(parameters.len(), self.columns);
+        let mut factor = DMatrix::zeros(parameters.len(), LANES * self.blocks);
         for (row, &index) in parameters.iter().enumerate() {
             if let Some(own) = self.rows.get(index).copied().flatten() {
-                for (column, entry) in self.factor[own].iter().enumerate() {
-                    factor[(row, column)] = *entry;
+                let own = &self.factor[own * self.blocks..][..self.blocks];
+                for (column, entry) in own.iter().flat_map(|lanes| lanes.0).enumerate() {
+                    factor[(row, column)] = entry;
                 }
             }
         }
         factor
     }
 
-    /// Largest [distance](PoseUncertainty::distance_m) of a machine's predicted positions at poses of a folder, given by
-    /// index (m): at the evenly spread part of them that takes part where there are thousands.
+    /// Largest [distance](PoseUncertainty::distance_m) of a machine's positions at measured poses of a folder, given by
+    /// index (m): at the evenly spread part of them that takes part where there are thousands. It is as large where the
+    /// pose is predicted, since that lies within a share of a thousandth of the machine.
     ///
     /// # Errors
     /// A pose can't be predicted.
@@ -147,9 +160,8 @@ impl Uncertainty {
             .filter_map(|&pose| folder.tcp_poses.get(pose))
             .collect();
         let distances = parallel::map(&poses, |&measured| {
-            let sample = Sample::from(measured);
-            let pose = machine.forward_fitted(&sample)?.pose;
-            Ok::<_, Error>(self.pose(machine, &sample.at(pose))?.distance_m())
+            let known = self.pose(machine, &Sample::from(measured))?;
+            Ok::<_, Error>(known.distance_m())
         });
         distances
             .into_iter()
@@ -159,10 +171,8 @@ impl Uncertainty {
     /// The same with standard deviations so many times as large.
     #[must_use]
     pub fn widened(mut self, by: f64) -> Self {
-        self.factor
-            .iter_mut()
-            .flatten()
-            .for_each(|entry| *entry *= by);
+        let entries = self.factor.iter_mut().flat_map(|lanes| &mut lanes.0);
+        entries.for_each(|entry| *entry *= by);
         self
     }
 
@@ -173,14 +183,15 @@ impl Uncertainty {
     pub fn pose(&self, machine: &Machine, sample: &Sample<'_>) -> Result<PoseUncertainty, Error> {
         let unknowns = machine.pose_unknowns();
         let motion = self.motion(machine, sample, unknowns)?;
-        let mut full = DMatrix::zeros(POSE_COLUMNS, motion.ncols());
-        for (row, &unknown) in unknowns.iter().enumerate() {
-            full.set_row(unknown, &motion.row(row));
+        let mut covariance = Matrix6::zeros();
+        let rows = || self.rows_of(&motion).zip(unknowns);
+        for (index, (row, &unknown)) in rows().enumerate() {
+            for (other, &with) in rows().take(index + 1) {
+                let product = dot(row, other);
+                (covariance[(unknown, with)], covariance[(with, unknown)]) = (product, product);
+            }
         }
-        let covariance = &full * full.transpose();
-        Ok(PoseUncertainty {
-            covariance: covariance.fixed_view::<6, 6>(0, 0).into_owned(),
-        })
+        Ok(PoseUncertainty { covariance })
     }
 
     /// Standard deviations of the commands (m) at which a machine takes the pose of a sample, or, where the orientation
@@ -198,38 +209,91 @@ impl Uncertainty {
         let first = turning.len();
         let unknowns: Vec<usize> = turning.chain(commands).collect();
         let motion = self.motion(machine, sample, &unknowns)?;
-        Ok((first..unknowns.len())
-            .map(|row| motion.row(row).norm())
-            .collect())
+        let rows = self.rows_of(&motion).skip(first);
+        Ok(rows.map(|row| dot(row, row).sqrt()).collect())
     }
 
-    /// S·F: one row per unknown.
+    /// S·F: one row per unknown after the other.
     fn motion(
         &self,
         machine: &Machine,
         sample: &Sample<'_>,
         unknowns: &[usize],
-    ) -> Result<DMatrix<f64>, Error> {
+    ) -> Result<Vec<Lanes>, Error> {
         let closures = Linearized::new(machine, sample)?;
-        let count = closures.by_parameters.len();
-        let mut by_factor = vec![0.0; count * self.columns];
-        let rows = by_factor.chunks_exact_mut(self.columns.max(1));
-        for (sums, entries) in rows.zip(&closures.by_parameters) {
-            for &(parameter, entry) in entries {
-                let Some(own) = self.rows.get(parameter).copied().flatten() else {
-                    continue;
-                };
-                for (sum, value) in sums.iter_mut().zip(&self.factor[own]) {
-                    *sum += entry * value;
-                }
-            }
-        }
-        let by_factor = DMatrix::from_row_slice(count, self.columns, &by_factor);
-        let response = closures.response(unknowns);
         let not_finite = || Error::NotFinite {
             closure: machine.variant.name.clone(),
             effects: Vec::new(),
         };
-        Ok(response.ok_or_else(not_finite)? * by_factor)
+        let response = closures.response(unknowns).ok_or_else(not_finite)?;
+        let product = Motion {
+            closures: &closures.by_parameters,
+            known: self,
+        };
+        let mut motion = vec![Lanes::ZERO; unknowns.len() * self.blocks];
+        let mut by_factor = vec![Lanes::ZERO; self.blocks];
+        let numbers = response.as_slice();
+        vectorized(product, &self.factor, numbers, &mut motion, &mut by_factor);
+        Ok(motion)
     }
+
+    /// Rows that are given one after the other.
+    fn rows_of<'a>(&self, lanes: &'a [Lanes]) -> impl Iterator<Item = &'a [Lanes]> + use<'a> {
+        lanes.chunks_exact(self.blocks.max(1))
+    }
+}
+
+/// The product S·F, closure by closure.
+#[derive(Clone, Copy)]
+struct Motion<'a> {
+    /// Derivatives of each by parameters, given by index.
+    closures: &'a [Vec<(usize, f64)>],
+    known: &'a Uncertainty,
+}
+
+impl Kernel for Motion<'_> {
+    /// From F and from how the unknowns follow the closures, by columns.
+    #[inline(always)]
+    fn run(
+        self,
+        factor: &[Lanes],
+        response: &[f64],
+        motion: &mut [Lanes],
+        by_factor: &mut [Lanes],
+    ) {
+        let Uncertainty { rows, blocks, .. } = self.known;
+        let unknowns = response.len() / self.closures.len().max(1);
+        let response = response.chunks_exact(unknowns.max(1));
+        for (entries, response) in self.closures.iter().zip(response) {
+            by_factor.fill(Lanes::ZERO);
+            for &(parameter, entry) in entries {
+                if let Some(row) = rows.get(parameter).copied().flatten() {
+                    add(by_factor, entry, &factor[row * blocks..]);
+                }
+            }
+            for (row, &entry) in motion.chunks_exact_mut(*blocks).zip(response) {
+                add(row, entry, by_factor);
+            }
+        }
+    }
+}
+
+/// Adds a multiple of some numbers to as many others.
+#[inline(always)]
+fn add(sums: &mut [Lanes], factor: f64, values: &[Lanes]) {
+    for (sum, value) in sums.iter_mut().zip(values) {
+        for lane in 0..LANES {
+            sum[lane] += factor * value[lane];
+        }
+    }
+}
+
+fn dot(a: &[Lanes], b: &[Lanes]) -> f64 {
+    let mut sums = Lanes::ZERO;
+    for (a, b) in a.iter().zip(b) {
+        for lane in 0..LANES {
+            sums[lane] += a[lane] * b[lane];
+        }
+    }
+    sums.sum()
 }

@@ -88,28 +88,25 @@ fn share(
             (part.family).linearize(&prepared, own, &mut [0.0], &mut jacobian);
             let weight = part.weights[place];
             let share = weight * weight * information.sqrt();
+            let [x, y, z, a, b, c] = part.by_pose[place];
+            let (position, rotation) = (share * noise.position_m, share * noise.rotation_rad);
+            let slopes = [
+                x * position,
+                y * position,
+                z * position,
+                a * rotation,
+                b * rotation,
+                c * rotation,
+            ];
             let columns = part.family.pattern().columns.iter();
             for (&column, entry) in columns.zip(&jacobian) {
-                let column = part.parameters[column as usize];
-                for (k, slope) in part.by_pose[place].iter().enumerate() {
-                    let sigma = if k < 3 {
-                        noise.position_m
-                    } else {
-                        noise.rotation_rad
-                    };
-                    by_noise[(6 * block + k, column)] += share * slope * sigma * entry;
+                let mut column = by_noise.column_mut(part.parameters[column as usize]);
+                let own = column.as_mut_slice()[6 * block..].iter_mut();
+                for (sum, slope) in own.zip(slopes) {
+                    *sum += slope * entry;
                 }
             }
         }
     }
-    // The product with itself is symmetric: its lower triangle is enough.
-    let column = |k: usize| by_noise.column(k);
-    let mut squares = DMatrix::zeros(fitted.len(), fitted.len());
-    for i in 0..fitted.len() {
-        for j in 0..=i {
-            let product = column(i).dot(&column(j));
-            (squares[(i, j)], squares[(j, i)]) = (product, product);
-        }
-    }
-    squares
+    by_noise.transpose() * &by_noise
 }

@@ -16,7 +16,7 @@ impl Joint {
     /// Bias of the score by each parameter of the fit, where it stands.
     pub(super) fn bias(&self, samples: &[Sample], noise: Noise) -> Result<Vec<f64>, Error> {
         let of_poses = samples.iter().filter(|sample| sample.set == 1);
-        let of_poses: Vec<_> = of_poses.zip(self.closure_factors()).collect();
+        let of_poses: Vec<_> = of_poses.zip(self.closure_data()).collect();
         let step = of_poses.len().div_ceil(TELLING).max(1);
         let telling: Vec<_> = of_poses.iter().copied().step_by(step).collect();
         let share = of_poses.len() as f64 / telling.len().max(1) as f64;

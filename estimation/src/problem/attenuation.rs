@@ -10,6 +10,8 @@
 //! The noise is the stated one, or as much of it as there is in r: what a model lacks is in r too, but is none of the pose.
 //! The mean of r itself, ½·tr(r″·Σ_x), is left out: it is that of a length wrong by σ²/L.
 
+use std::ops::Range;
+
 use nalgebra::{DMatrix, DVector};
 use tau_kinematics::Machine;
 use tau_robot::robot::{Instance, ResidualKind};
@@ -63,7 +65,7 @@ pub(crate) fn corrected(
     let stride = samples.len().div_ceil(TELLING).max(1);
     let telling: Vec<&Sample> = samples.iter().step_by(stride).collect();
     let share = samples.len() as f64 / telling.len().max(1) as f64 * misfit.min(1.0);
-    let displaced = |closure: usize, telling: usize| {
+    let displacement = |closure: usize, telling: usize| {
         let (part, sample) = (&residuals.parts[closure], stride * telling);
         let of_closure = displacement(&part.by_pose[sample], part.weights[sample], noise);
         Displacement {
@@ -71,9 +73,15 @@ pub(crate) fn corrected(
             ..of_closure
         }
     };
+    let data = |closure: usize, telling: usize| {
+        let part = &residuals.parts[closure];
+        let width = part.family.shape().data;
+        &part.data[stride * telling * width..][..width]
+    };
+    let displaced = Displaced::all(machine, &telling, &data, &displacement)?;
     for _ in 0..ROUNDS {
         let values = super::values(machine, &residuals.used, &fitted);
-        let bias = bias(machine, &values, &telling, &displaced)?;
+        let bias = bias(machine, &values, &displaced);
         let of_fit = residuals.used.iter().map(|&index| bias[index]);
         let step = inverse * DVector::from_iterator(fitted.len(), of_fit);
         let mut has_moved = false;
@@ -100,17 +108,17 @@ fn displacement(slopes: &[f64; 6], weight: f64, noise: Noise) -> Displacement {
     }
 }
 
-/// b by each parameter of a machine's variant where all closures of a pose are whitened together: beside each sample a
-/// matrix A by rows, with W = AᵀA.
+/// b by each parameter of a machine's variant where all closures of a pose are whitened together: beside each sample what
+/// the closures take of it, one after the other, and a matrix A by rows, with W = AᵀA.
 ///
 /// # Errors
 /// Data that closures take are missing.
 pub(crate) fn whitened_bias(
     machine: &Machine,
-    samples: &[(&Sample, &[f64])],
+    samples: &[(&Sample, (&[f64], &[f64]))],
     noise: Noise,
 ) -> Result<Vec<f64>, Error> {
-    let of_samples = samples.iter().map(|(sample, factor)| {
+    let of_samples = samples.iter().map(|(sample, (_, factor))| {
         let gradients = machine.gradients(&sample.view());
         let gradients = gradients.map_err(|error| Error::at_pose(sample.number, error))?;
         let count = gradients.len();
@@ -126,10 +134,20 @@ pub(crate) fn whitened_bias(
         Ok((0..count).map(of_closure).collect())
     });
     let known = of_samples.collect::<Result<Vec<Vec<Displacement>>, Error>>()?;
+    let closures = machine.variant.instances_of(ResidualKind::Closure);
+    let mut end = 0;
+    let places: Vec<Range<usize>> = closures
+        .map(|closure| {
+            let start = end;
+            end += closure.inputs.len();
+            start..end
+        })
+        .collect();
+    let data = |closure: usize, sample: usize| &samples[sample].1.0[places[closure].clone()];
+    let displacement = |closure: usize, sample: usize| known[sample][closure];
     let samples: Vec<&Sample> = samples.iter().map(|(sample, _)| *sample).collect();
-    bias(machine, &machine.values, &samples, &|closure, sample| {
-        known[sample][closure]
-    })
+    let displaced = Displaced::all(machine, &samples, &data, &displacement)?;
+    Ok(bias(machine, &machine.values, &displaced))
 }
 
 /// Coordinates of a pose's noise in units of it, in metres and radians.
@@ -145,71 +163,103 @@ fn times_noise([x, y, z, a, b, c]: [f64; 6], noise: Noise) -> [f64; 6] {
     ]
 }
 
-fn bias(
-    machine: &Machine,
-    values: &[f64],
-    samples: &[&Sample],
-    displacement: &(impl Fn(usize, usize) -> Displacement + Sync),
-) -> Result<Vec<f64>, Error> {
-    let mut bias = vec![0.0; values.len()];
-    let all: Vec<usize> = (0..samples.len()).collect();
-    let closures = machine.variant.instances_of(ResidualKind::Closure);
-    for (index, closure) in closures.enumerate() {
-        let own: Vec<f64> = closure.parameters.iter().map(|&p| values[p]).collect();
-        let chunks: Vec<&[usize]> = all.chunks(CHUNK).collect();
-        let shares: Vec<Result<Vec<f64>, Error>> = parallel::map(&chunks, |places| {
-            let displaced = places.iter().map(|&place| displacement(index, place));
-            let displaced: Vec<Displacement> = displaced.collect();
-            share((machine, closure), &own, &samples[places[0]..], &displaced)
-        });
-        // Added in order, so that the sum does not depend on threads.
-        for share in shares {
-            for (&parameter, share) in closure.parameters.iter().zip(share?) {
-                bias[parameter] += share;
-            }
-        }
-    }
-    Ok(bias)
+/// Some samples of a closure, prepared where they were measured and where the noise displaces them.
+struct Displaced {
+    /// Index of the closure.
+    closure: usize,
+    here: Vec<f64>,
+    there: Vec<f64>,
+    factors: Vec<f64>,
 }
 
-/// Part of b that a closure has from as many samples as there are displacements.
-fn share(
-    (machine, closure): (&Machine, &Instance),
-    own: &[f64],
-    samples: &[&Sample],
-    displaced: &[Displacement],
-) -> Result<Vec<f64>, Error> {
-    let family = &closure.family;
-    let columns = family.pattern().columns;
-    let derivatives = |is_displaced: bool| -> Result<Vec<f64>, Error> {
-        let mut data = Vec::new();
-        for (sample, Displacement { by, .. }) in samples.iter().zip(displaced) {
-            let mut view = sample.view();
-            if is_displaced {
-                let [x, y, z, a, b, c] = *by;
-                view = view.at(sample.pose.moved([x, y, z].into(), [a, b, c].into()));
+impl Displaced {
+    /// All samples of all closures; `data` and `displacement` are those of a closure at a sample.
+    fn all<'a>(
+        machine: &Machine,
+        samples: &[&Sample],
+        data: &(impl Fn(usize, usize) -> &'a [f64] + Sync),
+        displacement: &(impl Fn(usize, usize) -> Displacement + Sync),
+    ) -> Result<Vec<Self>, Error> {
+        let closures: Vec<&Instance> =
+            (machine.variant.instances_of(ResidualKind::Closure)).collect();
+        let chunks = (0..samples.len()).step_by(CHUNK);
+        let chunks = chunks.map(|first| first..samples.len().min(first + CHUNK));
+        let pieces: Vec<(usize, Range<usize>)> = (0..closures.len())
+            .flat_map(|closure| chunks.clone().map(move |places| (closure, places)))
+            .collect();
+        let of_pieces = parallel::map_owned(pieces, |(index, places)| {
+            let (closure, count) = (closures[index], places.len());
+            let (mut here, mut there, mut factors) = (Vec::new(), Vec::new(), Vec::new());
+            for place in places {
+                let Displacement { by, factor } = displacement(index, place);
+                let ([x, y, z, a, b, c], sample) = (by, samples[place]);
+                let pose = sample.pose.moved([x, y, z].into(), [a, b, c].into());
+                (machine.fill(closure, &sample.view().at(pose), &mut there))
+                    .map_err(|error| Error::at_pose(sample.number, error))?;
+                here.extend_from_slice(data(index, place));
+                factors.push(factor);
             }
-            (machine.fill(closure, &view, &mut data))
-                .map_err(|error| Error::at_pose(sample.number, error))?;
+            let prepared = |data: &[f64]| {
+                let mut prepared = vec![0.0; count * closure.family.shape().prepared];
+                closure.family.prepare_all(data, &mut prepared);
+                prepared
+            };
+            Ok(Self {
+                closure: index,
+                here: prepared(&here),
+                there: prepared(&there),
+                factors,
+            })
+        });
+        of_pieces.into_iter().collect()
+    }
+
+    /// Part of b by each parameter of the closure, which has these values.
+    fn share(&self, closure: &Instance, own: &[f64]) -> Vec<f64> {
+        let family = &closure.family;
+        let columns = family.pattern().columns;
+        let derivatives = |prepared: &[f64]| {
+            let mut residuals = vec![0.0; self.factors.len()];
+            let mut jacobian = vec![0.0; self.factors.len() * columns.len()];
+            family.linearize_all(prepared, own, &mut residuals, &mut jacobian);
+            jacobian
+        };
+        let (there, here) = (derivatives(&self.there), derivatives(&self.here));
+        let rows = there
+            .chunks_exact(columns.len())
+            .zip(here.chunks_exact(columns.len()));
+        let mut share = vec![0.0; own.len()];
+        for ((there, here), factor) in rows.zip(&self.factors) {
+            for ((&column, there), here) in columns.iter().zip(there).zip(here) {
+                share[column as usize] += factor * (there - here);
+            }
         }
-        let mut prepared = vec![0.0; displaced.len() * family.shape().prepared];
-        let mut residuals = vec![0.0; displaced.len()];
-        let mut jacobian = vec![0.0; displaced.len() * columns.len()];
-        family.prepare_all(&data, &mut prepared);
-        family.linearize_all(&prepared, own, &mut residuals, &mut jacobian);
-        Ok(jacobian)
-    };
-    let (there, here) = (derivatives(true)?, derivatives(false)?);
-    let rows = there
-        .chunks_exact(columns.len())
-        .zip(here.chunks_exact(columns.len()));
-    let mut share = vec![0.0; own.len()];
-    for ((there, here), Displacement { factor, .. }) in rows.zip(displaced) {
-        for ((&column, there), here) in columns.iter().zip(there).zip(here) {
-            share[column as usize] += factor * (there - here);
+        share
+    }
+}
+
+/// b by each parameter of a machine's variant.
+fn bias(machine: &Machine, values: &[f64], displaced: &[Displaced]) -> Vec<f64> {
+    let closures: Vec<(&Instance, Vec<f64>)> = (machine.variant)
+        .instances_of(ResidualKind::Closure)
+        .map(|closure| {
+            let own = closure.parameters.iter().map(|&index| values[index]);
+            (closure, own.collect())
+        })
+        .collect();
+    let shares = parallel::map(displaced, |displaced| {
+        let (closure, own) = &closures[displaced.closure];
+        displaced.share(closure, own)
+    });
+    // Added in order, so that the sum does not depend on threads.
+    let mut bias = vec![0.0; values.len()];
+    for (displaced, share) in displaced.iter().zip(shares) {
+        let parameters = &closures[displaced.closure].0.parameters;
+        for (&parameter, share) in parameters.iter().zip(share) {
+            bias[parameter] += share;
         }
     }
-    Ok(share)
+    bias
 }
 
 #[cfg(test)]
@@ -294,9 +344,9 @@ mod tests {
         let machine = &joint.machine;
         let sample = &samples[3];
 
-        let factor = joint.closure_factors().nth(3).unwrap();
+        let (data, factor) = joint.closure_data().nth(3).unwrap();
         let whitening = DMatrix::from_row_slice(6, 6, factor);
-        let found = whitened_bias(machine, &[(sample, factor)], NOISE).unwrap();
+        let found = whitened_bias(machine, &[(sample, (data, factor))], NOISE).unwrap();
         let expected = drawn(machine, sample, &whitening.tr_mul(&whitening));
         assert_alike(machine, &found, &expected);
 
@@ -305,11 +355,13 @@ mod tests {
             .map(|&value| crate::calibration::Nominal::new(value, None))
             .collect();
         let apart = Residuals::new(machine, &nominal, own, NOISE, Closures::Apart).unwrap();
-        let displaced = |closure: usize, _: usize| {
+        let displacement = |closure: usize, _: usize| {
             let part = &apart.parts[closure];
             displacement(&part.by_pose[0], part.weights[0], NOISE)
         };
-        let found = bias(machine, &machine.values, &[sample], &displaced).unwrap();
+        let data = |closure: usize, _: usize| apart.parts[closure].data.as_slice();
+        let displaced = Displaced::all(machine, &[sample], &data, &displacement).unwrap();
+        let found = bias(machine, &machine.values, &displaced);
         let weights = apart.parts.iter().map(|part| part.weights[0].powi(2));
         let weights = DMatrix::from_diagonal(&DVector::from_iterator(6, weights));
         assert_alike(machine, &found, &drawn(machine, sample, &weights));

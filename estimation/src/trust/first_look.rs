@@ -5,7 +5,7 @@
 //! by so many times the noise that what closures share does not matter.
 
 use nalgebra::{Cholesky, DMatrix, DVector};
-use tau_robot::robot::{Arm, Instance, ResidualKind, TrackShape};
+use tau_robot::robot::{Arm, ResidualKind, TrackShape};
 
 use crate::calibration::Prepared;
 use crate::numerics::parallel;
@@ -40,20 +40,22 @@ impl<'a> FirstLook<'a> {
         })
     }
 
-    /// The sum of squares and priors that measurements leave, by hypothesis; infinite where a hypothesis has none.
-    pub(crate) fn totals(&self, hypotheses: &[Hypothesis]) -> Vec<f64> {
+    /// The sum of squares and priors that measurements leave, by hypothesis, of those that leave less than a limit.
+    pub(crate) fn totals_below(&self, limit: f64, hypotheses: &[Hypothesis]) -> Vec<Option<f64>> {
         parallel::map(hypotheses, |hypothesis| {
-            let total = self.total(&self.case.mended(hypothesis));
-            total.unwrap_or(f64::INFINITY)
+            self.total_below(limit, &self.case.mended(hypothesis))
         })
     }
 
-    /// The same of the case as given.
+    /// The same of the case as given; infinite where it has none.
     pub(crate) fn total_as_given(&self) -> f64 {
-        self.total(self.case).unwrap_or(f64::INFINITY)
+        let total = self.total_below(f64::INFINITY, self.case);
+        total.unwrap_or(f64::INFINITY)
     }
 
-    fn total(&self, mended: &Case<'_>) -> Option<f64> {
+    /// Closures are added up as long as they leave less than the limit: most readings of measurements that are wrong
+    /// leave more at the first.
+    fn total_below(&self, limit: f64, mended: &Case<'_>) -> Option<f64> {
         let variant = mended.variant;
         let is_piecewise = |shape| shape == TrackShape::Piecewise;
         // Dimensions of reduced arms and the frames of measured paths are told by the measured poses.
@@ -63,30 +65,21 @@ impl<'a> FirstLook<'a> {
         let own = own.transpose().ok()?;
         let prepared = own.as_ref().unwrap_or(&self.prepared);
         let machine = &prepared.machine;
-        let closures: Vec<&Instance> = variant.instances_of(ResidualKind::Closure).collect();
-        let mut data = vec![Vec::new(); closures.len()];
         let samples = mended.samples();
         let poses = samples.len();
-        let mut of_sample = Vec::new();
-        for sample in &samples {
-            let inputs = closures.iter().map(|closure| closure.inputs.as_slice());
-            of_sample.clear();
-            let filled = (machine.surroundings).fill_all(inputs, &sample.view(), &mut of_sample);
-            filled.ok()?;
-            let mut rest = of_sample.as_slice();
-            for (data, closure) in data.iter_mut().zip(&closures) {
-                let (own, others) = rest.split_at(closure.inputs.len());
-                data.extend_from_slice(own);
-                rest = others;
-            }
-        }
+        let mut data = Vec::new();
         let (mut prepared_data, mut entries) = (Vec::new(), Vec::new());
         let (mut residuals, mut slopes) = (DVector::zeros(poses), DVector::zeros(poses));
         let mut total = 0.0;
-        for ((closure, data), weights) in closures.into_iter().zip(&data).zip(&self.weights) {
+        let closures = variant.instances_of(ResidualKind::Closure);
+        for (closure, weights) in closures.zip(&self.weights) {
             let family = &closure.family;
+            data.clear();
+            for sample in &samples {
+                machine.fill(closure, &sample.view(), &mut data).ok()?;
+            }
             prepared_data.resize(poses * family.shape().prepared, 0.0);
-            family.prepare_all(data, &mut prepared_data);
+            family.prepare_all(&data, &mut prepared_data);
             let own = closure.parameters.iter();
             let values: Vec<f64> = own.map(|&index| machine.values[index]).collect();
             let columns = family.pattern().columns;
@@ -118,7 +111,10 @@ impl<'a> FirstLook<'a> {
             let factor = Cholesky::new(covariance)?;
             factor.l_dirty().solve_lower_triangular_mut(&mut residuals);
             total += residuals.norm_squared();
+            if !(total < limit) {
+                return None;
+            }
         }
-        Some(total).filter(|total| total.is_finite())
+        Some(total)
     }
 }

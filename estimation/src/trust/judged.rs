@@ -16,6 +16,7 @@ pub(crate) struct Judged {
     descent: Descent,
     /// `B` of the covariance `B·Bᵀ` of the unknowns under stated noise and priors.
     factor: DMatrix<f64>,
+    misfit: Misfit,
 }
 
 /// Misfit of the measured residuals, in units of the stated noise.
@@ -78,12 +79,23 @@ impl Judged {
         let factor = descent.normal.inverse_factor();
         let factor = factor
             .ok_or_else(|| not_converged(&descent.joint, "the derivatives are not finite"))?;
-        Ok(Self { descent, factor })
+        Ok(Self::of(descent, factor))
     }
 
     /// Of a descent that has arrived, with `B` of the covariance `B·Bᵀ` there.
     pub(crate) fn of(descent: Descent, factor: DMatrix<f64>) -> Self {
-        Self { descent, factor }
+        let rows = descent.joint.rows.len();
+        let absorbed: [f64; Component::ALL.len()] = descent.normal.absorbed(&factor);
+        let misfit = Misfit {
+            chi2: plain_residuals(&descent).rows(0, rows).norm_squared(),
+            dof: (rows as f64 - absorbed[Component::Closure as usize]).max(1.0),
+            rows,
+        };
+        Self {
+            descent,
+            factor,
+            misfit,
+        }
     }
 
     /// Values of the variant at the minimum.
@@ -93,22 +105,7 @@ impl Judged {
 
     /// Misfit of the closures.
     pub(crate) fn misfit(&self) -> Misfit {
-        let rows = self.descent.joint.rows.len();
-        let absorbed: [f64; Component::ALL.len()] = self.descent.normal.absorbed(&self.factor);
-        Misfit {
-            chi2: self.plain_residuals().rows(0, rows).norm_squared(),
-            dof: (rows as f64 - absorbed[Component::Closure as usize]).max(1.0),
-            rows,
-        }
-    }
-
-    /// Residuals in units of the stated noise, priors last.
-    fn plain_residuals(&self) -> DVector<f64> {
-        let mut residuals = self.descent.residuals.clone();
-        for (residual, factor) in residuals.iter_mut().zip(&self.descent.factors) {
-            *residual /= factor;
-        }
-        residuals
+        self.misfit
     }
 
     /// The sum of squares of residuals and priors.
@@ -198,14 +195,17 @@ impl Judged {
 
     /// Root mean square of each sample's residuals, in units of the stated noise.
     pub(crate) fn by_sample(&self, samples: usize) -> Vec<f64> {
-        let sums = self.descent.joint.sums(&self.plain_residuals(), samples);
+        let sums = self
+            .descent
+            .joint
+            .sums(&plain_residuals(&self.descent), samples);
         let rms = |(sum, count): (f64, f64)| (sum / count.max(1.0)).sqrt();
         sums.into_iter().map(rms).collect()
     }
 
     /// Root mean squares (m) of closures, as errors of the links' lengths: found, and to be expected of the stated noise.
     pub(crate) fn closure_rms_m(&self, samples: &[Sample]) -> (f64, f64) {
-        let (joint, residuals) = (&self.descent.joint, self.plain_residuals());
+        let (joint, residuals) = (&self.descent.joint, plain_residuals(&self.descent));
         let machine = joint.machine.with_values(self.values());
         let count = joint.rows.len() / samples.len().max(1);
         let misfit = self.misfit();
@@ -245,6 +245,15 @@ impl Judged {
     pub(crate) fn into_descent(self) -> Descent {
         self.descent
     }
+}
+
+/// Residuals in units of the stated noise, priors last.
+fn plain_residuals(descent: &Descent) -> DVector<f64> {
+    let mut residuals = descent.residuals.clone();
+    for (residual, factor) in residuals.iter_mut().zip(&descent.factors) {
+        *residual /= factor;
+    }
+    residuals
 }
 
 /// ln of the determinant of a positive definite matrix.

@@ -142,7 +142,7 @@ pub fn outliers_of_validation(
     let validating = case(&division.validation);
     let (prepared, samples) = (validating.prepared()?, validating.samples());
     let noise = validating.file.noise;
-    let joint = Joint::new(prepared.machine, &prepared.nominal, &samples, noise)?;
+    let joint = Joint::of_residuals(prepared.machine, &prepared.nominal, &samples, noise)?;
     let joint = joint.with_path_noise(&samples, noise.position_m);
     let sums = sums_of(&joint, &joint.fitted(&machine.values), known, samples.len());
     Ok(Weighing::of_predicted(&sums, &samples, Treatment::default()).outliers)

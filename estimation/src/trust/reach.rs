@@ -41,8 +41,7 @@ impl Reach {
         noise: Noise,
     ) -> Option<Self> {
         let at = |sample: &Sample<'_>| -> Option<f64> {
-            let pose = machine.forward_fitted(sample).ok()?.pose;
-            let known = uncertainty.pose(machine, &sample.at(pose)).ok()?;
+            let known = uncertainty.pose(machine, sample).ok()?;
             Some(known.distance_m()).filter(|distance| distance.is_finite())
         };
         // As many of the poses as commands.
@@ -67,10 +66,11 @@ impl Reach {
                 pairs.map(|(a, b)| (a - b).powi(2)).sum()
             };
             let near = (poses.iter()).min_by(|a, b| off(a).total_cmp(&off(b)))?;
-            at(&Sample {
+            let start = Sample {
                 commands_m,
                 ..Sample::from(*near)
-            })
+            };
+            at(&start.at(machine.forward_fitted(&start).ok()?.pose))
         });
         let mut elsewhere: Vec<f64> = elsewhere.into_iter().flatten().collect();
         elsewhere.sort_by(f64::total_cmp);

@@ -6,6 +6,8 @@
 //! what it leaves (quasi-likelihood; R. W. M. Wedderburn, Biometrika 61, 1974): other effects that a model lacks make no
 //! mistake of a folder.
 
+use std::borrow::Cow;
+
 use tau_robot::robot::{ResidualKind, Variant};
 
 use crate::calibration::{Error, Prepared};
@@ -146,22 +148,24 @@ pub(crate) fn mistakes(case: &Case<'_>, known: Option<&Judged>) -> Result<Vec<Mi
     }
     let mut thinned = case.thinned(POSES);
     let known = known.filter(|_| case.folder.tcp_poses.len() <= POSES);
+    let owned =
+        |fit: Option<(Tried, Judged)>| fit.map(|(tried, judged)| (tried, Cow::Owned(judged)));
     let mut fit = match known {
-        Some(judged) => Some((Tried::of(None, judged), judged.clone())),
-        None => fitted(&thinned, None, ITERATIONS),
+        Some(judged) => Some((Tried::of(None, judged), Cow::Borrowed(judged))),
+        None => owned(fitted(&thinned, None, ITERATIONS)),
     };
     // A few poses far off are outliers and no mistake: what is left without them is judged.
     let suspect = fit.as_ref().filter(|_| known.is_none());
     if let Some((_, judged)) = suspect.filter(|(given, _)| is_beyond_noise(&given.misfit)) {
         let (prepared, samples) = (thinned.prepared()?, thinned.samples());
         let noise = thinned.file.noise;
-        let weighed = weigh_fitted(judged.clone(), &prepared, &samples, noise);
+        let weighed = weigh_fitted(judged.as_ref().clone(), &prepared, &samples, noise);
         if let Ok(weighing) = weighed.as_ref().map(|weighing| &weighing.judged)
             && weighing.contains(&false)
         {
             let kept: Vec<usize> = (0..samples.len()).filter(|&pose| weighing[pose]).collect();
             thinned = thinned.of_poses(&kept);
-            fit = fitted(&thinned, None, ITERATIONS);
+            fit = owned(fitted(&thinned, None, ITERATIONS));
         }
     }
     let (given, judged) = fit.unzip();
@@ -179,7 +183,11 @@ pub(crate) fn mistakes(case: &Case<'_>, known: Option<&Judged>) -> Result<Vec<Mi
         let noise = given.and_then(|given| noise(&thinned, &given));
         return Ok(noise.into_iter().collect());
     }
-    let mut all = closer(&thinned, &candidates(&thinned, judged.as_ref()), ITERATIONS);
+    let mut all = closer(
+        &thinned,
+        &candidates(&thinned, judged.as_deref()),
+        ITERATIONS,
+    );
     all.extend(dimensions(&thinned, given.as_ref()));
     let scale = |all: &[Tried]| {
         let ratios = all.iter().chain(&given).map(|t| t.misfit.ratio().powi(2));
@@ -260,10 +268,9 @@ fn first(case: &Case<'_>, hypotheses: Vec<Hypothesis>) -> Vec<Hypothesis> {
     let Some(look) = FirstLook::new(case) else {
         return hypotheses;
     };
-    let as_given = look.total_as_given();
-    let totals = look.totals(&hypotheses);
+    let totals = look.totals_below(look.total_as_given(), &hypotheses);
     let mut ranked: Vec<(f64, Hypothesis)> = (totals.into_iter().zip(hypotheses))
-        .filter(|(total, _)| *total < as_given)
+        .filter_map(|(total, hypothesis)| Some((total?, hypothesis)))
         .collect();
     smallest_first(&mut ranked, |own| own.0);
     ranked.truncate(CLOSER);

@@ -331,7 +331,7 @@ fn sums_at(
 ) -> Result<Vec<(f64, f64)>, Error> {
     let chunks: Vec<&[Sample]> = samples.chunks(MOST_POSES).collect();
     let of_chunks = parallel::map(&chunks, |chunk| {
-        let joint = Joint::new(prepared.machine.clone(), &prepared.nominal, chunk, noise)?;
+        let joint = Joint::of_residuals(prepared.machine.clone(), &prepared.nominal, chunk, noise)?;
         let factors = joint.factors(&[1.0; 4], &vec![1.0; chunk.len()]);
         let residuals = joint.residuals(&joint.fitted(values), &factors);
         Ok(joint.sums(&residuals, chunk.len()))
@@ -578,8 +578,8 @@ fn deleted(descent: &Descent, factor: &DMatrix<f64>, residuals: usize) -> Vec<(f
     let of_pose = |(pose, weight): (usize, &f64)| {
         let plain = if is_whole { weight.recip() } else { 1.0 };
         let own = all.rows(pose * residuals, residuals) * plain;
-        let spread = spread.rows(pose * residuals, residuals) * plain;
-        let open = &spread * spread.transpose();
+        let spread = spread.rows(pose * residuals, residuals);
+        let open = spread * spread.transpose() * plain.powi(2);
         let missed = (&one - &open * weight.powi(2))
             .cholesky()
             .and_then(|others| {
