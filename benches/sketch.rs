@@ -187,7 +187,11 @@ fn beside_peers(readings: &Readings, turns: usize) {
         "tau-solver",
         1e3 * seconds
     );
-    for (index, (time, iterations, found)) in peers.iter().enumerate() {
+    let measured = peers
+        .iter()
+        .enumerate()
+        .filter(|(_, peer)| peer.0.is_finite());
+    for (index, (time, iterations, found)) in measured {
         let verdict = if (found / cost - 1.0).abs() <= AGREEMENT {
             format!("{:.2} times tau-solver", time / seconds)
         } else {

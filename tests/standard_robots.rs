@@ -8,6 +8,7 @@ use std::path::Path;
 use nalgebra::{DMatrix, DVector};
 use serde_json::Value;
 use tau::Robot;
+use tau::simulation::Measure;
 
 use crate::discovery_folders::effects;
 use crate::support::tau_in;
@@ -197,6 +198,38 @@ fn kinematics_of_calibrated_standard_robots_agree_both_ways() {
                 let off = largest(&measured, &back, &column);
                 assert!(off < 1e-8, "{name}: {column} {off:e}");
             }
+        }
+    }
+}
+
+/// The list says how each may be measured: what it leaves out is refused, what it names is not for what it measures.
+#[test]
+fn robots_are_measured_as_the_list_says() {
+    let folder = tempfile::tempdir().unwrap();
+    let list = tau_in(folder.path(), "tau robots").done();
+    let lines: Vec<&str> = list.lines().collect();
+    let entries = lines.chunks_exact(3);
+    assert_eq!(entries.len(), tau_generated::ROBOTS.len());
+    for entry in entries {
+        let name = entry[0].split_whitespace().next().unwrap();
+        let listed = entry[2].trim().strip_prefix("measured by ").unwrap();
+        let listed: Vec<&str> = listed.split(", ").collect();
+        for (kind, _) in Measure::ALL {
+            let with = format!("--model {name} --out DIR/{name}-{kind}");
+            let line = format!(
+                "tau simulate {with} --measure {kind} --random --poses 12 --noise-drives 1e-5"
+            );
+            tau_in(folder.path(), &line).done();
+            let line = format!("tau check DIR/{name}-{kind} --model {name} --json -");
+            let checked = tau_in(folder.path(), &line);
+            let says_nothing = checked.err.contains("say nothing of the machine")
+                || checked.err.contains("measure each other");
+            assert_eq!(
+                !says_nothing,
+                listed.contains(&kind),
+                "{name}, {kind}: {}",
+                checked.err
+            );
         }
     }
 }

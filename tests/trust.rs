@@ -431,3 +431,21 @@ fn discovery_refuses_mistakes() {
         ran.err
     );
 }
+
+/// Links of a cart that are not parallel are more than the noise for a reduced arm, by a hundred times, and no wrong noise:
+/// the variant with all links has it right, though a track of it follows measured points.
+#[test]
+fn what_a_variant_is_too_simple_for_is_no_mistake() {
+    let folder = tempfile::tempdir().unwrap();
+    let with = "--model ROBOTS/four_track.tau";
+    let line = format!("tau simulate {with} --out DIR/measured --random --poses 60");
+    tau_in(folder.path(), &line).done();
+    let line =
+        format!("tau calibrate DIR/measured {with} --variant Nominal --out DIR/out --json -");
+    let found = tau_in(folder.path(), &line).json();
+    assert_eq!(found["fit"]["status"], "inconsistent");
+    assert_eq!(found["fit"]["mistakes"], serde_json::json!([]));
+    let line = format!("tau check DIR/measured {with} --json -");
+    let checked = tau_in(folder.path(), &line).json();
+    assert_eq!(checked["mistakes"], serde_json::json!([]));
+}

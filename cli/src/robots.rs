@@ -3,6 +3,9 @@
 use std::fmt::Write;
 
 use tau::Robot;
+use tau::measurements::PlateKind;
+use tau::simulation::Measure;
+use tau_robot::measurements::Shape;
 
 use super::deliver::Outcome;
 
@@ -15,11 +18,32 @@ pub(super) fn run() -> Outcome {
         let docs = robot.model.as_ref().map_or(&[][..], |model| &model.docs);
         let about = docs.first().map_or("", String::as_str);
         let commands = robot.command_columns().join(", ");
+        let measured = measured_by(&robot).join(", ");
         // Writing into a string can't fail.
-        let _ = writeln!(summary, "{name:width$}  {about}\n{:width$}  {commands}", "");
+        let _ = writeln!(
+            summary,
+            "{name:width$}  {about}\n{:width$}  {commands}\n{:width$}  measured by {measured}",
+            "", ""
+        );
     }
     Outcome {
         summary,
         ..Outcome::default()
     }
+}
+
+/// Measurements that tell something of a robot, as `--measure` calls them, and carts: drives alone do where they are more
+/// than freedoms, heights where the plate leaves a plane, carts where there are tracks.
+fn measured_by(robot: &Robot) -> Vec<&'static str> {
+    let leaves_plane = robot.plate.freedoms().contains(&2);
+    let is_told = |measure: Measure| match measure {
+        Measure::Rows(PlateKind::Reading) => robot.is_redundant(),
+        Measure::Rows(PlateKind::Height) => leaves_plane,
+        _ => true,
+    };
+    let of_plate = Measure::ALL
+        .into_iter()
+        .filter(|(_, measure)| is_told(*measure));
+    let of_carts = Shape::from(robot).has_carts().then_some("carts");
+    of_plate.map(|(name, _)| name).chain(of_carts).collect()
 }

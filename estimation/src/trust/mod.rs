@@ -8,6 +8,7 @@
 //! chance allows of so many.
 
 mod check;
+mod exchanged;
 mod first_look;
 mod hypothesis;
 pub(crate) mod judged;

@@ -8,8 +8,8 @@ use crate::calibration::registration::{
     Line, MOUNTING_M, NominalTrack, Registration, set_2, set_3,
 };
 use crate::samples::frames::fitted_track;
+use crate::trust::exchanged::permutations;
 use crate::trust::mistake::Mistake;
-use crate::trust::recognise::permutations;
 
 /// Another numbering has to fit so many times better to be the right one.
 const CLEARLY: f64 = 9.0;

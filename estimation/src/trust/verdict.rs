@@ -205,20 +205,25 @@ pub(super) fn case<'a>(
     }
 }
 
-/// The variant by which mistakes of the input are looked for: the given one where it has all links and nothing else,
-/// or else the last such.
-fn plain<'a>(robot: &'a Robot, variant: &'a Variant) -> &'a Variant {
-    let is_plain = |variant: &Variant| {
+/// The variant by which mistakes of the input are looked for: the given one where it has all links, straight tracks and
+/// nothing else, or else the last such; where there is none, the last with all links and measured paths, if there are any.
+/// What a variant is too simple for is no mistake.
+fn plain<'a>(robot: &'a Robot, variant: &'a Variant, folder: &Folder) -> &'a Variant {
+    let has_all_links = |variant: &&Variant| variant.arm == Arm::Full && variant.effects.is_empty();
+    let is_plain = |variant: &&Variant| {
         let is_linear = |track: &tau_robot::robot::TrackModel| track.shape != TrackShape::Piecewise;
-        variant.arm == Arm::Full
-            && variant.effects.is_empty()
-            && variant.tracks.iter().all(is_linear)
+        has_all_links(variant) && variant.tracks.iter().all(is_linear)
     };
-    if is_plain(variant) {
+    if is_plain(&variant) {
         return variant;
     }
-    let found = robot.variants.iter().rfind(|variant| is_plain(variant));
-    found.unwrap_or(variant)
+    let all = || robot.variants.iter().rev();
+    let with_paths = || {
+        all()
+            .find(has_all_links)
+            .filter(|_| !folder.cart_poses.is_empty())
+    };
+    all().find(is_plain).or_else(with_paths).unwrap_or(variant)
 }
 
 /// Mistakes of the input that explain why a variant does not fit the given poses; none where it does.
@@ -232,7 +237,7 @@ pub fn mistakes(
     folder: &Folder,
     poses: &[usize],
 ) -> Result<Vec<Mistake>, Error> {
-    let case = case(robot, plain(robot, variant), file, folder, poses);
+    let case = case(robot, plain(robot, variant, folder), file, folder, poses);
     recognise::mistakes(&case, None)
 }
 
@@ -339,7 +344,7 @@ pub fn of_calibration_knowing(
     let suspect = verdict.status > Status::Consistent
         || is_off
         || hypothesis::widest_tolerance_m(&case.file) > LARGEST_MISFIT * case.mean_length_m();
-    let plain = plain(robot, &machine.variant);
+    let plain = plain(robot, &machine.variant, folder);
     let fit = (calibration.judged())
         .filter(|_| plain.name == machine.variant.name && weighing.outliers.is_empty());
     let found = || match (suspect, known.take()) {

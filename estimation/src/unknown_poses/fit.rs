@@ -22,6 +22,10 @@ use crate::calibration::{Error, Nominal, Prepared};
 use crate::problem::{self, POSE_UNKNOWNS, Part};
 use crate::weighing::Loss;
 
+/// Knowledge of a combination, in units of that of its tolerance, that is none: it takes less than a millionth off the
+/// variance.
+const UNSEEN: f64 = 1e-3;
+
 /// A calibration on its way.
 pub(super) struct Fit<'a> {
     pub(super) folder: &'a Folder,
@@ -340,6 +344,7 @@ impl<'a> Fit<'a> {
             poses: self.assembly.poses.len(),
             unknowns: scales.len(),
             determined: known.iter().filter(|value| **value > 1.0).count(),
+            is_seen: known.iter().any(|value| *value > UNSEEN),
             open: shared.freedoms(reduced, &scales),
             has_mirror_image: !fixes_handedness,
         }

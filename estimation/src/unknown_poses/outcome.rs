@@ -237,6 +237,8 @@ pub struct Rank {
     pub unknowns: usize,
     /// Combinations of these that the data know better than the tolerances.
     pub determined: usize,
+    /// True if the data say anything of the machine at all.
+    pub is_seen: bool,
     /// Combinations that no residual sees, in words.
     pub open: Vec<Freedom>,
     /// True if a mirror image of the machine would fit as well.
@@ -275,6 +277,10 @@ impl Rank {
     /// Why a calibration would mean nothing, if so.
     pub fn why_not(&self) -> Option<String> {
         let (net, poses) = (self.net_rows(), self.poses);
+        if !self.is_seen {
+            let why = "these measurements say nothing of the machine: none of its parameters changes what they measure";
+            return Some(why.to_owned());
+        }
         if self.is_saturated() {
             return Some(format!(
                 "{net} residuals of {poses} poses for {} factors: the fit would repeat its input, and no wrong measurement \

@@ -16,15 +16,18 @@ const MILLIMETRES_M: f64 = 1.0;
 const MILLIMETRES_OFF: f64 = 10.0;
 
 impl Fit<'_> {
-    /// Refuses as many factors as points, and a scale that nothing determines.
+    /// Refuses measurements that see nothing, as many factors as points, and a scale that nothing determines.
     pub(super) fn refuse_rank(&self, rank: &Rank, free_scale: bool) -> Result<(), Error> {
         let Some(why) = rank
             .why_not()
-            .filter(|_| rank.is_saturated() || !free_scale)
+            .filter(|_| !rank.is_seen || rank.is_saturated() || !free_scale)
         else {
             return Ok(());
         };
-        let help = if rank.is_saturated() {
+        let help = if !rank.is_seen {
+            "measure something else: `tau robots` lists what tells of the standard robots"
+                .to_owned()
+        } else if rank.is_saturated() {
             format!(
                 "measure at least {} poses like these, or let more of them calibrate with `--split all`",
                 rank.poses_needed()
