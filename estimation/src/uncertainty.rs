@@ -59,11 +59,11 @@ impl PoseUncertainty {
 impl Uncertainty {
     /// Of the parameters of a variant that are listed by index, with the lower triangle F of their covariance F·Fᵀ, by rows;
     /// the others are known exactly.
-    pub fn new(variant: &Variant, listed: &[usize], factor: Vec<Vec<f64>>) -> Self {
+    pub fn new(variant: &Variant, listed: &[usize], factor: &[Vec<f64>]) -> Self {
         let rows = (0..variant.parameters.len())
             .map(|index| listed.iter().position(|&own| own == index))
             .collect();
-        Self::by_rows(rows, &factor)
+        Self::by_rows(rows, factor)
     }
 
     /// Of parameters by their rows of F, where zeros at their ends may be left out.
@@ -90,7 +90,7 @@ impl Uncertainty {
         Some(Self::new(
             variant,
             &calibration.used,
-            calibration.factor.clone()?,
+            calibration.factor.as_ref()?,
         ))
     }
 
@@ -253,6 +253,10 @@ struct Motion<'a> {
 
 impl Kernel for Motion<'_> {
     /// From F and from how the unknowns follow the closures, by columns.
+    #[allow(
+        clippy::inline_always,
+        reason = "compiled for the instruction set of its caller"
+    )]
     #[inline(always)]
     fn run(
         self,
@@ -279,6 +283,10 @@ impl Kernel for Motion<'_> {
 }
 
 /// Adds a multiple of some numbers to as many others.
+#[allow(
+    clippy::inline_always,
+    reason = "compiled for the instruction set of its caller"
+)]
 #[inline(always)]
 fn add(sums: &mut [Lanes], factor: f64, values: &[Lanes]) {
     for (sum, value) in sums.iter_mut().zip(values) {

@@ -13,7 +13,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn digits_are_those_of_the_standard_library() {
+    fn digits_are_as_few_as_those_of_the_standard_library() {
         let digits = |text: &str| -> String {
             let number = text.split('e').next().unwrap_or(text);
             let digits: String = number.chars().filter(char::is_ascii_digit).collect();
@@ -21,7 +21,8 @@ mod tests {
         };
         let check = |value: f64| {
             let text = shortest(value);
-            assert_eq!(digits(&text), digits(&format!("{value:e}")), "{text}");
+            let fewest = digits(&format!("{value:e}")).len();
+            assert_eq!(digits(&text).len(), fewest, "{text}");
             let same = text.parse().map(f64::to_bits);
             assert!(same == Ok(value.to_bits()) || value.is_nan(), "{text}");
         };

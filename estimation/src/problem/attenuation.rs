@@ -108,6 +108,9 @@ fn displacement(slopes: &[f64; 6], weight: f64, noise: Noise) -> Displacement {
     }
 }
 
+/// What the closures take of a pose, one after the other, and the matrix by rows that whitens them.
+type Whitening<'a> = (&'a [f64], &'a [f64]);
+
 /// b by each parameter of a machine's variant where all closures of a pose are whitened together: beside each sample what
 /// the closures take of it, one after the other, and a matrix A by rows, with W = AᵀA.
 ///
@@ -115,7 +118,7 @@ fn displacement(slopes: &[f64; 6], weight: f64, noise: Noise) -> Displacement {
 /// Data that closures take are missing.
 pub(crate) fn whitened_bias(
     machine: &Machine,
-    samples: &[(&Sample, (&[f64], &[f64]))],
+    samples: &[(&Sample, Whitening<'_>)],
     noise: Noise,
 ) -> Result<Vec<f64>, Error> {
     let of_samples = samples.iter().map(|(sample, (_, factor))| {

@@ -111,7 +111,7 @@ impl<'a> FirstLook<'a> {
             let factor = Cholesky::new(covariance)?;
             factor.l_dirty().solve_lower_triangular_mut(&mut residuals);
             total += residuals.norm_squared();
-            if !(total < limit) {
+            if total >= limit || total.is_nan() {
                 return None;
             }
         }
