@@ -89,6 +89,27 @@ fn tracks_stay_straight_where_poses_are_unknown() {
     assert_eq!(found["piecewise_tracks"].as_array().map_or(0, Vec::len), 0);
 }
 
+/// What exact drives hold beyond the plate's freedoms is no residual: distances alone tell the noise, and where nothing is
+/// hidden nothing is found.
+#[test]
+fn exact_drives_of_a_redundant_machine_are_no_residuals() {
+    let folder = tempfile::tempdir().unwrap();
+    let with = "--model four_belts";
+    let line = format!(
+        "tau simulate {with} --out DIR/measured --variant Full --random --poses 80 --seed 2 --measure distances"
+    );
+    tau_in(folder.path(), &line).done();
+    let line = format!("tau calibrate DIR/measured {with} --variant Full --out DIR/c --json -");
+    let fit = tau_in(folder.path(), &line).json();
+    let number = |key: &str| fit["fit"][key].as_f64().unwrap();
+    // Of forty distances by chance: three standard deviations.
+    assert!((number("residual_over_noise") - 1.0).abs() < 0.34);
+    assert!((number("dof") - 40.0).abs() < 2.0);
+    let line = format!("tau discover DIR/measured {with} --base Full --out DIR/d --json -");
+    let found = tau_in(folder.path(), &line).json();
+    assert_eq!(found["status"], "nothing_missing");
+}
+
 /// A leg's stretch has its true size by measured forces though the stated payload is twice the true one; by statics it
 /// has half of it. That of what holds the leg looks the same, by the leg's length: nothing tells which of the two it is.
 #[test]

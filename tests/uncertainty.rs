@@ -37,6 +37,23 @@ fn close(found: f64, expected: f64, what: &str) {
     );
 }
 
+/// A machine that is known exactly is where it is predicted, without any deviation.
+#[test]
+fn what_is_known_exactly_has_no_deviation() {
+    let (robot, file) = robot("linear_delta");
+    let variant = robot.variant("Full").unwrap();
+    let prepared = Prepared::from_file(&robot, variant, &file, None, &[]).unwrap();
+    let machine = &prepared.machine;
+    let known = Uncertainty::new(variant, &[], &[]);
+    let start = Pose::from_zyz([0.0; 3], [0.0; 3]);
+    let at = machine
+        .at_reference(&Sample::new(start, &[0.0; 3]))
+        .unwrap();
+    let sample = Sample::new(at.pose, &at.commands_m);
+    assert_eq!(known.pose(machine, &sample).unwrap().distance_m(), 0.0);
+    assert_eq!(known.commands(machine, &sample).unwrap(), [0.0; 3]);
+}
+
 /// A drawing's tolerances, propagated by steps of each parameter through forward and inverse kinematics.
 #[test]
 fn deviations_are_those_of_steps_by_hand() {

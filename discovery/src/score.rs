@@ -48,7 +48,7 @@ impl Yardstick {
             } else {
                 view.residuals[row].powi(2)
             };
-            // What exact drives hold counts as it is.
+            // Closures that exact drives hold have no noise to estimate.
             match sums.get_mut(at.component as usize) {
                 Some(sum) => *sum += square * fit.scales[at.component as usize].powi(2),
                 None => exact += square,

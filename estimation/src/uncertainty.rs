@@ -68,8 +68,9 @@ impl Uncertainty {
 
     /// Of parameters by their rows of F, where zeros at their ends may be left out.
     fn by_rows(rows: Vec<Option<usize>>, factor: &[Vec<f64>]) -> Self {
-        let columns = factor.iter().map(Vec::len).max();
-        let blocks = block_count(columns.unwrap_or(0));
+        // One at least, so that there are rows where nothing is uncertain.
+        let columns = factor.iter().map(Vec::len).fold(1, usize::max);
+        let blocks = block_count(columns);
         let of_row = |row: &Vec<f64>| {
             let mut lanes = vec![Lanes::ZERO; blocks];
             for (column, entry) in row.iter().enumerate() {
@@ -239,7 +240,7 @@ impl Uncertainty {
 
     /// Rows that are given one after the other.
     fn rows_of<'a>(&self, lanes: &'a [Lanes]) -> impl Iterator<Item = &'a [Lanes]> + use<'a> {
-        lanes.chunks_exact(self.blocks.max(1))
+        lanes.chunks_exact(self.blocks)
     }
 }
 

@@ -1,8 +1,6 @@
 //! Small linear systems that may be singular.
 
-use nalgebra::{DMatrix, Matrix6, SymmetricEigen};
-
-use super::machine::POSE_COLUMNS;
+use nalgebra::{DMatrix, SymmetricEigen};
 
 /// Directions that a matrix shortens to less than this share of the longest are left out. Its square is well above
 /// rounding.
@@ -18,16 +16,6 @@ pub fn least_norm(a: &DMatrix<f64>, b: &DMatrix<f64>) -> Option<DMatrix<f64>> {
         return None;
     }
     let is_finite = |x: &DMatrix<f64>| x.iter().all(|value| value.is_finite());
-    if a.shape() == (POSE_COLUMNS, POSE_COLUMNS) && b.shape() == a.shape() {
-        let square: Matrix6<f64> = a.fixed_view::<POSE_COLUMNS, POSE_COLUMNS>(0, 0).into();
-        let right: Matrix6<f64> = b.fixed_view::<POSE_COLUMNS, POSE_COLUMNS>(0, 0).into();
-        if let Some(x) = square.lu().solve(&right) {
-            let x = DMatrix::from_column_slice(POSE_COLUMNS, POSE_COLUMNS, x.as_slice());
-            if is_finite(&x) {
-                return Some(x);
-            }
-        }
-    }
     if a.is_square()
         && let Some(x) = a.clone().lu().solve(b).filter(is_finite)
     {

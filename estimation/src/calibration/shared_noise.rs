@@ -11,7 +11,7 @@ use nalgebra::{DMatrix, DVector};
 use tau_robot::robot_file::Noise;
 
 use crate::numerics::{parallel, triangle};
-use crate::problem::Residuals;
+use crate::problem::{Residuals, times_noise};
 
 /// Poses whose derivatives are multiplied at once.
 const CHUNK: usize = 256;
@@ -88,22 +88,13 @@ fn share(
             (part.family).linearize(&prepared, own, &mut [0.0], &mut jacobian);
             let weight = part.weights[place];
             let share = weight * weight * information.sqrt();
-            let [x, y, z, a, b, c] = part.by_pose[place];
-            let (position, rotation) = (share * noise.position_m, share * noise.rotation_rad);
-            let slopes = [
-                x * position,
-                y * position,
-                z * position,
-                a * rotation,
-                b * rotation,
-                c * rotation,
-            ];
+            let slopes = times_noise(part.by_pose[place], noise);
             let columns = part.family.pattern().columns.iter();
             for (&column, entry) in columns.zip(&jacobian) {
                 let mut column = by_noise.column_mut(part.parameters[column as usize]);
                 let own = column.as_mut_slice()[6 * block..].iter_mut();
                 for (sum, slope) in own.zip(slopes) {
-                    *sum += slope * entry;
+                    *sum += share * slope * entry;
                 }
             }
         }

@@ -17,7 +17,7 @@ use tau_kinematics::Machine;
 use tau_robot::robot::{Instance, ResidualKind};
 use tau_robot::robot_file::Noise;
 
-use super::Residuals;
+use super::{Residuals, times_noise};
 use crate::calibration::error::Error;
 use crate::calibration::nominal::Nominal;
 use crate::numerics::parallel;
@@ -108,7 +108,7 @@ fn displacement(slopes: &[f64; 6], weight: f64, noise: Noise) -> Displacement {
     }
 }
 
-/// What the closures take of a pose, one after the other, and the matrix by rows that whitens them.
+/// Data of all closures at a pose, one after the other, and the matrix by rows that whitens them.
 type Whitening<'a> = (&'a [f64], &'a [f64]);
 
 /// b by each parameter of a machine's variant where all closures of a pose are whitened together: beside each sample what
@@ -151,19 +151,6 @@ pub(crate) fn whitened_bias(
     let samples: Vec<&Sample> = samples.iter().map(|(sample, _)| *sample).collect();
     let displaced = Displaced::all(machine, &samples, &data, &displacement)?;
     Ok(bias(machine, &machine.values, &displaced))
-}
-
-/// Coordinates of a pose's noise in units of it, in metres and radians.
-fn times_noise([x, y, z, a, b, c]: [f64; 6], noise: Noise) -> [f64; 6] {
-    let (position, rotation) = (noise.position_m, noise.rotation_rad);
-    [
-        x * position,
-        y * position,
-        z * position,
-        a * rotation,
-        b * rotation,
-        c * rotation,
-    ]
 }
 
 /// Some samples of a closure, prepared where they were measured and where the noise displaces them.

@@ -159,6 +159,19 @@ pub(crate) fn priors(variant: &Variant, used: &[usize], nominal: &[Nominal]) -> 
     priors.collect()
 }
 
+/// Coordinates of a pose's noise in units of it, in metres and radians.
+pub(crate) fn times_noise([x, y, z, a, b, c]: [f64; 6], noise: Noise) -> [f64; 6] {
+    let (position, rotation) = (noise.position_m, noise.rotation_rad);
+    [
+        x * position,
+        y * position,
+        z * position,
+        a * rotation,
+        b * rotation,
+        c * rotation,
+    ]
+}
+
 /// The parameters of a fit as the solver takes them; `start` holds a value of each.
 pub(crate) fn parameters(
     variant: &Variant,

@@ -10,8 +10,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::assembly::{Assembly, CHUNK};
 use super::dense::{DEPENDENT, Dense, Triangle, orthonormal, stacked};
-use super::outcome::KindFit;
-use super::rows::{Kind, RowIndex, Rows};
+use super::rows::{Kind, KindFit, RowIndex, Rows};
 use crate::numerics::parallel;
 use crate::problem::POSE_UNKNOWNS;
 
@@ -348,7 +347,7 @@ impl<'a> Elimination<'a> {
         }
     }
 
-    /// What is left of the residuals of each kind when poses follow them to first order.
+    /// Residuals of each kind that are left when poses follow them to first order.
     pub(super) fn without_poses(&self) -> Vec<KindFit> {
         let none = |&kind: &Kind| KindFit {
             kind,

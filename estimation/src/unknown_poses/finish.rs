@@ -6,8 +6,7 @@ use tau_solver::Problem;
 
 use super::elimination::Reduced;
 use super::fit::Fit;
-use super::outcome::KindFit;
-use super::{ObjectEstimate, Rank, UnknownPoses, heldout, quantity};
+use super::{KindFit, ObjectEstimate, Rank, UnknownPoses, heldout, quantity};
 use crate::calibration::{self, Calibration, Combination, Error, Fitted, combinations};
 use crate::numerics::triangle;
 

@@ -7,8 +7,7 @@ use tau_kinematics::Machine;
 use super::assembly::{Assembly, Chosen};
 use super::elimination::{Elimination, Reduced};
 use super::fit::Fit;
-use super::outcome::KindFit;
-use super::rows::{Kind, Rows};
+use super::rows::{Kind, KindFit, Rows};
 use crate::calibration::Error;
 use crate::problem::POSE_UNKNOWNS;
 

@@ -56,8 +56,8 @@ pub use exchanged::mistakes;
 pub use gauge::Freedom;
 pub use heldout::{HeldOut, HeldOutKind};
 pub use objects::Object;
-pub use outcome::{GrossRow, KindFit, ObjectEstimate, Rank, RowDivision, UnknownPoses};
-pub use rows::{Kind, RowPlace};
+pub use outcome::{GrossRow, ObjectEstimate, Rank, RowDivision, UnknownPoses};
+pub use rows::{Kind, KindFit, RowPlace};
 pub use unsolved::Unsolved;
 
 /// Rounds of fit, weights and noise; a handful is usual. Estimated noise of kinds with little redundancy converges
@@ -80,9 +80,6 @@ const ROUGH_NOISE: f64 = 1e-2;
 const SAME_POSE: f64 = 1e-4;
 /// Standard deviations from which on a square is told from none, one in forty times by chance.
 const TOLD: f64 = 2.0;
-/// Share of a row, or of a kind's rows, that pays for the fit, above which nothing is left to tell its noise: the
-/// rest would be divided by a number that rounding and linearisation move.
-const ABSORBED: f64 = 0.95;
 
 /// Rank and gauge before a fit.
 ///

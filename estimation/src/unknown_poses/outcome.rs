@@ -4,12 +4,11 @@ use std::collections::BTreeSet;
 
 use tau_robot::measurements::{Distance, Folder, PoseCounts, Split};
 
-use super::ABSORBED;
 use super::evaluation::JudgedRows;
 use super::gauge::Freedom;
 use super::heldout::HeldOut;
 use super::objects::Object;
-use super::rows::{Kind, RowPlace};
+use super::rows::{KindFit, RowPlace};
 use crate::calibration::Calibration;
 use crate::numerics::distribution::chi2_survival;
 use crate::numerics::spread::spread;
@@ -142,47 +141,6 @@ impl RowDivision {
     pub fn is_disjoint(&self) -> bool {
         self.calibration.is_disjoint(&self.validation)
             && self.distances.is_disjoint(&self.held_out_distances)
-    }
-}
-
-/// A kind of residual, and how it is met.
-#[derive(Debug, Clone, PartialEq)]
-pub struct KindFit {
-    /// The kind, with the noise that it was given.
-    pub kind: Kind,
-    /// Number of residuals.
-    pub rows: usize,
-    /// Residuals less what the fit absorbs of them.
-    pub redundancy: f64,
-    /// Sum of their squares over the noise.
-    pub squares: f64,
-}
-
-impl KindFit {
-    /// True if the rows tell something against their noise: exact drives have none, and what stands for it is only a
-    /// bound, which they meet or not.
-    fn is_judged(&self) -> bool {
-        !self.kind.is_exact() || self.squares > self.redundancy
-    }
-
-    /// Sum of squares that counts.
-    pub(super) fn chi2(&self) -> f64 {
-        if self.is_judged() { self.squares } else { 0.0 }
-    }
-
-    /// Residuals that count, less what the fit absorbs of them.
-    pub(super) fn dof(&self) -> f64 {
-        if self.is_judged() {
-            self.redundancy
-        } else {
-            0.0
-        }
-    }
-
-    /// Root mean square of the residuals over the noise, by what the fit leaves of them; `None` where it leaves nothing.
-    pub fn residual_over_noise(&self) -> Option<f64> {
-        let left = self.redundancy > (1.0 - ABSORBED) * self.rows as f64;
-        left.then(|| (self.squares / self.redundancy).sqrt())
     }
 }
 

@@ -10,6 +10,10 @@ use crate::problem::{Component, POSE_UNKNOWNS, Part};
 
 pub use crate::problem::RowPlace;
 
+/// Share of a row, or of a kind's rows, that pays for the fit, above which nothing is left to tell its noise: the
+/// rest would be divided by a number that rounding and linearisation move.
+pub(super) const ABSORBED: f64 = 0.95;
+
 /// Set 2.
 pub(super) const CART_POSES: &str = "cart_poses.csv";
 /// Set 3.
@@ -46,6 +50,47 @@ impl Kind {
     /// True for drives without noise.
     pub fn is_exact(&self) -> bool {
         self.stated.is_none()
+    }
+}
+
+/// A kind of residual, and how it is met.
+#[derive(Debug, Clone, PartialEq)]
+pub struct KindFit {
+    /// The kind, with the noise that it was given.
+    pub kind: Kind,
+    /// Number of residuals.
+    pub rows: usize,
+    /// Residuals less what the fit absorbs of them.
+    pub redundancy: f64,
+    /// Sum of their squares over the noise.
+    pub squares: f64,
+}
+
+impl KindFit {
+    /// True if the rows tell something against their noise: exact drives have none, and what stands for it is only a
+    /// bound, which they meet or not.
+    fn is_judged(&self) -> bool {
+        !self.kind.is_exact() || self.squares > self.redundancy
+    }
+
+    /// Sum of squares that counts.
+    pub(super) fn chi2(&self) -> f64 {
+        if self.is_judged() { self.squares } else { 0.0 }
+    }
+
+    /// Residuals that count, less what the fit absorbs of them.
+    pub(super) fn dof(&self) -> f64 {
+        if self.is_judged() {
+            self.redundancy
+        } else {
+            0.0
+        }
+    }
+
+    /// Root mean square of the residuals over the noise, by what the fit leaves of them; `None` where it leaves nothing.
+    pub fn residual_over_noise(&self) -> Option<f64> {
+        let left = self.redundancy > (1.0 - ABSORBED) * self.rows as f64;
+        left.then(|| (self.squares / self.redundancy).sqrt())
     }
 }
 
