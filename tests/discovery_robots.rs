@@ -176,3 +176,29 @@ fn compliance_follows_measured_forces() {
     });
     is_near(found().2, STRAIN / 2.0);
 }
+
+/// Links that grow by half a millimetre, fifty times the noise: at the stated noise the sixty parameters creep on in search of
+/// it, or to a machine that does not reach its poses.
+#[test]
+fn what_is_missing_may_be_far_more_than_the_noise() {
+    let folder = tempfile::tempdir().unwrap();
+    let line = "tau simulate --model gantry_tau --variant Full --random --poses 60 --seed 5 --measure positions \
+                --warming 10 --effect link_thermal(all):expansion=4e-5 --out DIR/measured";
+    tau_in(folder.path(), line).done();
+    let line =
+        "tau calibrate DIR/measured --model gantry_tau --variant Full --out DIR/cal --json -";
+    let fitted = tau_in(folder.path(), line).json();
+    assert_eq!(fitted["fit"]["status"], "inconsistent");
+    assert!(number(&fitted["noise_factor"]) > 3.0, "{fitted}");
+    assert!(number(&fitted["fit"]["residual_over_noise"]) > 3.0);
+    let line = "tau discover DIR/measured --model gantry_tau --base Full --out DIR/out --json -";
+    let found = tau_in(folder.path(), line).json();
+    assert_eq!(effects(&found), ["link_thermal(all)"]);
+    assert_eq!(found["status"], "explained");
+    let expansion = &found["effects"][0]["parameters"]["expansion"];
+    let [value, sigma] = ["value", "sigma"].map(|key| number(&expansion[key]));
+    assert!(
+        (value - 4e-5).abs() < 4.0 * sigma && sigma < 2e-6,
+        "{expansion}"
+    );
+}

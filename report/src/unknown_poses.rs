@@ -197,6 +197,7 @@ pub fn json(found: &UnknownPoses) -> Value {
                 "file": kind.file, "rows": kind.rows, "rms_m": kind.rms, "max_m": kind.max,
             })).collect::<Vec<_>>(),
         })),
+        "noise_factor": found.widened,
         "cost": found.calibration.cost,
         "iterations": found.calibration.iterations,
         "fit": trust::json::verdict(&found.verdict()),

@@ -68,6 +68,7 @@ impl Fit<'_> {
             poses,
             mistakes: vec![],
             loss: None,
+            widened: 1.0,
             commands_m: (0..self.machine.robot.commands)
                 .map(|k| range(self.assembly.commands().map(|commands| commands[k])))
                 .collect(),

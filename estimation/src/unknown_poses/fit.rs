@@ -49,6 +49,8 @@ pub(super) struct Fit<'a> {
     pub(super) loss: Option<Loss>,
     /// True if the values that it starts from are those of a sketch.
     pub(super) is_sketch: bool,
+    /// Noise that parameters are sought at, over the stated one.
+    pub(super) widened: f64,
 }
 
 impl<'a> Fit<'a> {
@@ -131,6 +133,7 @@ impl<'a> Fit<'a> {
             groups: vec![],
             loss: None,
             is_sketch,
+            widened: 1.0,
         })
     }
 

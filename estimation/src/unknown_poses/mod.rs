@@ -32,6 +32,7 @@ mod starts;
 mod tests;
 mod unsolved;
 mod verdict;
+mod widened;
 
 use tau_kinematics::Machine;
 use tau_robot::measurements::Folder;
@@ -124,12 +125,20 @@ pub fn calibrate(
             ..options.clone()
         };
         let is_sketch = sketch_m.is_some();
-        let fit = Fit::from(&prepared, machine, file, folder, division, is_sketch)?;
+        let mut fit = Fit::from(&prepared, machine, file, folder, division, is_sketch)?;
+        if search == Search::Widened {
+            fit.widen(&options)?;
+        }
         fitted(fit, &options)
     };
-    match sketch_m {
-        None => fitted(prepared.machine.clone(), division, Search::Whole),
-        Some(length_m) => starts::best(&prepared, length_m, division, fitted),
+    if let Some(length_m) = sketch_m {
+        return starts::best(&prepared, length_m, division, fitted);
+    }
+    match fitted(prepared.machine.clone(), division, Search::Stated) {
+        Err(Error::NotConverged { .. } | Error::Kinematics { .. }) => {
+            fitted(prepared.machine.clone(), division, Search::Widened)
+        }
+        found => found,
     }
 }
 
@@ -140,7 +149,8 @@ fn fitted(mut fit: Fit<'_>, options: &calibration::Options) -> Result<UnknownPos
     let rank = fit.rank(&reduced, &fit.machine);
     fit.refuse_rank(&rank, options.free_scale)?;
     let mistakes = fit.exchanged_distances();
-    let settled = fit.settled(options)?;
+    let mut settled = fit.settled(options)?;
+    fit.narrow(&mut settled);
     let loss = options.treatment.loss;
     if loss.is_some() {
         fit.gross = fit.gross_rows(&settled.reduced, &settled.leverages);
@@ -156,6 +166,7 @@ fn fitted(mut fit: Fit<'_>, options: &calibration::Options) -> Result<UnknownPos
     Ok(UnknownPoses {
         mistakes,
         loss,
+        widened: fit.widened,
         ..found
     })
 }

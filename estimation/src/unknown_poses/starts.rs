@@ -26,6 +26,9 @@ const ROWS_EACH: usize = 6;
 /// arrives is least if they are given up after 30 (M. Luby, A. Sinclair and D. Zuckerman, Inf. Process. Lett. 47, 1993), and
 /// grows by a fiftieth to 40, which leaves room for other machines.
 const DESCENT: usize = 40;
+/// Iterations after which a fit at the stated noise is given up: those that arrive take dozens, those of a model that misses
+/// far more than the noise creep along valleys in thousands.
+const CREEPING: usize = 300;
 /// Poses up to which the solver is told to eliminate each; of more it does so by itself.
 const FEW: usize = 1000;
 /// Share of the mean length of the links that a machine may stand from where its reference says.
@@ -36,6 +39,10 @@ const AT_REFERENCE: f64 = 0.1;
 pub(super) enum Search {
     /// From any start to the end.
     Whole,
+    /// From the nominal values at the stated noise, given up where it creeps.
+    Stated,
+    /// From the nominal values at as much noise as the misfit suggests.
+    Widened,
     /// From one of several starts, soon given up.
     Descent,
 }
@@ -44,6 +51,9 @@ impl Search {
     /// Options of the solver for it, for so many poses.
     pub(super) fn options(self, options: &Options, poses: usize) -> Options {
         let mut options = options.clone();
+        if self == Self::Stated {
+            options.max_iterations = options.max_iterations.min(CREEPING);
+        }
         if self == Self::Descent {
             options.max_iterations = options.max_iterations.min(DESCENT);
             // A dense factor of all poses' columns would be most of the time.

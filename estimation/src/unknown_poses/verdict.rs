@@ -27,6 +27,13 @@ impl UnknownPoses {
                 "Residuals are {} times the stated noise: the model lacks something, or the noise is larger.",
                 general(ratio, 3)
             ));
+            if self.widened > 1.0 {
+                why.push(format!(
+                    "At the stated noise the parameters do not settle: they are those at {} times that noise, where \
+                     tolerances hold them.",
+                    general(self.widened, 2)
+                ));
+            }
             if self.rank.net_rows() == self.rank.factors() + 1 {
                 why.push(
                     "One residual is left beyond the factors: every effect would explain it as well as any other; measure \

@@ -1,0 +1,58 @@
+//! Fits at the noise that the misfit suggests, where a model misses so much that none settles at the stated one.
+//!
+//! Residuals of many standard deviations outweigh all tolerances: what the model lacks drives parameters that are hardly
+//! determined far from what is plausible, along valleys without an end, or to a machine that does not reach its poses.
+//! At as much noise as the residuals show, tolerances weigh what they say.
+
+use super::fit::Fit;
+use super::{ROUGH_COST, Settled};
+use crate::calibration::{self, Error};
+
+/// Steps towards the noise at which squares are as many as expected.
+const STEPS: usize = 60;
+/// Relative change of that noise that is none.
+const SAME: f64 = 0.01;
+
+impl Fit<'_> {
+    /// Takes all noise for so many times the stated one that squares, those of the tolerances among them, are as many as
+    /// the rows that poses leave, and starts from the parameters there.
+    ///
+    /// # Errors
+    /// [`Error::NotConverged`].
+    pub(super) fn widen(&mut self, options: &calibration::Options) -> Result<(), Error> {
+        let stated = self.assembly.kinds.clone();
+        let mut values = self.start.clone();
+        let reduced = self.elimination(&values).reduce();
+        let left = reduced.rows().saturating_sub(reduced.spent).max(1) as f64;
+        let squares: f64 = (reduced.residuals.iter().flatten().map(|r| r * r)).sum();
+        let mut times = (squares / left).sqrt();
+        for _ in 0..STEPS {
+            for (kind, stated) in self.assembly.kinds.iter_mut().zip(&stated) {
+                kind.sigma = times * stated.sigma;
+            }
+            let solution = self.solved(&values, ROUGH_COST, options)?;
+            values.clone_from(&solution.parameters);
+            let ratio = (2.0 * solution.cost / left).sqrt();
+            times *= ratio;
+            if times <= 1.0 || (ratio - 1.0).abs() < SAME {
+                break;
+            }
+        }
+        self.widened = times.max(1.0);
+        self.rebuild(&mut values)?;
+        self.start = values;
+        Ok(())
+    }
+
+    /// States what settled at more noise in terms of the stated one.
+    pub(super) fn narrow(&mut self, settled: &mut Settled) {
+        if self.widened == 1.0 {
+            return;
+        }
+        for kind in &mut self.assembly.kinds {
+            kind.sigma /= self.widened;
+        }
+        let values = &settled.solution.parameters;
+        settled.reduced = self.elimination(values).reduce();
+    }
+}
