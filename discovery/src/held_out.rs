@@ -6,10 +6,12 @@
 use tau_estimation::evaluation::{Summary, evaluate};
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::joint::unknown::HeldOut;
+use tau_estimation::numerics::spread::spread;
 use tau_estimation::samples::Sample;
 use tau_estimation::samples::frames::Frames;
 use tau_kinematics::Machine;
 
+use super::constants::count;
 use super::floor::{self, Floor};
 use super::results::{Gap, GrossRow};
 use super::{Error, Input, Unknown};
@@ -32,11 +34,13 @@ pub(super) fn gap(input: &Input<'_>, fit: &Fit) -> Result<Gap, Error> {
     Ok(summary.into())
 }
 
-/// The error that noise alone leaves there.
+/// The error that noise alone leaves there: of many poses, on as many evenly spread ones as a search takes.
 pub(super) fn floor(input: &Input<'_>, fit: &Fit) -> Result<Floor, Error> {
     let Some(unknown) = input.unknown else {
-        let poses = &input.division.validation;
-        return floor::floor(fit, &machine(fit), input.folder, poses, input.file.noise);
+        let all = &input.division.validation;
+        let taken = spread(all.len(), count(input.options.constants.most_poses));
+        let poses: Vec<usize> = taken.into_iter().map(|pose| all[pose]).collect();
+        return floor::floor(fit, &machine(fit), input.folder, &poses, input.file.noise);
     };
     let found = of_unknown(input, unknown, fit)?;
     let count = found.expected_m2.len().max(1) as f64;

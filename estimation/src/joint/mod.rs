@@ -277,12 +277,40 @@ impl Joint {
         outliers::deviations(self.sums(&plain, samples.len()), samples)
     }
 
-    /// Each sample's sum of squared residuals, and their number.
+    /// Sum of squares and number of the residuals that count: of those that have noise, and where they are missed of exact
+    /// ones, which are bounds and met or not.
+    pub(crate) fn counted(&self, residuals: &[f64]) -> (f64, usize) {
+        let [mut noisy, mut exact] = [(0.0, 0); 2];
+        for (row, residual) in self.rows.iter().zip(residuals) {
+            let own = if row.component == Component::Exact {
+                &mut exact
+            } else {
+                &mut noisy
+            };
+            own.0 += residual * residual;
+            own.1 += 1;
+        }
+        if exact.0 > exact.1 as f64 {
+            (noisy.0 + exact.0, noisy.1 + exact.1)
+        } else {
+            noisy
+        }
+    }
+
+    /// Number of residuals of a sample of set 1 that have noise, where poses are measured.
+    pub(crate) fn noisy_closures(&self) -> usize {
+        let closures = self.parts.first().map(|rows| &rows.part.components);
+        closures.map_or(0, |own| {
+            own.iter().filter(|kind| **kind != Component::Exact).count()
+        })
+    }
+
+    /// Each sample's sum of squared residuals, and the number of those that have noise.
     pub fn sums(&self, residuals: &DVector<f64>, samples: usize) -> Vec<(f64, f64)> {
         let mut sums = vec![(0.0, 0.0_f64); samples];
         for (row, at) in self.rows.iter().enumerate() {
             sums[at.sample].0 += residuals[row].powi(2);
-            sums[at.sample].1 += 1.0;
+            sums[at.sample].1 += f64::from(u8::from(at.component != Component::Exact));
         }
         sums
     }

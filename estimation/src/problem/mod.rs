@@ -147,6 +147,13 @@ impl Residuals {
     }
 }
 
+/// Components of so many residuals of closures, the last of them exact.
+fn of_closures(residuals: usize, exact: usize) -> Vec<Component> {
+    let mut components = vec![Component::Closure; residuals - exact];
+    components.resize(residuals, Component::Exact);
+    components
+}
+
 /// Priors of the parameters of a fit; `nominal` holds a value and tolerance of each of the variant.
 pub(crate) fn priors(variant: &Variant, used: &[usize], nominal: &[Nominal]) -> Vec<Nominal> {
     let described = &variant.parameters;
@@ -308,11 +315,18 @@ impl Part {
             .collect();
         let family = WhitenedPose::new(closures.clone());
         let parameters = family.parameters().to_vec();
+        // The factor is triangular: the last rows are what the motions of the plate leave of closures.
+        let scatters = machine.surroundings.length_noise.is_any();
+        let exact = if scatters {
+            0
+        } else {
+            (closures.len()).saturating_sub(machine.pose_unknowns().len())
+        };
         let mut part = Self::of(
             "closures".to_owned(),
             (Arc::new(family), parameters),
             (samples, indices(samples, 1, None)),
-            vec![Component::Closure; closures.len()],
+            of_closures(closures.len(), exact),
         );
         for &sample in &part.samples {
             let sample = &samples[sample];
@@ -355,11 +369,7 @@ impl Part {
                     "closures".to_owned(),
                     (Arc::new(family), parameters),
                     (samples, vec![]),
-                    [
-                        vec![Component::Closure; rows - exact],
-                        vec![Component::Exact; exact],
-                    ]
-                    .concat(),
+                    of_closures(rows, exact),
                 )
             });
             for &sample in &group.samples {

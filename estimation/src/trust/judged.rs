@@ -84,10 +84,10 @@ impl Judged {
 
     /// Of a descent that has arrived, with `B` of the covariance `B·Bᵀ` there.
     pub(crate) fn of(descent: Descent, factor: DMatrix<f64>) -> Self {
-        let rows = descent.joint.rows.len();
+        let (chi2, rows) = descent.joint.counted(plain_residuals(&descent).as_slice());
         let absorbed: [f64; Component::ALL.len()] = descent.normal.absorbed(&factor);
         let misfit = Misfit {
-            chi2: plain_residuals(&descent).rows(0, rows).norm_squared(),
+            chi2,
             dof: (rows as f64 - absorbed[Component::Closure as usize]).max(1.0),
             rows,
         };
@@ -106,6 +106,20 @@ impl Judged {
     /// Misfit of the closures.
     pub(crate) fn misfit(&self) -> Misfit {
         self.misfit
+    }
+
+    /// Root mean square of the residuals that have noise, over it.
+    pub(crate) fn over_noise(&self) -> f64 {
+        let rows = self.descent.joint.rows.iter();
+        let plain = plain_residuals(&self.descent);
+        let noisy = rows
+            .zip(plain.iter())
+            .filter(|(row, _)| row.component == Component::Closure);
+        let (squares, count) = noisy.fold((0.0, 0.0), |(squares, count), (_, residual)| {
+            (squares + residual * residual, count + 1.0)
+        });
+        let absorbed: [f64; Component::ALL.len()] = self.descent.normal.absorbed(&self.factor);
+        (squares / f64::max(count - absorbed[Component::Closure as usize], 1.0)).sqrt()
     }
 
     /// The sum of squares of residuals and priors.
@@ -168,7 +182,7 @@ impl Judged {
             of_priors += weight * off * off;
             held += weight * factor.row(column).norm_squared();
         }
-        let dof = (joint.rows.len() as f64 - (columns as f64 - held)).max(1.0);
+        let dof = (self.misfit().rows as f64 - (columns as f64 - held)).max(1.0);
         let misfit = (total - of_priors) / dof;
         let scale = misfit.min(self.misfit().ratio().powi(2)).max(1.0);
         Some((self.total() - total) / scale - volumes)
@@ -270,7 +284,7 @@ pub(crate) fn sums_of(
     known: &Judged,
     samples: usize,
 ) -> Vec<(f64, f64)> {
-    let each = joint.rows.len() / samples.max(1);
+    let (each, noisy) = (joint.rows.len() / samples.max(1), joint.noisy_closures());
     let factors = vec![1.0; joint.rows.len()];
     let linear = joint.linearize(fitted, &factors);
     let spread = linear.jacobian.times(&known.factor);
@@ -281,7 +295,7 @@ pub(crate) fn sums_of(
         let sum = covariance
             .cholesky()
             .map_or_else(|| own.norm_squared(), |c| own.dot(&c.solve(&own)));
-        (sum, each as f64)
+        (sum, noisy as f64)
     };
     (0..samples).map(of_sample).collect()
 }

@@ -170,9 +170,8 @@ fn stated_sigmas(file: &RobotFile) -> usize {
 /// χ² of residuals at known values under the noise and what the uncertainty of the values does to them:
 /// `rᵀ(1 + J·C·Jᵀ)⁻¹r = rᵀr − gᵀ(JᵀJ + C⁻¹)⁻¹g` with `g = Jᵀr`, in units of the noise.
 fn predicted(judged: Judged, known: Judged) -> Misfit {
-    let misfit = judged.misfit();
     let (own, known) = (judged.into_descent(), known.into_descent());
-    let rows = own.joint.rows.len();
+    let joint = own.joint.clone();
     let data = |descent: Descent| {
         let rows = descent.joint.rows.len();
         let residuals = descent.residuals.clone();
@@ -186,23 +185,28 @@ fn predicted(judged: Judged, known: Judged) -> Misfit {
     let (jacobian, residuals, _) = data(own);
     let (.., information) = data(known);
     let information: DMatrix<f64> = information.tr_mul(&information);
-    let chi2 = residuals.norm_squared();
     let gradient = jacobian.tr_mul(&residuals);
     let scale = information
         .diagonal()
         .map(|d| if d > 0.0 { d.sqrt().recip() } else { 1.0 });
-    let gram = jacobian.tr_mul(&jacobian) + information;
+    let gram = jacobian.tr_mul(&jacobian) + &information;
     let scaled = DMatrix::from_fn(gram.nrows(), gram.ncols(), |i, j| {
         gram[(i, j)] * scale[i] * scale[j]
     });
-    let explained = inverse_factor(scaled).map_or(0.0, |factor| {
-        factor
-            .tr_mul(&gradient.component_mul(&scale))
-            .norm_squared()
-    });
+    let step = inverse_factor(scaled).map_or_else(
+        || gradient.scale(0.0),
+        |factor| {
+            let step = &factor * factor.tr_mul(&gradient.component_mul(&scale));
+            step.component_mul(&scale)
+        },
+    );
+    // Residuals where the values go as far as their uncertainty lets them.
+    let left = &residuals - jacobian * &step;
+    let of_values = step.dot(&(information * &step));
+    let (chi2, rows) = joint.counted(left.as_slice());
     Misfit {
-        chi2: (chi2 - explained).max(0.0),
+        chi2: chi2 + of_values,
         dof: rows as f64,
-        rows: misfit.rows,
+        rows,
     }
 }

@@ -50,12 +50,17 @@ const NEARER: f64 = 3.0;
 /// stated a thousand times too large leaves a misfit of less than that.
 const CAUTIOUS: f64 = 10.0;
 
+/// Factor to which noise is known where its unit is right.
+const STATED: f64 = 2.0;
+
 /// A hypothesis with its fit.
 struct Tried {
     hypothesis: Option<Hypothesis>,
     total: f64,
     volumes: f64,
     misfit: Misfit,
+    /// Residuals that have noise over it.
+    over_noise: f64,
     deviations: Vec<Deviation>,
     values: Vec<f64>,
 }
@@ -67,6 +72,7 @@ impl Tried {
             total: judged.total(),
             volumes: judged.volumes(),
             misfit: judged.misfit(),
+            over_noise: judged.over_noise(),
             deviations: judged.deviations(),
             values: judged.values(),
         }
@@ -446,11 +452,12 @@ fn wide(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
 
 /// Stated noise that is off by a thousand.
 ///
-/// A misfit beyond the noise has its cause in what the model lacks, unless it is nearer to a thousand than to one.
+/// A misfit beyond the noise has its cause in what the model lacks, unless a thousand times that noise is what it is: noise
+/// is known to a factor of two.
 fn noise(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
-    let off = |tried: &Tried| tried.misfit.ratio().ln().abs();
+    let off = |tried: &Tried| tried.over_noise.ln().abs();
     let limit = off(given) - NEARER.ln();
-    let ratio = given.misfit.ratio();
+    let ratio = given.over_noise;
     if limit < 0.0 || (1.0..THOUSAND.sqrt()).contains(&ratio) {
         return None;
     }
@@ -458,11 +465,15 @@ fn noise(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
         let chance = chi2_survival(tried.misfit.chi2, tried.misfit.dof);
         (LEVEL..1.0 - LEVEL).contains(&chance)
     };
-    let is_gross = !(CAUTIOUS.recip()..CAUTIOUS).contains(&ratio);
+    let is_likely = |tried: &Tried| {
+        if ratio > 1.0 {
+            off(tried) < STATED.ln()
+        } else {
+            ratio < CAUTIOUS.recip() || is_by_chance(tried)
+        }
+    };
     let mut all = closer(case, &hypothesis::noise(), ITERATIONS);
-    all.retain(|tried| {
-        tried.is_plausible() && off(tried) < limit && (is_gross || is_by_chance(tried))
-    });
+    all.retain(|tried| tried.is_plausible() && off(tried) < limit && is_likely(tried));
     let least = all.iter().map(off).fold(f64::INFINITY, f64::min);
     // Of several that bring it about as near, the first is the simplest.
     let best = all.iter().find(|tried| off(tried) < least + 0.5)?;

@@ -400,7 +400,7 @@ struct Robust {
     descent: Descent,
     /// `B` of the covariance `B·Bᵀ` of its unknowns.
     factor: DMatrix<f64>,
-    /// Number of residuals of a pose.
+    /// Number of residuals of a pose that have noise.
     residuals: usize,
     /// Of each pose, against a fit to the others.
     sums: Vec<(f64, f64)>,
@@ -410,15 +410,13 @@ struct Robust {
 impl Robust {
     /// `all` are the poses that are asked about, the fit may have fewer.
     fn of(descent: Descent, all: &[Sample]) -> Result<Self, Error> {
-        let poses = descent.weights.len();
-        let residuals = descent.joint.rows.len() / poses.max(1);
         let factor = inverse_factor(&descent)?;
-        let sums = deleted(&descent, &factor, residuals);
+        let sums = deleted(&descent, &factor);
         Ok(Self {
             far: Far::of(&sums, all),
             factor,
             sums,
-            residuals,
+            residuals: descent.joint.noisy_closures(),
             descent,
         })
     }
@@ -426,7 +424,7 @@ impl Robust {
     fn with(mut self, weights: Vec<f64>) -> Result<Self, Error> {
         self.descent = self.descent.refactored([1.0; 4], weights)?.converged()?;
         self.factor = inverse_factor(&self.descent)?;
-        self.sums = deleted(&self.descent, &self.factor, self.residuals);
+        self.sums = deleted(&self.descent, &self.factor);
         self.far.variance = outliers::variance(&self.sums).max(1.0);
         Ok(self)
     }
@@ -485,12 +483,15 @@ impl Robust {
         Ok(self)
     }
 
-    /// Residuals of the poses at the fit, as they count where they count wholly.
+    /// Residuals of the poses at the fit, those that have noise, as they count where they count wholly.
     fn plain_residuals(&self) -> DVector<f64> {
         let Descent { joint, fitted, .. } = &self.descent;
         let factors = joint.factors(&[1.0; 4], &vec![1.0; self.descent.weights.len()]);
-        let rows = joint.rows.len();
-        joint.residuals(fitted, &factors).rows(0, rows).into_owned()
+        let residuals = joint.residuals(fitted, &factors);
+        let rows = joint.rows.iter().zip(residuals.iter());
+        let noisy = rows.filter(|(row, _)| row.component != Component::Exact);
+        let noisy: Vec<f64> = noisy.map(|(_, residual)| *residual).collect();
+        noisy.into()
     }
 
     /// Norms of the poses' residuals.
@@ -556,13 +557,15 @@ fn inverse_factor(descent: &Descent) -> Result<DMatrix<f64>, Error> {
 }
 
 /// Sum of squares of each pose's residuals against a fit to all others, in units of the noise and of what that fit leaves
-/// open, and their number.
+/// open, and the number of those that have noise.
 ///
 /// With P what the fit leaves open of a pose's residuals r, and f the factor with which they take part in it, a fit to the
 /// others misses them by e = (1 − f²P)⁻¹r, which have the covariance 1 + P(1 − f²P)⁻¹ (R. D. Cook and S. Weisberg,
 /// *Residuals and Influence in Regression*, 1982, section 2.2).
-fn deleted(descent: &Descent, factor: &DMatrix<f64>, residuals: usize) -> Vec<(f64, f64)> {
+fn deleted(descent: &Descent, factor: &DMatrix<f64>) -> Vec<(f64, f64)> {
     let joint = &descent.joint;
+    let residuals = joint.rows.len() / descent.weights.len().max(1);
+    let noisy = joint.noisy_closures() as f64;
     let plain;
     // The descent's own residuals and derivatives are those in question but for the weights of poses that take part.
     let is_whole = descent.weights.iter().all(|weight| *weight > 0.0);
@@ -588,7 +591,7 @@ fn deleted(descent: &Descent, factor: &DMatrix<f64>, residuals: usize) -> Vec<(f
                 Some(error.dot(&covariance.cholesky()?.solve(&error)))
             });
         let sum = missed.unwrap_or_else(|| own.norm_squared());
-        (sum, residuals as f64)
+        (sum, noisy)
     };
     descent.weights.iter().enumerate().map(of_pose).collect()
 }
