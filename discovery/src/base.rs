@@ -48,7 +48,7 @@ pub(super) fn base_fit(
         &of_set_1,
         file.noise,
     )?;
-    let (values, mut weights) = Fit::of_set_1(&alone, &of_set_1)?;
+    let (values, mut weights) = Fit::of_set_1(&alone.without_exact(), &of_set_1)?;
     let machine = prepared.machine.with_values(values.clone());
     let frames = Frames::of(&machine, file, folder);
     trust::refuse(&machine, file, folder, &division.calibration)?;
@@ -57,7 +57,16 @@ pub(super) fn base_fit(
     let joint = Joint::new(machine.clone(), &prepared.nominal, &samples, file.noise)?;
     let about_lines = outliers::deviations(outliers::about_lines(&samples), &samples);
     weights.extend(outliers::weights(&about_lines).drain(weights.len()..));
-    let fit = Fit::robust(joint, &values, weights, &samples, file.noise)?;
+    let robust = |joint| Fit::robust(joint, &values, weights.clone(), &samples, file.noise);
+    let is_met = |fit: &Fit| !fit.joint.misses_exact(fit.residuals.as_slice());
+    let fit = if joint.has_exact() {
+        match robust(joint.clone()) {
+            Ok(bound) if is_met(&bound) => bound,
+            _ => robust(joint.without_exact())?,
+        }
+    } else {
+        robust(joint)?
+    };
     let off_m = fit.scales[Component::Closure as usize] * file.noise.position_m;
     if off_m > LARGEST_MISFIT * mean_length_m(&fit) {
         let why = format!("its closures are still off by {:.0} mm", 1e3 * off_m);

@@ -398,6 +398,7 @@ pub(super) mod tests {
             sample: row / 2,
             component: Component::Closure,
             residual: row % 2,
+            share: 1.0,
         };
         LinearModel {
             residuals: residuals - &*q * q.tr_mul(residuals),

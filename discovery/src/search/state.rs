@@ -255,7 +255,8 @@ impl State {
             &prepared.nominal,
             &bench.samples,
             file.noise,
-        )?;
+        )?
+        .like(&self.fit.joint);
         let start = joint.fitted(&values);
         Fit::near(
             joint,

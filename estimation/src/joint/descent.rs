@@ -18,7 +18,6 @@ use tau_runtime::Owner;
 use crate::calibration::error::Error;
 use crate::joint::{Component, Joint, Linear};
 use crate::numerics::projection::{Damped, Normal};
-use crate::problem::CLOSURE_SHARE;
 use crate::samples::Sample;
 use crate::samples::outliers;
 
@@ -165,13 +164,6 @@ impl Descent {
         if self.factors.contains(&0.0) && weights != self.weights {
             return Self::from(self.joint, self.fitted, scales, weights);
         }
-        self.scales = scales;
-        self.weights = weights;
-        self.with_factors(factors)
-    }
-
-    /// The same values with other factors of rows that take part.
-    fn with_factors(mut self, factors: Vec<f64>) -> Result<Self, Error> {
         let ratios = ratios(&factors, &self.factors, self.residuals.len());
         self.residuals
             .iter_mut()
@@ -181,6 +173,8 @@ impl Descent {
             return Err(not_converged(&self.joint, "the derivatives are not finite"));
         };
         Ok(Self {
+            scales,
+            weights,
             factors,
             normal,
             ..self
@@ -198,25 +192,9 @@ impl Descent {
         self.descended(AT_MINIMUM)
     }
 
-    /// On the way to the minimum, so many iterations at most, or twice as many where exact closures bind parameters: these
-    /// could follow them along their curves in tiny steps alone, and come near while they are as noisy as the others.
-    pub(crate) fn approached(mut self, iterations: usize) -> Result<Self, Error> {
-        let end = End { iterations, ..NEAR };
-        let rows = self.joint.rows.iter();
-        let is_exact: Vec<bool> = rows.map(|row| row.component == Component::Exact).collect();
-        if is_exact.contains(&true) && iterations > 0 {
-            let stated = self.factors.clone();
-            let soft = stated
-                .iter()
-                .zip(is_exact)
-                .map(|(factor, is_exact)| factor * if is_exact { CLOSURE_SHARE } else { 1.0 });
-            let soft = soft.collect();
-            self = self
-                .with_factors(soft)?
-                .descended(end)?
-                .with_factors(stated)?;
-        }
-        self.descended(end)
+    /// On the way to the minimum, so many iterations at most.
+    pub(crate) fn approached(self, iterations: usize) -> Result<Self, Error> {
+        self.descended(End { iterations, ..NEAR })
     }
 
     fn descended(mut self, end: End) -> Result<Self, Error> {

@@ -1,6 +1,7 @@
 //! All sets in one fit: residuals in units of their noise, their derivatives, priors.
 
 pub mod descent;
+pub(crate) mod exact;
 pub mod fit;
 pub mod knots;
 mod priors;
@@ -71,6 +72,8 @@ pub struct Row {
     pub component: Component,
     /// Index of the residual in its sample.
     pub residual: usize,
+    /// Share of its stated weight: 1, but of exact closures that a model misses.
+    pub share: f64,
 }
 
 /// Residuals and derivatives at a point, whitened; the rows of the priors last.
@@ -168,6 +171,7 @@ impl Joint {
                     sample,
                     component,
                     residual,
+                    share: 1.0,
                 }));
                 let mut prepared = vec![0.0; part.samples.len() * part.family.shape().prepared];
                 part.family.prepare_all(&part.data, &mut prepared);
@@ -261,7 +265,7 @@ impl Joint {
     pub fn factors(&self, scales: &[f64; 4], weights: &[f64]) -> Vec<f64> {
         self.rows
             .iter()
-            .map(|row| weights[row.sample] / row.component.scale(scales))
+            .map(|row| row.share * weights[row.sample] / row.component.scale(scales))
             .collect()
     }
 
@@ -275,34 +279,6 @@ impl Joint {
         let factors = self.factors(scales, &vec![1.0; samples.len()]);
         let plain = self.residuals(fitted, &factors);
         outliers::deviations(self.sums(&plain, samples.len()), samples)
-    }
-
-    /// Sum of squares and number of the residuals that count: of those that have noise, and where they are missed of exact
-    /// ones, which are bounds and met or not.
-    pub(crate) fn counted(&self, residuals: &[f64]) -> (f64, usize) {
-        let [mut noisy, mut exact] = [(0.0, 0); 2];
-        for (row, residual) in self.rows.iter().zip(residuals) {
-            let own = if row.component == Component::Exact {
-                &mut exact
-            } else {
-                &mut noisy
-            };
-            own.0 += residual * residual;
-            own.1 += 1;
-        }
-        if exact.0 > exact.1 as f64 {
-            (noisy.0 + exact.0, noisy.1 + exact.1)
-        } else {
-            noisy
-        }
-    }
-
-    /// Number of residuals of a sample of set 1 that have noise, where poses are measured.
-    pub(crate) fn noisy_closures(&self) -> usize {
-        let closures = self.parts.first().map(|rows| &rows.part.components);
-        closures.map_or(0, |own| {
-            own.iter().filter(|kind| **kind != Component::Exact).count()
-        })
     }
 
     /// Each sample's sum of squared residuals, and the number of those that have noise.

@@ -6,6 +6,7 @@ use tau_robot::robot_file::Noise;
 use crate::calibration::error::Error;
 use crate::calibration::prepared::Prepared;
 use crate::joint::descent::{Descent, not_converged};
+use crate::joint::exact::descent as closures_descent;
 use crate::joint::{Component, Joint};
 use crate::numerics::projection::inverse_factor;
 use crate::samples::Sample;
@@ -69,13 +70,9 @@ impl Judged {
         noise: Noise,
         (inflation, iterations): (&[f64], usize),
     ) -> Result<Self, Error> {
-        let machine = prepared.machine.clone();
-        let joint = Joint::new(machine, &prepared.nominal, samples, noise)?;
-        let joint = joint.with_path_noise(samples, noise.position_m);
-        let start = joint.fitted(start);
         let weights = inflation.iter().map(|inflation| inflation.sqrt().recip());
-        let descent = Descent::from(joint, start, [1.0; 4], weights.collect())?;
-        let descent = descent.approached(iterations)?;
+        let weights = (weights.collect(), iterations);
+        let descent = closures_descent(prepared, start, samples, noise, weights)?;
         let factor = descent.normal.inverse_factor();
         let factor = factor
             .ok_or_else(|| not_converged(&descent.joint, "the derivatives are not finite"))?;

@@ -15,7 +15,7 @@ use tau_robot::robot_file::Noise;
 use crate::calibration::error::Error;
 use crate::calibration::prepared::Prepared;
 use crate::joint::descent::{Descent, not_converged};
-use crate::joint::{Component, Joint};
+use crate::joint::{Component, Joint, exact};
 use crate::numerics::parallel;
 use crate::samples::Sample;
 use crate::samples::outliers;
@@ -194,11 +194,9 @@ pub(crate) fn weighed(
 ) -> Result<(Weighing, Option<Judged>), Error> {
     let few = few(samples);
     let of_few: Vec<Sample> = few.iter().map(|&index| samples[index].clone()).collect();
-    let joint = Joint::new(prepared.machine.clone(), &prepared.nominal, &of_few, noise)?;
-    let joint = joint.with_path_noise(&of_few, noise.position_m);
-    let start = joint.fitted(values);
-    let even = vec![1.0; of_few.len()];
-    let descent = Descent::from(joint, start, [1.0; 4], even)?;
+    // Nothing is to be gone where values are those of the fit; [`weighed_from`] goes on from there.
+    let even = (vec![1.0; of_few.len()], 0);
+    let descent = exact::descent(prepared, values, &of_few, noise, even)?;
     weighed_from(
         descent,
         (prepared, noise),

@@ -184,6 +184,7 @@ impl World {
             sample,
             component: Component::Position,
             residual: 0,
+            share: 1.0,
         };
         joint.rows = (0..ROWS).map(row).collect();
         // The priors' rows are empty.
