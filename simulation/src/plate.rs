@@ -202,7 +202,7 @@ impl Gauges<'_> {
                     measured.rows.push(PlateRow {
                         kind,
                         line: measured.rows.len() - first + 2,
-                        pose: number(index),
+                        pose: self.number(index),
                         commands_m: stop.commanded.commands_m.clone(),
                         conditions: stop.conditions.recorded(),
                         directions: Some(stop.conditions.directions.clone()),
@@ -241,7 +241,7 @@ impl Gauges<'_> {
             let way = states[first].pose.position_m - states[second].pose.position_m;
             measured.distances.push(Distance {
                 line: measured.distances.len() + 2,
-                poses: [number(first), number(second)],
+                poses: [first, second].map(|index| self.number(index)),
                 distance_m: way.norm() + sigma * self.noise.deviate(&mut random),
                 sigma_m: None,
             });
@@ -251,6 +251,16 @@ impl Gauges<'_> {
             row.distance_m += sigma * self.noise.outlier_size * random.sign();
             measured.gross.push((file, row.line));
         }
+    }
+
+    /// Number of the pose at a stop: where poses are measured, each of whose readings has its own, that of the first.
+    fn number(&self, stop: usize) -> u32 {
+        let has_poses = self.measures.contains(&Measure::Poses);
+        number(if has_poses {
+            stop * self.readings
+        } else {
+            stop
+        })
     }
 
     /// True noise (m) of the lengths in a file.

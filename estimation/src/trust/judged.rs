@@ -57,6 +57,9 @@ pub(crate) struct Deviation {
 /// lies beyond is decided by how other parameters depart from their priors together.
 const LEAST_KNOWN: f64 = 0.1;
 
+/// Standard deviations from which on residuals that resemble their neighbours' do so beyond chance.
+const FOLLOW: f64 = 3.0;
+
 impl Judged {
     /// Descends from values of the variant in at most so many iterations; `inflation` is the variance of each sample over
     /// the stated one, for what it shares with others.
@@ -117,6 +120,33 @@ impl Judged {
         });
         let absorbed: [f64; Component::ALL.len()] = self.descent.normal.absorbed(&self.factor);
         (squares / f64::max(count - absorbed[Component::Closure as usize], 1.0)).sqrt()
+    }
+
+    /// True if residuals of poses resemble those of the nearest ones beyond chance (the statistic of P. A. P. Moran, Biometrika
+    /// 37, 1950, with the nearest neighbour in commands for weight).
+    pub(crate) fn follow_their_neighbours(&self, samples: &[Sample]) -> bool {
+        let plain = plain_residuals(&self.descent);
+        let each = self.descent.joint.rows.len() / samples.len().max(1);
+        let own = |sample: usize| plain.rows(sample * each, each);
+        let apart = |a: usize, b: usize| -> f64 {
+            let pairs = samples[a].commands_m.iter().zip(&samples[b].commands_m);
+            pairs.map(|(a, b)| (a - b).powi(2)).sum()
+        };
+        let (mut together, mut squares, mut variance) = (0.0, 0.0, 0.0);
+        for sample in 0..samples.len() {
+            // Readings of one visit share more than noise.
+            let others =
+                (0..samples.len()).filter(|&other| samples[other].unit != samples[sample].unit);
+            let nearest = others.min_by(|&a, &b| apart(sample, a).total_cmp(&apart(sample, b)));
+            let Some(nearest) = nearest else {
+                return false;
+            };
+            let product = own(sample).dot(&own(nearest));
+            together += product;
+            variance += product * product;
+            squares += own(sample).norm_squared();
+        }
+        squares > 0.0 && together > FOLLOW * variance.sqrt()
     }
 
     /// The sum of squares of residuals and priors.

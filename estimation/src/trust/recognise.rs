@@ -187,7 +187,7 @@ pub(crate) fn mistakes(case: &Case<'_>, known: Option<&Judged>) -> Result<Vec<Mi
         !is_beyond_noise(&given.misfit) && beyond_tolerance(&given.deviations, 1.0).is_none()
     });
     if is_fine {
-        let noise = given.and_then(|given| noise(&thinned, &given));
+        let noise = given.and_then(|given| noise(&thinned, &given, judged.as_deref()));
         return Ok(noise.into_iter().collect());
     }
     let mut all = closer(
@@ -222,7 +222,7 @@ pub(crate) fn mistakes(case: &Case<'_>, known: Option<&Judged>) -> Result<Vec<Mi
         return Ok(vec![described(&thinned, &rivals)]);
     }
     Ok(given
-        .and_then(|given| noise(&thinned, &given))
+        .and_then(|given| noise(&thinned, &given, judged.as_deref()))
         .into_iter()
         .collect())
 }
@@ -452,13 +452,17 @@ fn wide(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
 
 /// Stated noise that is off by a thousand.
 ///
-/// A misfit beyond the noise has its cause in what the model lacks, unless a thousand times that noise is what it is: noise
-/// is known to a factor of two.
-fn noise(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
+/// A misfit beyond the noise has its cause in what the model lacks, unless a thousand times that noise is what it is (noise is
+/// known to a factor of two) and residuals do not follow each other.
+fn noise(case: &Case<'_>, given: &Tried, judged: Option<&Judged>) -> Option<Mistake> {
     let off = |tried: &Tried| tried.over_noise.ln().abs();
     let limit = off(given) - NEARER.ln();
     let ratio = given.over_noise;
     if limit < 0.0 || (1.0..THOUSAND.sqrt()).contains(&ratio) {
+        return None;
+    }
+    let follows = |judged: &Judged| judged.follow_their_neighbours(&case.samples());
+    if ratio > 1.0 && judged.is_some_and(follows) {
         return None;
     }
     let is_by_chance = |tried: &Tried| {

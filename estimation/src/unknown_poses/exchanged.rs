@@ -49,13 +49,13 @@ impl Fit<'_> {
             .map(|row| row.line)
             .collect();
         let original = self.blocks[block].data.clone();
+        // What the model lacks is not to be made up for by exchanges.
+        let kinds = self.assembly.kinds.clone();
+        self.loosen();
         let pairs = lines.len() * lines.len().saturating_sub(1) / 2;
         let mut found: Vec<[usize; 2]> = vec![];
         let (mut squares, degrees) = self.least_squares();
-        if degrees <= 0.0 {
-            return vec![];
-        }
-        loop {
+        while degrees > 0.0 {
             let free = |row: usize| !found.iter().flatten().any(|taken| *taken == row);
             let tried = self.promising(block).into_iter();
             let tried = tried.filter(|pair| pair.iter().all(|row| free(*row)));
@@ -82,6 +82,7 @@ impl Fit<'_> {
             squares = after;
         }
         self.blocks[block].data = original;
+        self.assembly.kinds = kinds;
         let named = found.into_iter().map(|[one, other]| Mistake {
             kind: "distances",
             file: DISTANCES,

@@ -33,6 +33,9 @@ pub struct Freedom {
     pub(super) direction: DVector<f64>,
 }
 
+/// Motions that are named of those that are open together: more tell a reader nothing.
+const NAMED_TOGETHER: usize = 4;
+
 /// A motion with its name.
 struct Motion {
     words: String,
@@ -301,9 +304,8 @@ impl Shared<'_> {
                     largest_first(&mut named, |own| own.0);
                     let most = named[0].0;
                     named.retain(|(share, _)| *share > 0.1 * most);
-                    let words: Vec<&str> = named.iter().map(|(_, m)| m.words.as_str()).collect();
                     let is_scale = named.iter().any(|(_, motion)| motion.is_scale);
-                    take(&direction, words.join(" with "), is_scale, &mut basis);
+                    take(&direction, together_in_words(&named), is_scale, &mut basis);
                 }
             }
         }
@@ -361,6 +363,19 @@ impl Shared<'_> {
             }
         }
     }
+}
+
+/// Motions that are open together, those with the largest share first.
+fn together_in_words(named: &[(f64, &Motion)]) -> String {
+    let mut words: Vec<String> = (named.iter().take(NAMED_TOGETHER))
+        .map(|(_, motion)| motion.words.clone())
+        .collect();
+    match named.len() - words.len() {
+        0 => {}
+        1 => words.push("one other".to_owned()),
+        others => words.push(format!("{others} others")),
+    }
+    words.join(" with ")
 }
 
 /// A triangle with columns in units of the unknowns.

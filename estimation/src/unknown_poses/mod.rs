@@ -125,11 +125,21 @@ pub fn calibrate(
             ..options.clone()
         };
         let is_sketch = sketch_m.is_some();
-        let mut fit = Fit::from(&prepared, machine, file, folder, division, is_sketch)?;
-        if search == Search::Widened {
-            fit.widen(&options)?;
+        let tried = |is_loose: bool| {
+            let machine = machine.clone();
+            let mut fit = Fit::from(&prepared, machine, file, folder, division, is_sketch)?;
+            if is_loose {
+                fit.loosen();
+            }
+            if search == Search::Widened {
+                fit.widen(&options)?;
+            }
+            fitted(fit, &options)
+        };
+        match tried(false) {
+            Ok(found) if found.kinds.iter().any(KindFit::is_missed) => tried(true),
+            found => found,
         }
-        fitted(fit, &options)
     };
     if let Some(length_m) = sketch_m {
         return starts::best(&prepared, length_m, division, fitted);

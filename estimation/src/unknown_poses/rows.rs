@@ -67,10 +67,14 @@ pub struct KindFit {
 }
 
 impl KindFit {
-    /// True if the rows tell something against their noise: exact drives have none, and what stands for it is only a
-    /// bound, which they meet or not.
+    /// True if what stands for the noise of exact drives, a bound, is not met.
+    pub(super) fn is_missed(&self) -> bool {
+        self.kind.is_exact() && self.squares > self.redundancy
+    }
+
+    /// True if the rows tell something against their noise: exact drives have none.
     fn is_judged(&self) -> bool {
-        !self.kind.is_exact() || self.squares > self.redundancy
+        !self.kind.is_exact() || self.is_missed()
     }
 
     /// Sum of squares that counts.

@@ -4,9 +4,12 @@
 //! determined far from what is plausible, along valleys without an end, or to a machine that does not reach its poses.
 //! At as much noise as the residuals show, tolerances weigh what they say.
 
+use tau_robot::robot_file::StatedNoise;
+
 use super::fit::Fit;
 use super::{ROUGH_COST, Settled};
 use crate::calibration::{self, Error};
+use crate::problem::CLOSURE_SHARE;
 
 /// Steps towards the noise at which squares are as many as expected.
 const STEPS: usize = 60;
@@ -14,6 +17,20 @@ const STEPS: usize = 60;
 const SAME: f64 = 0.01;
 
 impl Fit<'_> {
+    /// Takes closures of exact drives for as noisy as what was measured. Where the model lacks something, redundant drives
+    /// contradict each other, and parameters that would reconcile them at any price miss the measurements.
+    pub(super) fn loosen(&mut self) {
+        for kind in self
+            .assembly
+            .kinds
+            .iter_mut()
+            .filter(|kind| kind.is_exact())
+        {
+            kind.sigma /= CLOSURE_SHARE;
+            kind.stated = Some(StatedNoise::Known(kind.sigma));
+        }
+    }
+
     /// Takes all noise for so many times the stated one that squares, those of the tolerances among them, are as many as
     /// the rows that poses leave, and starts from the parameters there.
     ///

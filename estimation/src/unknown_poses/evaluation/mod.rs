@@ -175,6 +175,18 @@ pub fn evaluate(
     rows: &JudgedRows,
     options: &calibration::Options,
 ) -> Result<HeldErrors, Error> {
+    let of = |is_loose| evaluated((robot, variant, file, folder), rows, options, is_loose);
+    let (found, is_missed) = of(false)?;
+    Ok(if is_missed { of(true)?.0 } else { found })
+}
+
+/// The same, and true if exact closures are missed that are not taken for loose.
+fn evaluated(
+    (robot, variant, file, folder): (&Robot, &Variant, &RobotFile, &Folder),
+    rows: &JudgedRows,
+    options: &calibration::Options,
+    is_loose: bool,
+) -> Result<(HeldErrors, bool), Error> {
     let file = &file.completed(robot);
     refuse_tracker_effects(variant, folder)?;
     let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
@@ -187,6 +199,9 @@ pub fn evaluate(
     };
     let machine = prepared.machine.clone();
     let mut fit = Fit::from(&prepared, machine, file, folder, &division, false)?;
+    if is_loose {
+        fit.loosen();
+    }
     fit.refuse_units(&fit.elimination(&fit.start).reduce())?;
     let mistakes = fit.exchanged_distances();
     let known = Known::new(&fit, of_parameters.as_ref());
@@ -232,7 +247,8 @@ pub fn evaluate(
     });
     let (places, length_m) = (places.collect(), fit.mean_length_m());
     let shared = fit.shared();
-    Ok(HeldErrors {
+    let is_missed = fit.misses_exact(&reduced);
+    let held = HeldErrors {
         poses: fit.assembly.poses.len(),
         rows: reduced.rows(),
         spent: reduced.spent,
@@ -251,10 +267,18 @@ pub fn evaluate(
         kinds,
         gross: fit.gross,
         errors,
-    })
+    };
+    Ok((held, is_missed))
 }
 
 impl Fit<'_> {
+    /// True if closures of exact drives are further off than what stands for their noise.
+    fn misses_exact(&self, reduced: &Reduced) -> bool {
+        let (rows, residuals) = (&self.blocks[0], &reduced.residuals[0]);
+        let squares: f64 = residuals.iter().map(|residual| residual * residual).sum();
+        self.assembly.kinds[rows.kinds[0]].is_exact() && squares > residuals.len() as f64
+    }
+
     /// Takes noise that is to be estimated, and what rows are gross, from a calibration of these rows that begins at the
     /// parameters of the file, if it leaves something of each such kind; true if it does.
     ///
