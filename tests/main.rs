@@ -29,6 +29,7 @@ mod klipper;
 mod layout;
 mod machines;
 mod mutations;
+mod redundant;
 mod reference;
 mod robot_files;
 mod sensitivity;

@@ -6,7 +6,7 @@ use tau_estimation::joint::descent::not_converged;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::joint::unknown::{self, Start};
 use tau_estimation::joint::variant;
-use tau_estimation::joint::{Component, Joint};
+use tau_estimation::joint::{CLOSURE_SHARE, Component, Joint};
 use tau_estimation::samples::Sample;
 use tau_estimation::samples::frames::Frames;
 use tau_estimation::samples::outliers;
@@ -48,7 +48,8 @@ pub(super) fn base_fit(
         &of_set_1,
         file.noise,
     )?;
-    let (values, mut weights) = Fit::of_set_1(&alone.without_exact(), &of_set_1)?;
+    let alone = alone.without_exact(CLOSURE_SHARE);
+    let (values, mut weights) = Fit::of_set_1(&alone, &of_set_1)?;
     let machine = prepared.machine.with_values(values.clone());
     let frames = Frames::of(&machine, file, folder);
     trust::refuse(&machine, file, folder, &division.calibration)?;
@@ -59,13 +60,15 @@ pub(super) fn base_fit(
     weights.extend(outliers::weights(&about_lines).drain(weights.len()..));
     let robust = |joint| Fit::robust(joint, &values, weights.clone(), &samples, file.noise);
     let is_met = |fit: &Fit| !fit.joint.misses_exact(fit.residuals.as_slice());
-    let fit = if joint.has_exact() {
-        match robust(joint.clone()) {
-            Ok(bound) if is_met(&bound) => bound,
-            _ => robust(joint.without_exact())?,
+    // What exact drives hold tells effects apart that nothing else does: where the base misses it, it takes part as stated,
+    // with the noise that the misfit makes of all closures, unless the fit finds no end so.
+    let fit = match robust(joint.clone()) {
+        found if !joint.has_exact() => found?,
+        Ok(found) if is_met(&found) => found,
+        _ => {
+            let as_stated = robust(joint.clone().without_exact(1.0));
+            as_stated.or_else(|_| robust(joint.without_exact(CLOSURE_SHARE)))?
         }
-    } else {
-        robust(joint)?
     };
     let off_m = fit.scales[Component::Closure as usize] * file.noise.position_m;
     if off_m > LARGEST_MISFIT * mean_length_m(&fit) {

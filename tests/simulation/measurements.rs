@@ -464,3 +464,28 @@ fn links_and_axes_have_noise_of_their_own() {
     let ratio = mean(squares);
     assert!((ratio - 1.0).abs() < 0.12, "{ratio}");
 }
+
+/// Where poses are measured beside them, distances are between the poses of the same numbers.
+#[test]
+fn distances_name_poses_where_each_reading_has_a_number() {
+    let (robot, file) = drawings();
+    let simulation = Simulation {
+        poses: Poses::Random { count: 20 },
+        readings: 3,
+        measures: vec![Measure::Poses, Measure::Distances],
+        ..Simulation::new(robot, file)
+    };
+    let folder = run(&simulation).folder;
+    assert_eq!(folder.tcp_poses.len(), 60);
+    assert_eq!(folder.distances.len(), 20);
+    let position = |number: u32| {
+        let mut poses = folder.tcp_poses.iter();
+        let pose = poses.find(|pose| pose.pose == number).unwrap();
+        Vector3::from(pose.position_m)
+    };
+    for distance in &folder.distances {
+        let [from, to] = distance.poses.map(position);
+        let off_m = (from - to).norm() - distance.distance_m;
+        assert!(off_m.abs() < 1e-4, "{distance:?}: {off_m}");
+    }
+}

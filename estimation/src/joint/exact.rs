@@ -19,13 +19,14 @@ impl Joint {
         (self.rows.iter()).any(|row| row.component == Component::Exact)
     }
 
-    /// The same with these closures as noisy as the others.
+    /// The same with these closures among those that have noise, at a share of their stated weight: [`CLOSURE_SHARE`] makes
+    /// them as noisy as the others.
     #[must_use]
-    pub fn without_exact(mut self) -> Self {
+    pub fn without_exact(mut self, share: f64) -> Self {
         for row in &mut self.rows {
             if row.component == Component::Exact {
                 row.component = Component::Closure;
-                row.share = CLOSURE_SHARE;
+                row.share = share;
             }
         }
         self.groups = self.groups();
@@ -38,7 +39,8 @@ impl Joint {
         if other.has_exact() || !self.has_exact() {
             self
         } else {
-            self.without_exact()
+            let shares = other.rows.iter().map(|row| row.share);
+            self.without_exact(shares.fold(1.0, f64::min))
         }
     }
 
@@ -104,14 +106,14 @@ pub(crate) fn descent(
         return begun(joint, start)?.approached(iterations);
     }
     // Which closures the plate's motions leave follows from where the machine is.
-    let near = begun(joint.without_exact(), start)?.approached(iterations)?;
+    let near = begun(joint.without_exact(CLOSURE_SHARE), start)?.approached(iterations)?;
     let values = near.joint.values(&near.fitted);
     let joint = whitened_at(&values)?;
     let bound = begun(joint.clone(), &values)?.approached(iterations)?;
     let plain = bound.joint.factors(&[1.0; 4], &vec![1.0; samples.len()]);
     let residuals = bound.joint.residuals(&bound.fitted, &plain);
     if bound.joint.misses_exact(residuals.as_slice()) {
-        begun(joint.without_exact(), &values)?.approached(iterations)
+        begun(joint.without_exact(CLOSURE_SHARE), &values)?.approached(iterations)
     } else {
         Ok(bound)
     }

@@ -29,7 +29,8 @@ use whitened::WhitenedPose;
 pub use whitened::{Eliminated, Origin, RowPlace};
 
 pub(crate) use attenuation::{corrected, whitened_bias};
-pub(crate) use true_pose::{CLOSURE_SHARE, POSE_UNKNOWNS, TruePose, left_jacobian};
+pub use true_pose::CLOSURE_SHARE;
+pub(crate) use true_pose::{POSE_UNKNOWNS, TruePose, left_jacobian};
 
 /// Groups of residuals that have a noise of their own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

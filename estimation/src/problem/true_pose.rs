@@ -14,7 +14,7 @@ pub(crate) const POSE_UNKNOWNS: usize = 6;
 
 /// Closures hold at the true pose to this share of the smallest noise where drives are exact, or of the drives' own: small
 /// beside every noise, while zero would leave nothing to be solved.
-pub(crate) const CLOSURE_SHARE: f64 = 0.01;
+pub const CLOSURE_SHARE: f64 = 0.01;
 
 /// All closures of a pose (m²) as a function of the parameters of the variant and of the pose.
 ///

@@ -164,6 +164,7 @@ impl Judged {
             .closure_factors()
             .flat_map(|factor| (0..rows).map(|k| factor[k * rows + k].abs().ln()))
             .sum();
+        let of_noise = of_noise + joint.rows.iter().map(|row| row.share.ln()).sum::<f64>();
         let tolerances = joint.priors.iter().filter_map(|prior| prior.tolerance);
         let of_priors: f64 = tolerances.filter(|&tol| tol > 0.0).map(f64::ln).sum();
         let left: f64 = self.factor.diagonal().iter().map(|b| b.abs().ln()).sum();
@@ -253,7 +254,9 @@ impl Judged {
         let (mut found, mut noise, mut closures) = (0.0, 0.0, 0.0);
         for ((index, factor), sample) in joint.closure_factors().enumerate().zip(samples) {
             let lower = DMatrix::from_row_slice(count, count, factor);
-            let Some(inverse) = lower.solve_lower_triangular(&DMatrix::identity(count, count))
+            let shares = joint.rows[index * count..][..count].iter();
+            let noise_of = DVector::from_iterator(count, shares.map(|row| row.share.recip()));
+            let Some(inverse) = lower.solve_lower_triangular(&DMatrix::from_diagonal(&noise_of))
             else {
                 continue;
             };
@@ -291,8 +294,9 @@ impl Judged {
 /// Residuals in units of the stated noise, priors last.
 fn plain_residuals(descent: &Descent) -> DVector<f64> {
     let mut residuals = descent.residuals.clone();
-    for (residual, factor) in residuals.iter_mut().zip(&descent.factors) {
-        *residual /= factor;
+    let rows = descent.joint.rows.iter().zip(&descent.factors);
+    for (residual, (row, factor)) in residuals.iter_mut().zip(rows) {
+        *residual *= row.share / factor;
     }
     residuals
 }

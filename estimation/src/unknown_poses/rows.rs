@@ -67,14 +67,14 @@ pub struct KindFit {
 }
 
 impl KindFit {
-    /// True if what stands for the noise of exact drives, a bound, is not met.
+    /// True if exact drives contradict each other: what stands for their noise is only a bound, and poses can't follow.
     pub(super) fn is_missed(&self) -> bool {
-        self.kind.is_exact() && self.squares > self.redundancy
+        self.kind.is_exact() && self.residual_over_noise().is_some_and(|ratio| ratio > 1.0)
     }
 
-    /// True if the rows tell something against their noise: exact drives have none.
+    /// True if the rows tell something against their noise: exact drives have none, and a bound that they meet or not.
     fn is_judged(&self) -> bool {
-        !self.kind.is_exact() || self.is_missed()
+        !self.kind.is_exact() || self.squares > self.redundancy
     }
 
     /// Sum of squares that counts.

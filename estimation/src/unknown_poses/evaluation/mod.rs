@@ -272,11 +272,12 @@ fn evaluated(
 }
 
 impl Fit<'_> {
-    /// True if closures of exact drives are further off than what stands for their noise.
+    /// True if exact drives contradict each other: redundant closures are further off than what stands for their noise.
     fn misses_exact(&self, reduced: &Reduced) -> bool {
-        let (rows, residuals) = (&self.blocks[0], &reduced.residuals[0]);
+        let (kinds, residuals) = (&self.blocks[0].kinds, &reduced.residuals[0]);
         let squares: f64 = residuals.iter().map(|residual| residual * residual).sum();
-        self.assembly.kinds[rows.kinds[0]].is_exact() && squares > residuals.len() as f64
+        let is_redundant = kinds.len() > self.assembly.free.len();
+        is_redundant && self.assembly.kinds[kinds[0]].is_exact() && squares > residuals.len() as f64
     }
 
     /// Takes noise that is to be estimated, and what rows are gross, from a calibration of these rows that begins at the
