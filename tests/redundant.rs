@@ -71,3 +71,17 @@ fn what_the_model_lacks_is_found_where_drives_contradict_each_other() {
         assert_eq!(effects(&found)[0], "link_thermal(all)", "{robot}");
     }
 }
+
+/// The length of a belt is nearly even in what its drive counts, so that the other sign would make up for an error of it.
+#[test]
+fn an_error_of_a_length_is_no_drive_that_counts_the_other_way() {
+    let folder = tempfile::tempdir().unwrap();
+    let line = "tau simulate --model four_belts --variant Full --measure positions,ball-bar --random --poses 200 \
+                --seed 4024 --effect length_offset(top_left):offset=6e-3 --out DIR/measured";
+    tau_in(folder.path(), line).done();
+    let line =
+        "tau calibrate DIR/measured --model four_belts --variant Full --out DIR/cal --json -";
+    tau_in(folder.path(), line).done();
+    let fit = evaluated(folder.path(), "four_belts", "cal/robot.toml");
+    assert_eq!(fit["status"], "inconsistent", "{}", fit["why"]);
+}

@@ -20,7 +20,7 @@ use crate::trust::first_look::FirstLook;
 use crate::trust::hypothesis::{self, Case, Hypothesis, THOUSAND};
 use crate::trust::judged::{Deviation, Judged, Misfit};
 use crate::trust::mistake::Mistake;
-use crate::trust::{ABSURD_TOLERANCES, LEVEL, roots, words};
+use crate::trust::{ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, roots, words};
 use crate::weighing::weigh_fitted;
 
 /// Odds in favour of a hypothesis from which on it is believed: a thousand to one, which also is what mistakes are to
@@ -244,7 +244,8 @@ fn prior(case: &Case<'_>, hypothesis: Option<&Hypothesis>) -> f64 {
 fn candidates(case: &Case<'_>, given: Option<&Judged>) -> Vec<Hypothesis> {
     let few = case.thinned(FEW_POSES);
     let mut all = exchanged_commands(&few);
-    all.extend((0..case.robot.commands).map(Hypothesis::Sign));
+    let signs = (0..case.robot.commands).map(Hypothesis::Sign);
+    all.extend(signs.filter(|sign| is_another_machine(&few, sign)));
     all.extend(hypothesis::axes());
     all.extend(hypothesis::angles());
     all.push(Hypothesis::Millimetres);
@@ -268,6 +269,21 @@ fn candidates(case: &Case<'_>, given: Option<&Judged>) -> Vec<Hypothesis> {
         .filter_map(|tried| tried.hypothesis)
         .chain(found)
         .collect()
+}
+
+/// False where a hypothesis changes closures by less than what makes another machine, so that other values of parameters
+/// would do: a length that is even in its command hardly knows its sign.
+fn is_another_machine(case: &Case<'_>, hypothesis: &Hypothesis) -> bool {
+    let Ok(Prepared { machine, .. }) = case.prepared() else {
+        return true;
+    };
+    let (given, mended) = (case.samples(), case.mended(hypothesis).samples());
+    let changes = given.iter().zip(&mended).filter_map(|(given, mended)| {
+        let [given, mended] = [given, mended].map(|sample| machine.closures(&sample.view()));
+        Some((mended.ok()?.residuals - given.ok()?.residuals).amax())
+    });
+    let largest = changes.fold(0.0, f64::max);
+    largest > LARGEST_MISFIT * case.mean_length_m()
 }
 
 /// The best hypotheses at a first look, of those that leave less there than the case as given does.
