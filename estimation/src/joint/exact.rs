@@ -9,7 +9,8 @@ use tau_robot::robot_file::Noise;
 
 use super::descent::Descent;
 use super::{Component, Joint};
-use crate::calibration::{Error, Prepared};
+use crate::calibration::error::Error;
+use crate::calibration::prepared::Prepared;
 use crate::problem::CLOSURE_SHARE;
 use crate::samples::Sample;
 
