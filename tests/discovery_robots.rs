@@ -191,6 +191,7 @@ fn what_is_missing_may_be_far_more_than_the_noise() {
     assert_eq!(fitted["fit"]["status"], "inconsistent");
     assert!(number(&fitted["noise_factor"]) > 3.0, "{fitted}");
     assert!(number(&fitted["fit"]["residual_over_noise"]) > 3.0);
+    assert!((number(&fitted["kinds"][0]["noise"]) / 1e-5 - 1.0).abs() < 1e-9);
     let line = "tau discover DIR/measured --model gantry_tau --base Full --out DIR/out --json -";
     let found = tau_in(folder.path(), line).json();
     assert_eq!(effects(&found), ["link_thermal(all)"]);

@@ -7,13 +7,12 @@ use crate::discovery_folders::effects;
 use crate::support::{number, tau_in};
 
 const ROBOTS: [&str; 2] = ["four_belts", "four_lines"];
-/// Links that grow by 0.6 mm and more, where poses are measured to 10 µm.
-const GROWING: &str = "--warming 8 --effect link_thermal(all):expansion=2e-5";
+/// Links that grow by half a millimetre and more, where poses are measured to 10 µm.
+const GROWING: &str = "--measure poses --warming 8 --effect link_thermal(all):expansion=2e-5";
 
 fn simulate(folder: &std::path::Path, robot: &str, seed: u32, more: &str) {
     let line = format!(
-        "tau simulate --model {robot} --variant Full --measure poses --random --poses 100 --seed {seed} {more} \
-         --out DIR/measured"
+        "tau simulate --model {robot} --variant Full --random --poses 100 --seed {seed} {more} --out DIR/measured"
     );
     tau_in(folder, &line).done();
 }
@@ -33,7 +32,7 @@ fn chi2_is_that_of_the_measured_coordinates() {
         let mut sums = [[0.0; 2]; 2];
         for seed in 1..=8 {
             let folder = tempfile::tempdir().unwrap();
-            simulate(folder.path(), robot, seed, "");
+            simulate(folder.path(), robot, seed, "--measure poses");
             let line = format!(
                 "tau calibrate DIR/measured --model {robot} --variant Full --out DIR/cal -q"
             );
@@ -69,6 +68,34 @@ fn what_the_model_lacks_is_found_where_drives_contradict_each_other() {
         let found = tau_in(folder.path(), &line).json();
         assert_eq!(found["status"], "explained", "{robot}");
         assert_eq!(effects(&found)[0], "link_thermal(all)", "{robot}");
+    }
+}
+
+/// Residuals of some hundred times the noise are not those of one that is stated a thousand times too small.
+#[test]
+fn what_the_model_lacks_is_no_wrong_noise() {
+    let folder = tempfile::tempdir().unwrap();
+    let hidden = GROWING.replace("2e-5", "1e-4");
+    simulate(folder.path(), "four_lines", 5, &hidden);
+    let fit = evaluated(folder.path(), "four_lines", "measured/robot.toml");
+    assert_eq!(fit["status"], "inconsistent", "{}", fit["why"]);
+    assert!(number(&fit["residual_over_noise"]) > 100.0);
+}
+
+/// Where poses are unknown too: an offset of 2 mm of one line, measured to 10 µm.
+#[test]
+fn unknown_poses_do_not_reconcile_drives_at_any_price() {
+    let folder = tempfile::tempdir().unwrap();
+    let hidden = "--measure heights --effect length_offset(a):offset=2e-3";
+    simulate(folder.path(), "four_lines", 5, hidden);
+    let line =
+        "tau calibrate DIR/measured --model four_lines --variant Full --out DIR/cal --json -";
+    let fitted = tau_in(folder.path(), line).json();
+    let held = evaluated(folder.path(), "four_lines", "cal/robot.toml");
+    for fit in [&fitted["fit"], &held] {
+        assert_eq!(fit["status"], "inconsistent", "{}", fit["why"]);
+        let ratio = number(&fit["residual_over_noise"]);
+        assert!((3.0..200.0).contains(&ratio), "{ratio}");
     }
 }
 

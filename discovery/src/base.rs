@@ -61,14 +61,11 @@ pub(super) fn base_fit(
     let robust = |joint| Fit::robust(joint, &values, weights.clone(), &samples, file.noise);
     let is_met = |fit: &Fit| !fit.joint.misses_exact(fit.residuals.as_slice());
     // What exact drives hold tells effects apart that nothing else does: where the base misses it, it takes part as stated,
-    // with the noise that the misfit makes of all closures, unless the fit finds no end so.
+    // with the noise that the misfit makes of all closures.
     let fit = match robust(joint.clone()) {
         found if !joint.has_exact() => found?,
         Ok(found) if is_met(&found) => found,
-        _ => {
-            let as_stated = robust(joint.clone().without_exact(1.0));
-            as_stated.or_else(|_| robust(joint.without_exact(CLOSURE_SHARE)))?
-        }
+        _ => robust(joint.without_exact(1.0))?,
     };
     let off_m = fit.scales[Component::Closure as usize] * file.noise.position_m;
     if off_m > LARGEST_MISFIT * mean_length_m(&fit) {

@@ -24,6 +24,9 @@ impl Joint {
     /// them as noisy as the others.
     #[must_use]
     pub fn without_exact(mut self, share: f64) -> Self {
+        if !self.has_exact() {
+            return self;
+        }
         for row in &mut self.rows {
             if row.component == Component::Exact {
                 row.component = Component::Closure;
@@ -37,7 +40,7 @@ impl Joint {
     /// The same with exact closures treated as another treats its own.
     #[must_use]
     pub fn like(self, other: &Self) -> Self {
-        if other.has_exact() || !self.has_exact() {
+        if other.has_exact() {
             self
         } else {
             let shares = other.rows.iter().map(|row| row.share);

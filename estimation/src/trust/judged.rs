@@ -57,9 +57,6 @@ pub(crate) struct Deviation {
 /// lies beyond is decided by how other parameters depart from their priors together.
 const LEAST_KNOWN: f64 = 0.1;
 
-/// Standard deviations from which on residuals that resemble their neighbours' do so beyond chance.
-const FOLLOW: f64 = 3.0;
-
 impl Judged {
     /// Descends from values of the variant in at most so many iterations; `inflation` is the variance of each sample over
     /// the stated one, for what it shares with others.
@@ -108,47 +105,6 @@ impl Judged {
         self.misfit
     }
 
-    /// Root mean square of the residuals that have noise, over it.
-    pub(crate) fn over_noise(&self) -> f64 {
-        let rows = self.descent.joint.rows.iter();
-        let plain = plain_residuals(&self.descent);
-        let noisy = rows
-            .zip(plain.iter())
-            .filter(|(row, _)| row.component == Component::Closure);
-        let (squares, count) = noisy.fold((0.0, 0.0), |(squares, count), (_, residual)| {
-            (squares + residual * residual, count + 1.0)
-        });
-        let absorbed: [f64; Component::ALL.len()] = self.descent.normal.absorbed(&self.factor);
-        (squares / f64::max(count - absorbed[Component::Closure as usize], 1.0)).sqrt()
-    }
-
-    /// True if residuals of poses resemble those of the nearest ones beyond chance (the statistic of P. A. P. Moran, Biometrika
-    /// 37, 1950, with the nearest neighbour in commands for weight).
-    pub(crate) fn follow_their_neighbours(&self, samples: &[Sample]) -> bool {
-        let plain = plain_residuals(&self.descent);
-        let each = self.descent.joint.rows.len() / samples.len().max(1);
-        let own = |sample: usize| plain.rows(sample * each, each);
-        let apart = |a: usize, b: usize| -> f64 {
-            let pairs = samples[a].commands_m.iter().zip(&samples[b].commands_m);
-            pairs.map(|(a, b)| (a - b).powi(2)).sum()
-        };
-        let (mut together, mut squares, mut variance) = (0.0, 0.0, 0.0);
-        for sample in 0..samples.len() {
-            // Readings of one visit share more than noise.
-            let others =
-                (0..samples.len()).filter(|&other| samples[other].unit != samples[sample].unit);
-            let nearest = others.min_by(|&a, &b| apart(sample, a).total_cmp(&apart(sample, b)));
-            let Some(nearest) = nearest else {
-                return false;
-            };
-            let product = own(sample).dot(&own(nearest));
-            together += product;
-            variance += product * product;
-            squares += own(sample).norm_squared();
-        }
-        squares > 0.0 && together > FOLLOW * variance.sqrt()
-    }
-
     /// The sum of squares of residuals and priors.
     pub(crate) fn total(&self) -> f64 {
         self.descent.residuals.norm_squared()
@@ -164,11 +120,11 @@ impl Judged {
             .closure_factors()
             .flat_map(|factor| (0..rows).map(|k| factor[k * rows + k].abs().ln()))
             .sum();
-        let of_noise = of_noise + joint.rows.iter().map(|row| row.share.ln()).sum::<f64>();
+        let of_shares: f64 = joint.rows.iter().map(|row| row.share.ln()).sum();
         let tolerances = joint.priors.iter().filter_map(|prior| prior.tolerance);
         let of_priors: f64 = tolerances.filter(|&tol| tol > 0.0).map(f64::ln).sum();
         let left: f64 = self.factor.diagonal().iter().map(|b| b.abs().ln()).sum();
-        2.0 * (of_priors - of_noise - left)
+        2.0 * (of_priors - of_noise - of_shares - left)
     }
 
     /// Fall of −2 ln of the evidence, where squares count by the misfit that is left, if tolerances were others: to first
@@ -315,8 +271,9 @@ pub(crate) fn sums_of(
     known: &Judged,
     samples: usize,
 ) -> Vec<(f64, f64)> {
+    let joint = &joint.clone().like(&known.descent.joint);
     let (each, noisy) = (joint.rows.len() / samples.max(1), joint.noisy_closures());
-    let factors = vec![1.0; joint.rows.len()];
+    let factors = joint.factors(&[1.0; 4], &vec![1.0; samples]);
     let linear = joint.linearize(fitted, &factors);
     let spread = linear.jacobian.times(&known.factor);
     let of_sample = |sample: usize| {

@@ -49,7 +49,6 @@ const NEARER: f64 = 3.0;
 /// Noise that is stated so many times too large is no caution any more. Where tolerances hold a fit back, noise that is
 /// stated a thousand times too large leaves a misfit of less than that.
 const CAUTIOUS: f64 = 10.0;
-
 /// Factor to which noise is known where its unit is right.
 const STATED: f64 = 2.0;
 
@@ -59,8 +58,6 @@ struct Tried {
     total: f64,
     volumes: f64,
     misfit: Misfit,
-    /// Residuals that have noise over it.
-    over_noise: f64,
     deviations: Vec<Deviation>,
     values: Vec<f64>,
 }
@@ -72,7 +69,6 @@ impl Tried {
             total: judged.total(),
             volumes: judged.volumes(),
             misfit: judged.misfit(),
-            over_noise: judged.over_noise(),
             deviations: judged.deviations(),
             values: judged.values(),
         }
@@ -187,7 +183,7 @@ pub(crate) fn mistakes(case: &Case<'_>, known: Option<&Judged>) -> Result<Vec<Mi
         !is_beyond_noise(&given.misfit) && beyond_tolerance(&given.deviations, 1.0).is_none()
     });
     if is_fine {
-        let noise = given.and_then(|given| noise(&thinned, &given, judged.as_deref()));
+        let noise = given.and_then(|given| noise(&thinned, &given));
         return Ok(noise.into_iter().collect());
     }
     let mut all = closer(
@@ -222,7 +218,7 @@ pub(crate) fn mistakes(case: &Case<'_>, known: Option<&Judged>) -> Result<Vec<Mi
         return Ok(vec![described(&thinned, &rivals)]);
     }
     Ok(given
-        .and_then(|given| noise(&thinned, &given, judged.as_deref()))
+        .and_then(|given| noise(&thinned, &given))
         .into_iter()
         .collect())
 }
@@ -468,17 +464,13 @@ fn wide(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
 
 /// Stated noise that is off by a thousand.
 ///
-/// A misfit beyond the noise has its cause in what the model lacks, unless a thousand times that noise is what it is (noise is
-/// known to a factor of two) and residuals do not follow each other.
-fn noise(case: &Case<'_>, given: &Tried, judged: Option<&Judged>) -> Option<Mistake> {
-    let off = |tried: &Tried| tried.over_noise.ln().abs();
+/// A misfit beyond the noise has its cause in what the model lacks, unless a thousand times that noise is what it is: noise
+/// is known to a factor of two.
+fn noise(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
+    let off = |tried: &Tried| tried.misfit.ratio().ln().abs();
     let limit = off(given) - NEARER.ln();
-    let ratio = given.over_noise;
+    let ratio = given.misfit.ratio();
     if limit < 0.0 || (1.0..THOUSAND.sqrt()).contains(&ratio) {
-        return None;
-    }
-    let follows = |judged: &Judged| judged.follow_their_neighbours(&case.samples());
-    if ratio > 1.0 && judged.is_some_and(follows) {
         return None;
     }
     let is_by_chance = |tried: &Tried| {

@@ -43,36 +43,17 @@ impl Fit<'_> {
         let Some(block) = self.blocks.iter().position(|rows| rows.label == DISTANCES) else {
             return vec![];
         };
+        let lines: Vec<usize> = self.blocks[block]
+            .places
+            .iter()
+            .map(|row| row.line)
+            .collect();
         let original = self.blocks[block].data.clone();
-        // What the model lacks is not to be made up for by exchanges.
-        let kinds = self.assembly.kinds.clone();
-        self.loosen();
-        let found = self.exchanges(block);
-        self.blocks[block].data = original;
-        self.assembly.kinds = kinds;
-        let line = |row: usize| self.blocks[block].places[row].line;
-        let named = found.into_iter().map(|[one, other]| Mistake {
-            kind: "distances",
-            file: DISTANCES,
-            what: format!(
-                "the distances of lines {} and {} are exchanged",
-                line(one),
-                line(other)
-            ),
-            mend: "exchange them".to_owned(),
-            is_absurd: true,
-        });
-        named.collect()
-    }
-
-    /// Pairs of rows that are exchanged one after the other, and stay so.
-    fn exchanges(&mut self, block: usize) -> Vec<[usize; 2]> {
-        let rows = self.blocks[block].places.len();
-        let pairs = rows * rows.saturating_sub(1) / 2;
+        let pairs = lines.len() * lines.len().saturating_sub(1) / 2;
         let mut found: Vec<[usize; 2]> = vec![];
         let (mut squares, degrees) = self.least_squares();
         if degrees <= 0.0 {
-            return found;
+            return vec![];
         }
         loop {
             let free = |row: usize| !found.iter().flatten().any(|taken| *taken == row);
@@ -89,17 +70,29 @@ impl Fit<'_> {
                 }
             }
             let Some((pair, after)) = best else {
-                return found;
+                break;
             };
             let level = LEVEL / pairs as f64;
             let of_others = after / degrees * f_quantile_above(level, 1.0, degrees);
             if squares - after < of_others.max(chi2_quantile_above(level, 1.0)) {
-                return found;
+                break;
             }
             self.exchange(block, pair);
             found.push(pair);
             squares = after;
         }
+        self.blocks[block].data = original;
+        let named = found.into_iter().map(|[one, other]| Mistake {
+            kind: "distances",
+            file: DISTANCES,
+            what: format!(
+                "the distances of lines {} and {} are exchanged",
+                lines[one], lines[other]
+            ),
+            mend: "exchange them".to_owned(),
+            is_absurd: true,
+        });
+        named.collect()
     }
 
     /// Pairs of distances of which an exchange lessens the squares of residuals at the nominal machine, most first.

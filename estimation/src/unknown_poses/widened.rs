@@ -7,25 +7,16 @@
 use tau_robot::robot_file::StatedNoise;
 
 use super::fit::Fit;
-use super::{ROUGH_COST, Settled};
+use super::{ROUGH_COST, ROUGH_NOISE, ROUNDS, Settled};
 use crate::calibration::{self, Error};
 use crate::problem::CLOSURE_SHARE;
-
-/// Steps towards the noise at which squares are as many as expected.
-const STEPS: usize = 60;
-/// Relative change of that noise that is none.
-const SAME: f64 = 0.01;
 
 impl Fit<'_> {
     /// Takes closures of exact drives for as noisy as what was measured. Where the model lacks something, redundant drives
     /// contradict each other, and parameters that would reconcile them at any price miss the measurements.
     pub(super) fn loosen(&mut self) {
-        for kind in self
-            .assembly
-            .kinds
-            .iter_mut()
-            .filter(|kind| kind.is_exact())
-        {
+        let kinds = self.assembly.kinds.iter_mut();
+        for kind in kinds.filter(|kind| kind.is_exact()) {
             kind.sigma /= CLOSURE_SHARE;
             kind.stated = Some(StatedNoise::Known(kind.sigma));
         }
@@ -37,37 +28,46 @@ impl Fit<'_> {
     /// # Errors
     /// [`Error::NotConverged`].
     pub(super) fn widen(&mut self, options: &calibration::Options) -> Result<(), Error> {
-        let stated = self.assembly.kinds.clone();
+        let stated: Vec<f64> = self.assembly.kinds.iter().map(|kind| kind.sigma).collect();
         let mut values = self.start.clone();
         let reduced = self.elimination(&values).reduce();
         let left = reduced.rows().saturating_sub(reduced.spent).max(1) as f64;
         let squares: f64 = (reduced.residuals.iter().flatten().map(|r| r * r)).sum();
         let mut times = (squares / left).sqrt();
-        for _ in 0..STEPS {
-            for (kind, stated) in self.assembly.kinds.iter_mut().zip(&stated) {
-                kind.sigma = times * stated.sigma;
-            }
+        for _ in 0..ROUNDS {
+            self.take_noise(times, &stated);
             let solution = self.solved(&values, ROUGH_COST, options)?;
             values.clone_from(&solution.parameters);
             let ratio = (2.0 * solution.cost / left).sqrt();
             times *= ratio;
-            if times <= 1.0 || (ratio - 1.0).abs() < SAME {
+            if times <= 1.0 || (ratio - 1.0).abs() < ROUGH_NOISE {
                 break;
             }
         }
         self.widened = times.max(1.0);
+        self.take_noise(self.widened, &stated);
         self.rebuild(&mut values)?;
         self.start = values;
         Ok(())
     }
 
-    /// States what settled at more noise in terms of the stated one.
+    fn take_noise(&mut self, times: f64, stated: &[f64]) {
+        for (kind, stated) in self.assembly.kinds.iter_mut().zip(stated) {
+            kind.sigma = times * stated;
+        }
+    }
+
+    /// States what settled at more noise in terms of the stated one. Noise that was estimated on the way is what it is.
     pub(super) fn narrow(&mut self, settled: &mut Settled) {
         if self.widened == 1.0 {
             return;
         }
-        for kind in &mut self.assembly.kinds {
+        let kinds = self.assembly.kinds.iter_mut();
+        for kind in kinds.filter(|kind| !kind.is_estimated()) {
             kind.sigma /= self.widened;
+        }
+        for row in &mut self.gross {
+            row.sigmas *= self.widened;
         }
         let values = &settled.solution.parameters;
         settled.reduced = self.elimination(values).reduce();
