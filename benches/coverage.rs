@@ -28,6 +28,9 @@ struct Arguments {
     /// Only robots whose name contains this.
     #[arg(long, default_value = "")]
     robot: String,
+    /// Variant that is calibrated.
+    #[arg(long, default_value = "Full")]
+    variant: String,
     /// An argument that `cargo bench` adds.
     #[arg(long, hide = true)]
     bench: bool,
@@ -166,7 +169,7 @@ fn main() {
             if !case.name.contains(&arguments.case) {
                 continue;
             }
-            let counts = counted(&robot, &file, &case, arguments.folders);
+            let counts = counted(&robot, &file, &case, &arguments);
             let by_kind: Vec<String> = (counts.kinds.iter())
                 .map(|(kind, [stated, widened, all])| {
                     let share = |count: &usize| *count as f64 / *all as f64;
@@ -187,10 +190,10 @@ fn main() {
     }
 }
 
-fn counted(robot: &Robot, file: &RobotFile, case: &Case, folders: u64) -> Counts {
+fn counted(robot: &Robot, file: &RobotFile, case: &Case, arguments: &Arguments) -> Counts {
     let mut counts = Counts::default();
-    let variant = robot.variant("Full").unwrap();
-    for seed in 0..folders {
+    let variant = robot.variant(&arguments.variant).unwrap();
+    for seed in 0..arguments.folders {
         let mut simulation = Simulation {
             seed: 31_000 + seed,
             random_poses: 0,

@@ -7,7 +7,8 @@ use nalgebra::Vector3;
 use serde_json::Value;
 use tau::Robot;
 use tau::calibration::{self, Prepared};
-use tau::kinematics::{InverseOptions, Machine, Pose, Sample};
+use tau::kinematics::{InverseOptions, Machine, Path as CartPath, Pose, Sample};
+use tau::measurements::TcpPose;
 use tau::robot_file::RobotFile;
 use tau::simulation::{Conditions, Poses, Simulation, TrackPoints, simulate};
 use tau::uncertainty::Uncertainty;
@@ -52,6 +53,51 @@ fn what_is_known_exactly_has_no_deviation() {
     let sample = Sample::new(at.pose, &at.commands_m);
     assert_eq!(known.pose(machine, &sample).unwrap().distance_m(), 0.0);
     assert_eq!(known.commands(machine, &sample).unwrap(), [0.0; 3]);
+}
+
+/// Points of measured paths have noise, propagated by steps of each point through forward kinematics.
+#[test]
+fn noise_of_measured_paths_is_that_of_steps_by_hand() {
+    let (robot, (folder, file)) = (gantry_tau(), prototype());
+    let variant = robot.variant("FullPiecewise").unwrap();
+    let noise_m = file.noise.position_m;
+    let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
+    let prepared = Prepared::new(&robot, variant, &file, Some(&folder), &all).unwrap();
+    let machine = &prepared.machine;
+    let known = Uncertainty::new(variant, &[], &[]).with_path_noise(noise_m);
+    let is_off_zero = |pose: &&TcpPose| pose.commands_m.iter().all(|q| q.abs() > 0.1);
+    let measured = folder.tcp_poses.iter().find(is_off_zero).unwrap();
+    let at = |machine: &Machine, start: Pose| {
+        let sample = Sample::new(start, &measured.commands_m);
+        machine.forward(&sample).unwrap()
+    };
+    let pose = at(machine, Sample::from(measured).pose);
+    let sample = Sample::new(pose, &measured.commands_m);
+    let found = known.pose(machine, &sample).unwrap().position_m();
+    let mut variances = [0.0; 3];
+    for (track, path) in machine.surroundings.paths.iter().enumerate() {
+        let path = path.as_ref().unwrap();
+        let points: Vec<(f64, Vector3<f64>)> =
+            path.commands().iter().map(|&q| (q, path.at(q))).collect();
+        // The point at zero, against which all others are displaced, is not beside these commands.
+        for point in (0..points.len()).filter(|&point| points[point].0.abs() > 1e-6) {
+            for axis in 0..3 {
+                let with = |sign: f64| {
+                    let (mut machine, mut points) = (machine.clone(), points.clone());
+                    points[point].1[axis] += sign * noise_m;
+                    machine.surroundings.paths[track] = CartPath::new(&points);
+                    at(&machine, pose).position_m()
+                };
+                let (up, down) = (with(1.0), with(-1.0));
+                for k in 0..3 {
+                    variances[k] += ((up[k] - down[k]) / 2.0).powi(2);
+                }
+            }
+        }
+    }
+    for (found, variance) in found.iter().zip(variances) {
+        close(*found, variance.sqrt(), "position");
+    }
 }
 
 /// A drawing's tolerances, propagated by steps of each parameter through forward and inverse kinematics.

@@ -12,7 +12,7 @@ use tau_robot::robot::ResidualKind;
 pub(crate) struct Linearized {
     /// Derivatives by translation, rotation vector and commands: one row per closure, each divided by the length of its
     /// gradient in the plate's position.
-    by_pose: DMatrix<f64>,
+    pub(crate) by_pose: DMatrix<f64>,
     /// Derivatives by parameters, likewise: of each closure the index in the variant and the entry.
     pub(crate) by_parameters: Vec<Vec<(usize, f64)>>,
 }

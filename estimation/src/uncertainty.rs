@@ -2,9 +2,10 @@
 //!
 //! With C the covariance of the parameters, F·Fᵀ, and S = ∂(pose)/∂p of the [implicit function
 //! theorem](crate::implicit), a predicted pose has the covariance S·C·Sᵀ: what is not known of the machine, without the
-//! noise of any measurement. What the model lacks is not in it.
+//! noise of its measurement. Where carts go along measured paths, the noise of the points of these is added; that it is
+//! in the parameters as well, which it moves by far less, is not regarded. What the model lacks is not in it.
 
-use nalgebra::{DMatrix, Matrix6};
+use nalgebra::{DMatrix, DVector, Matrix6};
 use tau_kinematics::{Error, Machine, POSE_COLUMNS, Sample};
 use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot::{Parameter, ResidualKind, Variant};
@@ -28,6 +29,8 @@ pub struct Uncertainty {
     factor: Vec<Lanes>,
     /// Number of blocks of a row.
     blocks: usize,
+    /// Standard deviation of each coordinate of the points that piecewise tracks pass through (m).
+    points_m: f64,
 }
 
 /// Covariance of a predicted pose.
@@ -82,17 +85,22 @@ impl Uncertainty {
             rows,
             factor: factor.iter().flat_map(of_row).collect(),
             blocks,
+            points_m: 0.0,
         }
+    }
+
+    /// The same with measured paths whose points have some noise (m) in each coordinate.
+    #[must_use]
+    pub fn with_path_noise(self, points_m: f64) -> Self {
+        Self { points_m, ..self }
     }
 
     /// Of a calibration's parameters, under the stated noise; `None` where nothing determines one.
     pub fn of_calibration(calibration: &Calibration) -> Option<Self> {
         let variant = &calibration.machine.variant;
-        Some(Self::new(
-            variant,
-            &calibration.used,
-            calibration.factor.as_ref()?,
-        ))
+        let factor = calibration.factor.as_ref()?;
+        let known = Self::new(variant, &calibration.used, factor);
+        Some(known.with_path_noise(calibration.file.noise.position_m))
     }
 
     /// Of a machine with the values of a robot file.
@@ -127,7 +135,7 @@ impl Uncertainty {
         };
         let rows = variant.parameters.iter().enumerate().map(row);
         let rows = rows.collect::<Option<Vec<_>>>()?;
-        Some(Self::by_rows(rows, &factor))
+        Some(Self::by_rows(rows, &factor).with_path_noise(file.noise.position_m))
     }
 
     /// Rows of F of some parameters, given by index; zero where one is known exactly.
@@ -174,6 +182,7 @@ impl Uncertainty {
     pub fn widened(mut self, by: f64) -> Self {
         let entries = self.factor.iter_mut().flat_map(|lanes| &mut lanes.0);
         entries.for_each(|entry| *entry *= by);
+        self.points_m *= by;
         self
     }
 
@@ -183,13 +192,20 @@ impl Uncertainty {
     /// Data that the sample lacks; derivatives that are not finite.
     pub fn pose(&self, machine: &Machine, sample: &Sample<'_>) -> Result<PoseUncertainty, Error> {
         let unknowns = machine.pose_unknowns();
-        let motion = self.motion(machine, sample, unknowns)?;
+        let (motion, by_paths) = self.motion(machine, sample, unknowns)?;
         let mut covariance = Matrix6::zeros();
         let rows = || self.rows_of(&motion).zip(unknowns);
         for (index, (row, &unknown)) in rows().enumerate() {
             for (other, &with) in rows().take(index + 1) {
                 let product = dot(row, other);
                 (covariance[(unknown, with)], covariance[(with, unknown)]) = (product, product);
+            }
+        }
+        for by_path in by_paths.column_iter() {
+            for (own, &unknown) in by_path.iter().zip(unknowns) {
+                for (other, &with) in by_path.iter().zip(unknowns) {
+                    covariance[(unknown, with)] += own * other;
+                }
             }
         }
         Ok(PoseUncertainty { covariance })
@@ -209,18 +225,20 @@ impl Uncertainty {
         };
         let first = turning.len();
         let unknowns: Vec<usize> = turning.chain(commands).collect();
-        let motion = self.motion(machine, sample, &unknowns)?;
-        let rows = self.rows_of(&motion).skip(first);
-        Ok(rows.map(|row| dot(row, row).sqrt()).collect())
+        let (motion, by_paths) = self.motion(machine, sample, &unknowns)?;
+        let rows = self.rows_of(&motion).zip(by_paths.row_iter());
+        let variances = rows.map(|(row, by_paths)| dot(row, row) + by_paths.norm_squared());
+        Ok(variances.skip(first).map(f64::sqrt).collect())
     }
 
-    /// S·F: one row per unknown after the other.
+    /// S·F: one row per unknown after the other; and the motions by a standard deviation of the carts on measured paths
+    /// along each axis, one column each.
     fn motion(
         &self,
         machine: &Machine,
         sample: &Sample<'_>,
         unknowns: &[usize],
-    ) -> Result<Vec<Lanes>, Error> {
+    ) -> Result<(Vec<Lanes>, DMatrix<f64>), Error> {
         let closures = Linearized::new(machine, sample)?;
         let not_finite = || Error::NotFinite {
             closure: machine.variant.name.clone(),
@@ -235,7 +253,44 @@ impl Uncertainty {
         let mut by_factor = vec![Lanes::ZERO; self.blocks];
         let numbers = response.as_slice();
         vectorized(product, &self.factor, numbers, &mut motion, &mut by_factor);
-        Ok(motion)
+        let by_paths = response * self.by_paths(machine, sample, &closures);
+        Ok((motion, by_paths))
+    }
+
+    /// Derivatives of the closures by a standard deviation of the carts on measured paths along each axis.
+    fn by_paths(
+        &self,
+        machine: &Machine,
+        sample: &Sample<'_>,
+        closures: &Linearized,
+    ) -> DMatrix<f64> {
+        let of_variant = || machine.variant.instances_of(ResidualKind::Closure);
+        let mut columns = Vec::new();
+        for track in 0..machine.robot.tracks.len() {
+            let Some(path) = machine.measured_path(track) else {
+                continue;
+            };
+            let shares = path.shares(sample.commands_m[track]);
+            let deviation = shares.iter().map(|(_, share)| share * share).sum::<f64>();
+            let deviation = self.points_m * deviation.sqrt();
+            columns.extend((0..3).map(|axis| {
+                let rows = of_variant().enumerate().map(|(row, closure)| {
+                    let is_carried = machine.track_of(closure) == Some(track);
+                    // A cart is displaced against the plate.
+                    let by_cart = || -closures.by_pose[(row, axis)];
+                    if is_carried {
+                        deviation * by_cart()
+                    } else {
+                        0.0
+                    }
+                });
+                DVector::from_iterator(closures.by_parameters.len(), rows)
+            }));
+        }
+        if columns.is_empty() {
+            return DMatrix::zeros(closures.by_parameters.len(), 0);
+        }
+        DMatrix::from_columns(&columns)
     }
 
     /// Rows that are given one after the other.

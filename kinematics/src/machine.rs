@@ -1,10 +1,11 @@
 //! A variant with numbers in place: what kinematics, evaluation and sensitivity work on.
 
 use nalgebra::{DMatrix, DVector};
-use tau_robot::robot::{Arm, Input, Instance, ResidualKind, Robot, Variant};
+use tau_robot::robot::{Arm, Input, Instance, ResidualKind, Robot, TrackShape, Variant};
 
 use super::Error;
 use super::inputs::{Sample, Surroundings};
+use super::paths::Path;
 
 /// Columns of [`Closures::jacobian`] that belong to the pose: translation, then rotation vector.
 pub const POSE_COLUMNS: usize = 6;
@@ -99,6 +100,22 @@ impl Machine {
     /// Number of closures.
     pub fn closure_count(&self) -> usize {
         self.closure_instances().count()
+    }
+
+    /// Index of the track whose cart carries the link or cluster of a closure; `None` on the fixed base.
+    pub fn track_of(&self, closure: &Instance) -> Option<usize> {
+        let cluster = match self.variant.arm {
+            Arm::Full => self.robot.links.get(closure.of)?.cluster,
+            Arm::Reduced => closure.of,
+        };
+        self.robot.clusters.get(cluster)?.track
+    }
+
+    /// The measured path that a piecewise track passes along, given by index.
+    pub fn measured_path(&self, track: usize) -> Option<&Path> {
+        let shape = self.variant.tracks.get(track)?.shape;
+        let path = self.surroundings.paths.get(track)?.as_ref();
+        path.filter(|_| shape == TrackShape::Piecewise)
     }
 
     /// Name of the link or cluster of an instance.

@@ -17,7 +17,7 @@ use tau_kinematics::Machine;
 use tau_robot::robot::{Instance, ResidualKind};
 use tau_robot::robot_file::Noise;
 
-use super::{Residuals, times_noise};
+use super::{Part, Residuals, times_noise};
 use crate::calibration::error::Error;
 use crate::calibration::nominal::Nominal;
 use crate::numerics::parallel;
@@ -59,8 +59,15 @@ pub(crate) fn corrected(
     }
     let has_prior = |prior: &&Nominal| prior.tolerance.is_some_and(|tolerance| tolerance > 0.0);
     let priors = residuals.priors.iter().filter(has_prior).count() as f64;
-    let count = weights.iter().filter(|weight| **weight > 0.0).count() * residuals.parts.len();
-    let degrees = count as f64 + priors - fitted.len() as f64;
+    let expected = |part: &Part| -> f64 {
+        let counted = (0..weights.len()).filter(|&sample| weights[sample] > 0.0);
+        match &part.path {
+            Some(path) => counted.map(|sample| path.expected[sample]).sum(),
+            None => counted.count() as f64,
+        }
+    };
+    let squares: f64 = residuals.parts.iter().map(expected).sum();
+    let degrees = squares + priors - fitted.len() as f64;
     let misfit = 2.0 * cost / degrees.max(1.0);
     let stride = samples.len().div_ceil(TELLING).max(1);
     let telling: Vec<&Sample> = samples.iter().step_by(stride).collect();

@@ -5,6 +5,7 @@
 //! [joint fit](crate::joint) linearises them itself, where [poses are unknown](crate::unknown_poses) carts join.
 
 mod attenuation;
+mod path_noise;
 mod true_pose;
 mod whitened;
 
@@ -24,6 +25,7 @@ use crate::calibration::error::Error;
 use crate::calibration::nominal::Nominal;
 use crate::calibration::registration::MOUNTING_M;
 use crate::samples::Sample;
+use path_noise::PathNoise;
 use whitened::WhitenedPose;
 
 pub use whitened::{Eliminated, Origin, RowPlace};
@@ -74,7 +76,7 @@ impl Component {
 /// Treatment of the measured poses' noise in the closures.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Closures<'a> {
-    /// Each closure for itself, with the standard deviation that its pose's noise gives it.
+    /// Each closure for itself, with the standard deviation that the noise of its pose, and of a measured path, gives it.
     Apart,
     /// The closures of a pose whitened together: its noise is eliminated to first order.
     Whitened,
@@ -100,6 +102,8 @@ pub(crate) struct Part {
     pub(crate) components: Vec<Component>,
     /// Derivatives of each closure by translation and rotation vector, where closures are each for themselves.
     pub(crate) by_pose: Vec<[f64; POSE_COLUMNS]>,
+    /// Noise of the measured path that the cart goes along, where closures are each for themselves.
+    pub(crate) path: Option<PathNoise>,
     /// Index of the sample that each residual is of, where samples belong together; empty where each is for itself.
     owners: Vec<usize>,
 }
@@ -245,6 +249,7 @@ impl Part {
             weights: Vec::new(),
             components,
             by_pose: Vec::new(),
+            path: None,
             owners: Vec::new(),
         }
     }
@@ -295,12 +300,25 @@ impl Part {
                 gradient.map_err(|error| at_sample(machine, &samples[sample], error))
             });
             part.by_pose = gradients.collect::<Result<_, Error>>()?;
-            let sigma = |&[x, y, z, a, b, c]: &[f64; POSE_COLUMNS]| {
-                let position = noise.position_m.powi(2) * (x * x + y * y + z * z);
-                let rotation = noise.rotation_rad.powi(2) * (a * a + b * b + c * c);
-                (position + rotation).sqrt()
+            let variance = |&by_pose: &[f64; POSE_COLUMNS]| -> f64 {
+                let by_noise = times_noise(by_pose, noise);
+                by_noise.iter().map(|slope| slope * slope).sum()
             };
-            part.weights = part.by_pose.iter().map(|own| sigma(own).recip()).collect();
+            let variances: Vec<f64> = part.by_pose.iter().map(variance).collect();
+            let of_path = PathNoise::of(
+                machine,
+                closure,
+                (samples, &of_set),
+                (&part.by_pose, &variances),
+                noise.position_m,
+            );
+            (part.path, part.weights) = match of_path {
+                Some((path, weights)) => (Some(path), weights),
+                None => {
+                    let weights = variances.iter().map(|variance| variance.sqrt().recip());
+                    (None, weights.collect())
+                }
+            };
         }
         Ok(parts)
     }

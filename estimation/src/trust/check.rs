@@ -431,7 +431,8 @@ fn determine(
         let inverse = problem::inverse_information(&problem, &at).map_err(failed)?;
         let even = vec![1.0; samples.len()];
         let known = factor_with_shared_noise(&inverse, &residuals, file.noise, &at, &even)
-            .map(|factor| Uncertainty::new(variant, used, &factor));
+            .map(|factor| Uncertainty::new(variant, used, &factor))
+            .map(|known| known.with_path_noise(file.noise.position_m));
         let measured: Vec<&TcpPose> = (poses.iter())
             .map(|&pose| &folder.tcp_poses[pose])
             .collect();
