@@ -438,6 +438,26 @@ fn an_effect_of_a_robot_file_takes_effect_or_is_told() {
     assert!((moved - unmoved).abs() > 100.0, "{moved} {unmoved}");
 }
 
+/// A folder of a standard robot needs no description: its parameters say which one it is.
+#[test]
+fn robot_files_name_standard_robots() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |line: &str| {
+        let ran = tau_in(folder.path(), line);
+        assert_eq!(ran.code, 0, "{line}: {}", ran.err);
+        ran
+    };
+    run("tau simulate --model five_bar --out DIR/measured");
+    let line = "tau calibrate DIR/measured --variant Full --out DIR/calibrated --json -";
+    let found = run(line).json();
+    assert_eq!(found["robot"], "FiveBar");
+    run("tau kinematics forward --robot DIR/calibrated/robot.toml --variant Full --commands 0,0");
+    run("tau simulate --robot DIR/calibrated/robot.toml --out DIR/again");
+    let line = "tau calibrate DIR/measured --model rotary_delta --variant Full --out DIR/other";
+    let other = tau_in(folder.path(), line);
+    assert_eq!(other.code, 2, "the description that is asked for counts");
+}
+
 #[test]
 fn a_file_for_another_robot_is_remarked() {
     let folder = tempfile::tempdir().unwrap();

@@ -275,7 +275,8 @@ pub(super) struct Simulate {
     /// Folder for the measurements
     #[arg(long, value_name = "DIR")]
     pub(super) out: PathBuf,
-    /// Description of the robot; without it, the built-in Gantry-Tau
+    /// Description of the robot, or name of a built-in one; without it, that of robot.toml if it is built in, or else
+    /// the Gantry-Tau
     #[arg(long, value_name = "F.tau")]
     pub(super) model: Option<PathBuf>,
     /// Drawing of the robot, its noise and payload; without it, what the description gives, or those of the built-in
@@ -543,7 +544,8 @@ pub(super) struct Input {
 /// Choice of the robot.
 #[derive(Debug, Default, Args)]
 pub(super) struct Robot {
-    /// Description of the robot; without it, the built-in Gantry-Tau
+    /// Description of the robot, or name of a built-in one; without it, that of robot.toml if it is built in, or else
+    /// the Gantry-Tau
     #[arg(long, value_name = "F.tau")]
     pub(super) model: Option<PathBuf>,
     /// Parameters of the robot; without it, FOLDER/robot.toml; without a folder what the description gives, or else

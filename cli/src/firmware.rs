@@ -9,7 +9,7 @@ use tau_robot::klipper::{self, Config, Parameters, Printer};
 
 use super::deliver::{Outcome, check_file, check_folder, written};
 use super::kept::Kept;
-use super::resolve::robot;
+use super::resolve::described;
 use super::{Failure, arguments};
 
 /// Text that a file of the firmware is expected to hold.
@@ -85,7 +85,7 @@ pub(super) fn export(arguments: &arguments::Export) -> Result<Outcome, Failure> 
         let error = InputError::whole(beside.display().to_string(), "the file does not exist");
         return Err(error.help("name the description with `--model`").into());
     };
-    let robot = robot(Some(description))?;
+    let robot = described(description)?;
     let into = arguments.into.as_ref();
     let (file, text) = both(
         RobotFile::read(&path, &robot),

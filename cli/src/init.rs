@@ -7,12 +7,12 @@ use tau::robot_file::RobotFile;
 
 use super::deliver::{Outcome, check_file};
 use super::kept::Kept;
-use super::resolve::robot;
+use super::resolve::described;
 use super::{Failure, arguments};
 
 pub(super) fn run(arguments: &arguments::Init) -> Result<Outcome, Failure> {
     let out = &arguments.out;
-    let robot = robot(Some(&arguments.description))?;
+    let robot = described(&arguments.description)?;
     Kept::of(None, [&arguments.description]).check("--out", out)?;
     check_file(out)?;
     if fs::symlink_metadata(out).is_ok() && !arguments.force {

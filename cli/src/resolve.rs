@@ -1,9 +1,11 @@
 //! Robot, parameters, measurements and variant that the arguments name, read and checked.
 
+use std::fs;
 use std::path::Path;
 
 use tau::input_error::InputError;
 use tau::measurements::Split;
+use tau::robot_file::RobotFile;
 use tau::weighing::{Loss, Treatment};
 use tau::{Files, Robot, Session};
 use tau_robot::input_error::both;
@@ -12,7 +14,7 @@ use super::arguments;
 
 /// Input of a command; mistakes of several sources are reported together.
 pub(super) fn session(input: &arguments::Input) -> Result<Session, InputError> {
-    open(robot(input.robot.model.as_deref())?, input)
+    open(robot_of(input)?, input)
 }
 
 /// The same where the variant of a name is asked for, which must be there.
@@ -20,10 +22,14 @@ pub(super) fn with_variant(
     input: &arguments::Input,
     variant: &arguments::Variant,
 ) -> Result<Session, InputError> {
-    let robot = robot(input.robot.model.as_deref())?;
+    let robot = robot_of(input)?;
     let known = robot.find(&variant.name, "--variant").map(|_| ());
     let (session, ()) = both(open(robot, input), known)?;
     Ok(session)
+}
+
+fn robot_of(input: &arguments::Input) -> Result<Robot, InputError> {
+    robot_with(&input.robot, input.folder.as_deref())
 }
 
 fn open(robot: Robot, input: &arguments::Input) -> Result<Session, InputError> {
@@ -55,21 +61,41 @@ pub(super) fn files(folder: Option<&Path>, robot: &arguments::Robot) -> Files {
     }
 }
 
-/// The robot of a description, a built-in one by its name, or without any the Gantry-Tau.
-pub(super) fn robot(description: Option<&Path>) -> Result<Robot, InputError> {
-    let built_in = |path: &Path| {
-        let named = tau_generated::ROBOTS.iter();
-        let mut named = named.filter(|(name, _)| path.as_os_str() == *name);
-        named.next().map(|(_, robot)| Robot::from(*robot))
-    };
-    match description {
+/// The robot of a description, or a built-in one by its name.
+pub(super) fn described(description: &Path) -> Result<Robot, InputError> {
+    let mut named = tau_generated::ROBOTS.iter();
+    match named.find(|(name, _)| description.as_os_str() == *name) {
         // A file of that name is meant first; a folder is no description.
-        Some(path) if !path.exists() || (path.is_dir() && built_in(path).is_some()) => {
-            built_in(path).map_or_else(|| Robot::read(path), Ok)
-        }
-        Some(path) => Robot::read(path),
-        None => Ok(Robot::from(&tau_generated::gantry_tau::ROBOT)),
+        Some((_, built_in)) if !description.is_file() => Ok(Robot::from(*built_in)),
+        _ => Robot::read(description),
     }
+}
+
+/// The robot that is [described], or else the built-in one that parameters are for, or else the Gantry-Tau.
+pub(super) fn robot(
+    description: Option<&Path>,
+    parameters: Option<&Path>,
+) -> Result<Robot, InputError> {
+    if let Some(description) = description {
+        return described(description);
+    }
+    let text = parameters.and_then(|path| fs::read_to_string(path).ok());
+    let name = text.as_deref().and_then(RobotFile::robot_named_in);
+    let mut built_in = tau_generated::ROBOTS.iter().map(|(_, robot)| *robot);
+    let own = built_in.find(|robot| Some(robot.name) == name);
+    Ok(Robot::from(
+        own.unwrap_or(&tau_generated::gantry_tau::ROBOT),
+    ))
+}
+
+/// The same with the parameters of a folder, unless others are given.
+pub(super) fn robot_with(
+    arguments: &arguments::Robot,
+    folder: Option<&Path>,
+) -> Result<Robot, InputError> {
+    let beside = || folder.map(|folder| folder.join("robot.toml"));
+    let parameters = arguments.robot.clone().or_else(beside);
+    robot(arguments.model.as_deref(), parameters.as_deref())
 }
 
 /// The split that was asked for, if any was.

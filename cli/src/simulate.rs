@@ -12,7 +12,7 @@ use super::{Failure, arguments};
 
 pub(super) fn run(arguments: &arguments::Simulate) -> Result<Outcome, Failure> {
     let out = &arguments.out;
-    let robot = robot(arguments.model.as_deref())?;
+    let robot = robot(arguments.model.as_deref(), arguments.robot.as_deref())?;
     let kept = Kept::of(None, arguments.model.iter().chain(&arguments.robot));
     let (target, ()) = both(Target::resolve(&arguments.json, &kept), check_folder(out))?;
     let made = request(arguments).run(&robot, out)?;

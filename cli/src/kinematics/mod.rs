@@ -21,7 +21,7 @@ use tau_robot::number::shortest;
 use super::calibrate::csv;
 use super::deliver::{Outcome, Target, check_file};
 use super::kept::Kept;
-use super::resolve::{files, robot};
+use super::resolve::{files, robot_with};
 use super::{Failure, arguments};
 use targets::{Asked, Row};
 use trust::Certainty;
@@ -99,7 +99,7 @@ impl<'a> Setup<'a> {
         with: &'a arguments::Kinematic,
         poses: Option<&PathBuf>,
     ) -> Result<Self, InputError> {
-        let robot = robot(with.robot.model.as_deref())?;
+        let robot = robot_with(&with.robot, with.folder.as_deref())?;
         let files = files(with.folder.as_deref(), &with.robot);
         let kept = Kept::of(with.folder.as_ref(), with.robot.files().chain(poses));
         let out = with.out.as_deref();

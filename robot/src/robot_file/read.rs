@@ -38,6 +38,15 @@ impl RobotFile {
         Document::parse(Source::new(name, text), None)
     }
 
+    /// Name of the robot that a text is for, whether or not the rest of it can be read.
+    pub fn robot_named_in(text: &str) -> Option<&str> {
+        let mut keys = text.lines().map(str::trim);
+        let keys = keys.by_ref().take_while(|line| !line.starts_with('['));
+        let mut values = keys.filter_map(|line| line.split_once('='));
+        let (_, value) = values.find(|(key, _)| key.trim() == "robot")?;
+        value.trim().strip_prefix('"')?.split('"').next()
+    }
+
     /// Reads a text that must fit a robot.
     ///
     /// # Errors
