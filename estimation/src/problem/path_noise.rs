@@ -76,3 +76,74 @@ impl Variance {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::DMatrix;
+    use tau_robot::robot::{ResidualKind, Robot};
+
+    use super::*;
+    use crate::calibration::Prepared;
+    use crate::samples::frames::Frames;
+
+    /// What closures are weighed by is no less than their covariance, in which they share points.
+    #[test]
+    fn weights_believe_no_more_than_points_tell() {
+        let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
+        let folder = tau_robot::prototype::folder().unwrap();
+        let file = tau_robot::prototype::robot_file().unwrap();
+        let poses: Vec<usize> = (0..folder.tcp_poses.len()).collect();
+        let variant = robot.variant("FullPiecewise").unwrap();
+        let prepared = Prepared::new(&robot, variant, &file, Some(&folder), &poses).unwrap();
+        let samples = Sample::all(&robot, &folder, &poses, &Frames::default());
+        let closures: Vec<&Instance> = variant.instances_of(ResidualKind::Closure).collect();
+        let (noise_m, slope, variance) = (1e-5, 4.0, 1e-9);
+        let by_pose = vec![[0.0, slope, 0.0, 0.0, 0.0, 0.0]; poses.len()];
+        let variances = vec![variance; poses.len()];
+        for closure in closures {
+            let known = (&by_pose[..], &variances[..]);
+            let found = PathNoise::of(
+                &prepared.machine,
+                closure,
+                (&samples, &poses),
+                known,
+                noise_m,
+            );
+            let (path, weights) = found.unwrap();
+            let points = path.shares.iter().flatten().map(|(point, _)| point + 1);
+            let mut shares = DMatrix::zeros(poses.len(), points.max().unwrap());
+            for (row, own) in path.shares.iter().enumerate() {
+                for &(point, share) in own {
+                    shares[(row, point)] += share;
+                }
+            }
+            let of_path = (noise_m * slope).powi(2) * &shares * shares.transpose();
+            let covariance = of_path + variance * DMatrix::identity(poses.len(), poses.len());
+            let weighed = DMatrix::from_fn(poses.len(), poses.len(), |i, j| {
+                if i == j { weights[i].powi(-2) } else { 0.0 }
+            });
+            let least = (&weighed - &covariance).symmetric_eigenvalues().min();
+            assert!(least > -1e-9 * covariance.amax(), "{least}");
+            for (row, expected) in path.expected.iter().enumerate() {
+                let share = covariance[(row, row)] / weighed[(row, row)];
+                assert!((expected - share).abs() < 1e-12, "{expected} {share}");
+            }
+        }
+        let straight = robot.variant("Full").unwrap();
+        let straight = Prepared::new(&robot, straight, &file, Some(&folder), &poses).unwrap();
+        let closure = straight
+            .machine
+            .variant
+            .instances_of(ResidualKind::Closure)
+            .next();
+        let known = (&by_pose[..], &variances[..]);
+        let of_straight = PathNoise::of(
+            &straight.machine,
+            closure.unwrap(),
+            (&samples, &poses),
+            known,
+            noise_m,
+        );
+        assert!(of_straight.is_none());
+    }
+}
