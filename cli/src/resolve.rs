@@ -82,7 +82,7 @@ pub(super) fn robot(
     let text = parameters.and_then(|path| fs::read_to_string(path).ok());
     let name = text.as_deref().and_then(RobotFile::robot_named_in);
     let mut built_in = tau_generated::ROBOTS.iter().map(|(_, robot)| *robot);
-    let own = built_in.find(|robot| Some(robot.name) == name);
+    let own = built_in.find(|robot| Some(robot.name) == name.as_deref());
     Ok(Robot::from(
         own.unwrap_or(&tau_generated::gantry_tau::ROBOT),
     ))

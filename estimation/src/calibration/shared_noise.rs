@@ -12,7 +12,7 @@ use nalgebra::{DMatrix, DVector};
 use tau_robot::robot_file::Noise;
 
 use crate::numerics::{parallel, triangle};
-use crate::problem::{Residuals, times_noise};
+use crate::problem::{PathNoise, Residuals, times_noise};
 
 /// Poses whose derivatives are multiplied at once.
 const CHUNK: usize = 256;
@@ -36,7 +36,8 @@ pub(crate) fn factor_with_shared_noise(
         return None;
     }
     let chunks = information.chunks(CHUNK).enumerate().collect();
-    let points = points(residuals);
+    let paths = residuals.parts.iter().filter_map(|part| part.path.as_ref());
+    let points = paths.map(PathNoise::points).max().unwrap_or_default();
     let shares: Vec<Share> = parallel::map_owned(chunks, |(chunk, information)| {
         let samples = (chunk * CHUNK, information);
         Share::of(residuals, noise, fitted, samples, points)
@@ -67,13 +68,6 @@ pub(crate) fn factor_with_shared_noise(
     let upper = (inverse * lower).transpose().qr().unpack_r();
     let row = |i: usize| (0..=i).map(|j| upper[(j, i)]).collect();
     Some((0..fitted.len()).map(row).collect())
-}
-
-/// Number of the measured points that paths pass through, in closures that have their noise.
-fn points(residuals: &Residuals) -> usize {
-    let paths = residuals.parts.iter().filter_map(|part| part.path.as_ref());
-    let points = paths.flat_map(|path| path.shares.iter().flatten());
-    points.map(|(point, _)| point + 1).max().unwrap_or_default()
 }
 
 /// Part that successive samples have in the covariance.
@@ -144,26 +138,18 @@ impl Share {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::Prepared;
+    use crate::joint::tests::of_prototype;
     use crate::problem::{self, Closures};
     use crate::samples::Sample;
-    use crate::samples::frames::Frames;
     use nalgebra::Vector3;
     use tau_kinematics::{Machine, Path};
-    use tau_robot::robot::Robot;
 
     /// Held against the covariance of what each coordinate of each measured pose and point of a path does to the values.
     #[test]
     fn the_covariance_is_that_of_each_coordinate_of_the_noise() {
-        let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
-        let folder = tau_robot::prototype::folder().unwrap();
-        let file = tau_robot::prototype::robot_file().unwrap();
-        let noise = file.noise;
-        let poses: Vec<usize> = (0..folder.tcp_poses.len()).step_by(4).collect();
-        let variant = robot.variant("FullPiecewise").unwrap();
-        let prepared = Prepared::new(&robot, variant, &file, Some(&folder), &poses).unwrap();
+        let (prepared, samples, noise) = of_prototype("FullPiecewise", 4);
         let (machine, nominal) = (&prepared.machine, &prepared.nominal);
-        let samples = Sample::all(&robot, &folder, &poses, &Frames::default());
+        let variant = &machine.variant;
         let residuals_of = |machine: &Machine, samples: &[Sample]| {
             Residuals::new(machine, nominal, samples, noise, Closures::Apart).unwrap()
         };

@@ -463,15 +463,21 @@ pub(crate) mod tests {
     }
 
     fn of_set_1_on(variant: &str) -> (Joint, Vec<Sample>) {
+        let (prepared, samples, noise) = of_prototype(variant, 5);
+        let joint = Joint::new(prepared.machine, &prepared.nominal, &samples, noise);
+        (joint.unwrap(), samples)
+    }
+
+    /// A variant on some of the poses of the prototype, from each to the next so many, with their stated noise.
+    pub(crate) fn of_prototype(variant: &str, step: usize) -> (Prepared, Vec<Sample>, Noise) {
         let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
         let folder = tau_robot::prototype::folder().unwrap();
         let file = tau_robot::prototype::robot_file().unwrap();
-        let poses: Vec<usize> = (0..folder.tcp_poses.len()).step_by(5).collect();
+        let poses: Vec<usize> = (0..folder.tcp_poses.len()).step_by(step).collect();
         let variant = robot.variant(variant).unwrap();
         let prepared = Prepared::new(&robot, variant, &file, Some(&folder), &poses).unwrap();
         let samples = Sample::all(&robot, &folder, &poses, &Frames::default());
-        let joint = Joint::new(prepared.machine, &prepared.nominal, &samples, file.noise);
-        (joint.unwrap(), samples)
+        (prepared, samples, file.noise)
     }
 
     /// Nothing of the derivatives is outside of the groups of rows: all sets, and points of tracks that are free to

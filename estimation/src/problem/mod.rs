@@ -25,12 +25,12 @@ use crate::calibration::error::Error;
 use crate::calibration::nominal::Nominal;
 use crate::calibration::registration::MOUNTING_M;
 use crate::samples::Sample;
-use path_noise::PathNoise;
 use whitened::WhitenedPose;
 
 pub use whitened::{Eliminated, Origin, RowPlace};
 
 pub(crate) use attenuation::{corrected, whitened_bias};
+pub(crate) use path_noise::PathNoise;
 pub use true_pose::CLOSURE_SHARE;
 pub(crate) use true_pose::{POSE_UNKNOWNS, TruePose, left_jacobian};
 

@@ -19,14 +19,6 @@ pub(crate) struct PathNoise {
     pub(crate) expected: Vec<f64>,
 }
 
-/// Variances of a path's place along any axis, in that of a point.
-#[derive(Clone, Copy)]
-struct Variance {
-    own: f64,
-    /// The same with the covariances with all other samples.
-    with_others: f64,
-}
-
 impl PathNoise {
     /// That of a closure at some of the samples, with the weight of each; `by_pose` are its derivatives, `variances` those
     /// from the noise of the poses. `None` where its path was not measured.
@@ -46,56 +38,60 @@ impl PathNoise {
             shares.map(|(point, share)| (first + point, share))
         };
         let shares: Vec<[(usize, f64); 2]> = of_set.iter().map(shares_at).collect();
-        let (mut expected, mut weights) = (Vec::new(), Vec::new());
-        for ((variance, gradient), &own) in Variance::all(&shares).zip(by_pose).zip(variances) {
+        let mut path = Self {
+            shares,
+            expected: Vec::new(),
+        };
+        let mut weights = Vec::new();
+        let of_path = path.variances();
+        for (([alone, with_others], gradient), &own) in
+            of_path.into_iter().zip(by_pose).zip(variances)
+        {
             let slope: f64 = gradient[..3].iter().map(|d| d * d).sum();
             let of_point = position_m.powi(2) * slope;
-            let weighed = own + of_point * variance.with_others;
+            let weighed = own + of_point * with_others;
             weights.push(weighed.sqrt().recip());
-            expected.push((own + of_point * variance.own) / weighed);
+            path.expected.push((own + of_point * alone) / weighed);
         }
-        Some((Self { shares, expected }, weights))
+        Some((path, weights))
     }
-}
 
-impl Variance {
-    fn all(shares: &[[(usize, f64); 2]]) -> impl Iterator<Item = Self> {
-        let all = shares.iter().flatten();
-        let points = all
-            .clone()
-            .map(|&(point, _)| point + 1)
-            .max()
-            .unwrap_or_default();
-        let mut sums = vec![0.0; points];
-        for &(point, share) in all {
+    /// Number of points, as far as they are numbered here.
+    pub(crate) fn points(&self) -> usize {
+        let all = self.shares.iter().flatten();
+        all.map(|(point, _)| point + 1).max().unwrap_or_default()
+    }
+
+    /// Variance of the path along any axis at each sample, in that of a point; the same with the covariances with all
+    /// other samples.
+    fn variances(&self) -> Vec<[f64; 2]> {
+        let mut sums = vec![0.0; self.points()];
+        for &(point, share) in self.shares.iter().flatten() {
             sums[point] += share.abs();
         }
-        shares.iter().map(move |own| Self {
-            own: own.iter().map(|(_, share)| share * share).sum(),
-            with_others: own.iter().map(|&(k, share)| share.abs() * sums[k]).sum(),
-        })
+        let of_sample = |own: &[(usize, f64); 2]| {
+            let alone = own.iter().map(|(_, share)| share * share).sum();
+            let with_others = own.iter().map(|&(k, share)| share.abs() * sums[k]).sum();
+            [alone, with_others]
+        };
+        self.shares.iter().map(of_sample).collect()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use nalgebra::DMatrix;
-    use tau_robot::robot::{ResidualKind, Robot};
+    use tau_robot::robot::ResidualKind;
 
     use super::*;
-    use crate::calibration::Prepared;
-    use crate::samples::frames::Frames;
+    use crate::joint::tests::of_prototype;
 
-    /// What closures are weighed by is no less than their covariance, in which they share points.
+    /// The variance that weights stand for is no less than the covariance of closures, which share points.
     #[test]
     fn weights_believe_no_more_than_points_tell() {
-        let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
-        let folder = tau_robot::prototype::folder().unwrap();
-        let file = tau_robot::prototype::robot_file().unwrap();
-        let poses: Vec<usize> = (0..folder.tcp_poses.len()).collect();
-        let variant = robot.variant("FullPiecewise").unwrap();
-        let prepared = Prepared::new(&robot, variant, &file, Some(&folder), &poses).unwrap();
-        let samples = Sample::all(&robot, &folder, &poses, &Frames::default());
+        let (prepared, samples, _) = of_prototype("FullPiecewise", 1);
+        let poses: Vec<usize> = (0..samples.len()).collect();
+        let variant = &prepared.machine.variant;
         let closures: Vec<&Instance> = variant.instances_of(ResidualKind::Closure).collect();
         let (noise_m, slope, variance) = (1e-5, 4.0, 1e-9);
         let by_pose = vec![[0.0, slope, 0.0, 0.0, 0.0, 0.0]; poses.len()];
@@ -110,8 +106,7 @@ mod tests {
                 noise_m,
             );
             let (path, weights) = found.unwrap();
-            let points = path.shares.iter().flatten().map(|(point, _)| point + 1);
-            let mut shares = DMatrix::zeros(poses.len(), points.max().unwrap());
+            let mut shares = DMatrix::zeros(poses.len(), path.points());
             for (row, own) in path.shares.iter().enumerate() {
                 for &(point, share) in own {
                     shares[(row, point)] += share;
@@ -129,8 +124,7 @@ mod tests {
                 assert!((expected - share).abs() < 1e-12, "{expected} {share}");
             }
         }
-        let straight = robot.variant("Full").unwrap();
-        let straight = Prepared::new(&robot, straight, &file, Some(&folder), &poses).unwrap();
+        let (straight, ..) = of_prototype("Full", 1);
         let closure = straight
             .machine
             .variant

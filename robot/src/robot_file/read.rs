@@ -38,13 +38,14 @@ impl RobotFile {
         Document::parse(Source::new(name, text), None)
     }
 
-    /// Name of the robot that a text is for, whether or not the rest of it can be read.
-    pub fn robot_named_in(text: &str) -> Option<&str> {
-        let mut keys = text.lines().map(str::trim);
-        let keys = keys.by_ref().take_while(|line| !line.starts_with('['));
-        let mut values = keys.filter_map(|line| line.split_once('='));
-        let (_, value) = values.find(|(key, _)| key.trim() == "robot")?;
-        value.trim().strip_prefix('"')?.split('"').next()
+    /// Name of the robot that a text is for, whether or not its sections can be read.
+    pub fn robot_named_in(text: &str) -> Option<String> {
+        let head = text.split("\n[").next()?;
+        let (root, _) = DeTable::parse_recoverable(head);
+        match root.get_ref().get("robot")?.get_ref() {
+            DeValue::String(name) => Some(name.to_string()),
+            _ => None,
+        }
     }
 
     /// Reads a text that must fit a robot.
@@ -367,4 +368,21 @@ fn canonical(key: &str) -> String {
     };
     let places: Vec<&str> = places.split(',').map(str::trim).collect();
     format!("{}({})", name.trim(), places.join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_robot_is_named_before_all_sections() {
+        let named = |text| RobotFile::robot_named_in(text);
+        let head = "# robot = \"Pair\"\nrobot = 'FiveBar'  # a linkage\n";
+        assert_eq!(named(head).as_deref(), Some("FiveBar"));
+        let unfinished = format!("{head}[links.one]\nlength_m = {{ value =\n");
+        assert_eq!(named(&unfinished).as_deref(), Some("FiveBar"));
+        assert_eq!(named("[noise]\nrobot = \"FiveBar\"\n"), None);
+        assert_eq!(named("robot = 5\n"), None);
+        assert_eq!(named(""), None);
+    }
 }
