@@ -1,7 +1,7 @@
 //! Forward kinematics of many samples at once, beside that of single ones.
 
 use tau::Robot;
-use tau::kinematics::{Pose, Sample};
+use tau::kinematics::{Error, Pose, Sample};
 
 use crate::kinematics::{described, difference, nominal};
 use crate::support::Random;
@@ -10,7 +10,7 @@ use crate::support::Random;
 const ROUGH_STEP: f64 = 1e-4;
 
 /// Samples side by side: every standard robot about its reference, exact ones and those with more links than hold the
-/// plate, with a block that is partly filled, and starts that lead nowhere or to a singular pose.
+/// plate, with a block that is partly filled, and starts that lead nowhere.
 #[test]
 fn many_samples_are_solved_as_single_ones() {
     let mut redundant = 0;
@@ -77,4 +77,44 @@ fn many_samples_are_solved_as_single_ones() {
         }
     }
     assert!(redundant > 0);
+}
+
+/// A five-bar whose distal links are stretched more and more, up to where they no longer reach each other: poses that are
+/// singular are refused as those of single samples are, however near the start.
+#[test]
+fn singular_poses_are_refused_side_by_side() {
+    let (_, robot) = (tau_generated::ROBOTS.iter())
+        .find(|(name, _)| *name == "five_bar")
+        .expect("a standard robot");
+    let robot = Robot::from(*robot);
+    let machine = described(&robot.description, &robot.variants[0].name);
+    let stated = machine.surroundings.reference.clone().expect("a reference");
+    let stretched = |by: f64| vec![stated.commands_m[0] + by, stated.commands_m[1] - by];
+    let (mut pose, mut reached, mut step) = (Pose::from(&stated), 0.0, 0.05);
+    let (mut regular, mut refused) = (0, 0);
+    while step > 1e-12 {
+        let commands = stretched(reached + step);
+        let start = Sample::new(pose, &commands);
+        let single = machine.forward_fitted(&start);
+        // From the pose that is asked for, too, where there is no step to take.
+        let there = single.as_ref().map_or(pose, |found| found.pose);
+        for start in [start, start.at(there)] {
+            let single = machine.forward_fitted(&start);
+            let [side] = machine.forward_each(&[start]).try_into().expect("one");
+            assert_eq!(side.as_ref().err(), single.as_ref().err(), "{commands:?}");
+            match side {
+                Ok(_) => regular += 1,
+                Err(Error::Singular { .. }) => refused += 1,
+                Err(_) => {}
+            }
+        }
+        match single {
+            Ok(found) => (pose, reached) = (found.pose, reached + step),
+            Err(_) => step /= 2.0,
+        }
+    }
+    assert!(
+        regular > 10 && refused > 0,
+        "{regular} regular, {refused} refused"
+    );
 }

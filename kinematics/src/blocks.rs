@@ -4,22 +4,30 @@
 //! full steps only, or such as are as long as the tangent says anything: a sample that one does not bring nearer, or
 //! that may be at a singular pose, is left to the method of single samples, which gives the same pose up to rounding.
 
+mod kernels;
+
+use std::ops::Range;
+
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use tau_robot::robot::{Input, Instance};
-use tau_runtime::{BlockFamily, Kernel, LANES, Lanes, vectorized};
+use tau_runtime::{BlockFamily, LANES, Lanes, vectorized};
 
 use super::forward::SINGULAR;
 use super::inputs::Sample;
 use super::inverse::Reached;
-use super::machine::{Machine, POSE_COLUMNS};
+use super::machine::Machine;
 use super::newton::{LONGEST_STEP, ROUNDING_M, SETTLED};
 use super::{Error, Pose};
+use kernels::{Advance, InverseNorm, Scale, Step};
 
 /// Iterations after which samples are left to the method of single ones, which holds its steps back: Newton's method takes
 /// three to five from where a pose is nearly known.
 const MAX_ITERATIONS: usize = 12;
 /// Numbers of a pose: position, then rotation matrix by rows.
 const POSE: usize = 12;
+/// Step (m, rad) that changes singular values by less than [`SINGULAR`]: gradients turn by a step over the length of
+/// their link, which is more than a tenth of a metre.
+const NEAR: f64 = 0.1 * SINGULAR;
 
 impl Machine {
     /// Pose of the plate at each sample as by [`Self::forward_fitted`], up to rounding, several at a time: some times as
@@ -93,7 +101,9 @@ struct Blocks<'m> {
     system: Vec<Lanes>,
     /// See [`Step`].
     step: Vec<Lanes>,
-    room: Vec<Lanes>,
+    factors: Vec<Lanes>,
+    /// A number of each input of a closure.
+    numbers: Vec<f64>,
 }
 
 /// A closure by pose on a block of samples.
@@ -103,8 +113,8 @@ struct Closure<'m> {
     parameters: Vec<f64>,
     /// Of the samples one after the other.
     data: Vec<f64>,
-    /// Place among the data of each number of the pose, and which that is.
-    of_pose: Vec<(usize, usize)>,
+    /// Numbers of the pose that follow each other among the data: their places there, and which they are.
+    of_pose: Vec<[Range<usize>; 2]>,
     /// The other inputs, and their places.
     others: Vec<Input>,
     places: Vec<usize>,
@@ -132,7 +142,8 @@ impl<'m> Blocks<'m> {
             pose: [Lanes::ZERO; POSE],
             system: vec![Lanes::ZERO; rows * (width + 1)],
             step: vec![Lanes::ZERO; width + 1],
-            room: vec![Lanes::ZERO; Step::room(rows, width)],
+            factors: vec![Lanes::ZERO; Step::room(rows, width)],
+            numbers: Vec::new(),
         })
     }
 
@@ -147,7 +158,7 @@ impl<'m> Blocks<'m> {
         let is_square = count == self.machine.pose_unknowns().len();
         let mut is_open: [bool; LANES] = std::array::from_fn(|lane| lane < starts.len());
         let mut before = [f64::INFINITY; LANES];
-        let mut longest = [f64::INFINITY; LANES];
+        let mut longest = Lanes::splat(f64::INFINITY);
         let shortest = match goal {
             Goal::Rounding => SETTLED,
             Goal::Step(step) => step,
@@ -156,7 +167,7 @@ impl<'m> Blocks<'m> {
             let mismatch = self.linearize();
             let mut is_at_end = [true; LANES];
             for lane in 0..LANES {
-                let norm = mismatch[lane].sqrt();
+                let norm = mismatch[lane];
                 let is_nearer = norm < before[lane] * (1.0 - 1e-4) || norm < ROUNDING_M;
                 // At the end rounding alone decides whether a step gains anything.
                 let is_settled =
@@ -166,30 +177,35 @@ impl<'m> Blocks<'m> {
                 is_at_end[lane] = !is_open[lane] || is_settled || is_square && norm < ROUNDING_M;
                 before[lane] = norm;
             }
-            let is_last = is_at_end == [true; LANES];
-            self.solve(is_last && goal == Goal::Rounding);
-            if is_last {
+            if is_at_end == [true; LANES] {
+                let norms = (goal == Goal::Rounding).then(|| {
+                    let is_far = |lane: usize| is_open[lane] && longest[lane] >= NEAR;
+                    if (0..LANES).any(is_far) {
+                        self.solve();
+                    }
+                    self.inverse_norms()
+                });
                 for (lane, settled) in settled.iter_mut().enumerate() {
                     // A bound from below of the smallest singular value: where it is small, the value decides.
-                    let is_regular =
-                        || goal != Goal::Rounding || self.inverse_norm(lane) < SINGULAR.recip();
-                    if is_open[lane] && is_regular() {
-                        let mean_square = mismatch[lane] / count as f64;
-                        *settled = Some((self.pose(lane), mean_square.sqrt()));
+                    let is_regular = norms.is_none_or(|norms| norms[lane] < 0.5 / SINGULAR);
+                    if is_open[lane] && is_regular {
+                        let mean = mismatch[lane] / (count as f64).sqrt();
+                        *settled = Some((self.pose(lane), mean));
                     }
                 }
                 break;
             }
+            longest = self.solve();
+            let mut shares = Lanes::ZERO;
             for lane in 0..LANES {
-                longest[lane] = self.longest_step(lane);
                 // Beyond this the tangent says nothing; also of a number that is none.
                 is_open[lane] &= longest[lane] < LONGEST_STEP
                     || goal != Goal::Rounding && longest[lane].is_finite();
+                if is_open[lane] && !is_at_end[lane] {
+                    shares[lane] = (LONGEST_STEP / longest[lane]).min(1.0);
+                }
             }
-            self.advance(std::array::from_fn(|lane| {
-                let moves = is_open[lane] && !is_at_end[lane];
-                moves.then(|| (LONGEST_STEP / longest[lane]).min(1.0))
-            }));
+            self.advance(shares);
         }
         settled
     }
@@ -207,31 +223,36 @@ impl<'m> Blocks<'m> {
                 self.pose[3 + entry][lane] = rotation[(entry / 3, entry % 3)];
             }
         }
-        let machine = self.machine;
-        let mut numbers = vec![];
-        for closure in &mut self.closures {
-            let width = closure.instance.inputs.len();
-            for (lane, data) in closure.data.chunks_exact_mut(width).enumerate() {
-                let start = of_lane(lane);
-                if start.commands_m.len() != machine.robot.commands {
-                    return None;
-                }
-                numbers.clear();
-                let filled = (machine.surroundings).fill(&closure.others, start, &mut numbers);
-                filled.ok()?;
-                for (&place, &number) in closure.places.iter().zip(&numbers) {
-                    data[place] = number;
+        for lane in 0..LANES {
+            let start = of_lane(lane);
+            if start.commands_m.len() != self.machine.robot.commands {
+                return None;
+            }
+            self.numbers.clear();
+            let others = self
+                .closures
+                .iter()
+                .map(|closure| closure.others.as_slice());
+            let filled = (self.machine.surroundings).fill_all(others, start, &mut self.numbers);
+            filled.ok()?;
+            let mut numbers = self.numbers.iter();
+            for closure in &mut self.closures {
+                let data = closure.of_lane(lane);
+                for (&place, &number) in closure.places.iter().zip(&mut numbers) {
+                    closure.data[data.start + place] = number;
                 }
             }
         }
         Some(())
     }
 
-    /// Fills the system; the sum of squares of the closures of each lane (m²).
+    /// Fills the system; the norm of the closures of each lane (m).
     fn linearize(&mut self) -> Lanes {
         let rows = self.closures.len();
+        let poses =
+            std::array::from_fn(|lane| std::array::from_fn(|number| self.pose[number][lane]));
         for (row, closure) in self.closures.iter_mut().enumerate() {
-            closure.linearize(&self.pose);
+            closure.linearize(&poses);
             for (column, entry) in closure.columns.iter().zip(&closure.entries) {
                 if let Some(column) = column {
                     self.system[column * rows + row] = *entry;
@@ -244,65 +265,52 @@ impl<'m> Blocks<'m> {
             rows,
             shifts: self.shifts(),
         };
-        let mut squares = [Lanes::ZERO];
-        vectorized(scale, &[], &[], &mut self.system, &mut squares);
-        let [squares] = squares;
-        squares
+        let mut norms = [Lanes::ZERO];
+        vectorized(scale, &[], &[], &mut self.system, &mut norms);
+        let [norms] = norms;
+        norms
     }
 
     /// Number of unknowns that are translations; they come first.
     fn shifts(&self) -> usize {
-        self.machine.pose_unknowns().len() - self.machine.turning_unknowns().len()
+        self.width() - self.machine.turning_unknowns().len()
     }
 
-    /// Newton's step from the system, with the norm of its inverse if that is wanted.
-    fn solve(&mut self, with_norm: bool) {
+    /// Newton's step from the system; the longest part of it in each lane (m, rad), infinite where one is no number.
+    fn solve(&mut self) -> Lanes {
         let step = Step {
             rows: self.closures.len(),
-            width: self.machine.pose_unknowns().len(),
+            width: self.width(),
             shifts: self.shifts(),
-            with_norm,
         };
-        vectorized(step, &self.system, &[], &mut self.step, &mut self.room);
+        vectorized(step, &self.system, &[], &mut self.step, &mut self.factors);
+        self.step[self.width()]
     }
 
-    fn longest_step(&self, lane: usize) -> f64 {
-        let width = self.step.len() - 1;
-        let steps = self.step[..width].iter().map(|step| step[lane].abs());
-        // Unlike `max`, a sum keeps what is no number.
-        let is_number = steps.clone().sum::<f64>().is_finite();
-        if is_number {
-            steps.fold(0.0, f64::max)
-        } else {
-            f64::INFINITY
-        }
+    /// Number of unknowns.
+    fn width(&self) -> usize {
+        self.step.len() - 1
     }
 
-    /// Norm of the inverse of the system of a lane, turns scaled by the plate's lever arms.
-    fn inverse_norm(&self, lane: usize) -> f64 {
-        self.step[self.step.len() - 1][lane].sqrt()
+    /// Norms of the inverses of the systems that were solved last, turns scaled by the plate's lever arms.
+    fn inverse_norms(&mut self) -> Lanes {
+        let norm = InverseNorm {
+            rows: self.closures.len(),
+            width: self.width(),
+            shifts: self.shifts(),
+        };
+        // The steps have been taken.
+        let mut norms = [Lanes::ZERO];
+        vectorized(norm, &self.factors, &[], &mut self.step, &mut norms);
+        let [norms] = norms;
+        norms
     }
 
-    /// Takes a share of the step in some lanes.
-    fn advance(&mut self, shares: [Option<f64>; LANES]) {
-        let mut motion = [Lanes::ZERO; POSE_COLUMNS];
-        for (&unknown, step) in self.machine.pose_unknowns().iter().zip(&self.step) {
-            each(&mut motion[unknown], |lane, to| {
-                *to = shares[lane].map_or(0.0, |share| -share * step[lane]);
-            });
-        }
-        let [shift @ .., x, y, z] = motion;
-        for (position, shift) in self.pose.iter_mut().zip(shift) {
-            each(position, |lane, to| *to += shift[lane]);
-        }
-        for lane in 0..LANES {
-            let turn = [x[lane], y[lane], z[lane]];
-            let entries: [f64; 9] = std::array::from_fn(|entry| self.pose[3 + entry][lane]);
-            let turned = turned(turn, entries);
-            for (entry, value) in turned.into_iter().enumerate() {
-                self.pose[3 + entry][lane] = value;
-            }
-        }
+    /// Takes a share of the step in each lane.
+    fn advance(&mut self, shares: Lanes) {
+        let unknowns = self.machine.pose_unknowns();
+        let advance = Advance { unknowns };
+        vectorized(advance, &self.step, &[], &mut self.pose, &mut [shares]);
     }
 
     fn pose(&self, lane: usize) -> Pose {
@@ -329,7 +337,17 @@ impl<'m> Closure<'m> {
         let inputs = || instance.inputs.iter().enumerate();
         let others = inputs().filter(|(_, input)| of_pose(input).is_none());
         let (places, others) = others.unzip();
-        let of_pose = inputs().filter_map(|(place, input)| Some((place, of_pose(input)?)));
+        let mut runs: Vec<[Range<usize>; 2]> = Vec::new();
+        for (place, number) in inputs().filter_map(|(place, input)| Some((place, of_pose(input)?)))
+        {
+            match runs.last_mut() {
+                Some([places, numbers]) if places.end == place && numbers.end == number => {
+                    places.end += 1;
+                    numbers.end += 1;
+                }
+                _ => runs.push([place..place + 1, number..number + 1]),
+            }
+        }
         let entries = instance.family.pattern().columns.iter();
         let place = |&column: &u32| {
             unknowns
@@ -342,7 +360,7 @@ impl<'m> Closure<'m> {
             family,
             parameters: parameters.map(|&index| machine.values[index]).collect(),
             data: vec![0.0; LANES * instance.inputs.len()],
-            of_pose: of_pose.collect(),
+            of_pose: runs,
             others,
             places,
             columns: entries.map(place).collect(),
@@ -352,12 +370,18 @@ impl<'m> Closure<'m> {
         })
     }
 
-    fn linearize(&mut self, pose: &[Lanes; POSE]) {
+    /// The data of a sample.
+    fn of_lane(&self, lane: usize) -> Range<usize> {
         let width = self.instance.inputs.len();
-        for &(place, number) in &self.of_pose {
-            let of_samples = self.data[place..].iter_mut().step_by(width);
-            for (to, &value) in of_samples.zip(&pose[number].0) {
-                *to = value;
+        lane * width..(lane + 1) * width
+    }
+
+    fn linearize(&mut self, poses: &[[f64; POSE]; LANES]) {
+        for (lane, pose) in poses.iter().enumerate() {
+            let of_lane = self.of_lane(lane);
+            let data = &mut self.data[of_lane];
+            for [places, numbers] in &self.of_pose {
+                data[places.clone()].copy_from_slice(&pose[numbers.clone()]);
             }
         }
         self.family.prepare_blocks(&self.data, &mut self.prepared);
@@ -368,178 +392,4 @@ impl<'m> Closure<'m> {
             &mut self.entries,
         );
     }
-}
-
-/// Divides the rows of the systems of a block by the lengths of their gradients by translation; sums of squares of the
-/// right-hand sides.
-struct Scale {
-    rows: usize,
-    shifts: usize,
-}
-
-impl Kernel for Scale {
-    #[allow(
-        clippy::inline_always,
-        reason = "it must take on the instruction set of its caller"
-    )]
-    #[inline(always)]
-    fn run(self, _: &[Lanes], _: &[f64], system: &mut [Lanes], squares: &mut [Lanes]) {
-        let Self { rows, shifts } = self;
-        let [squares] = squares else { return };
-        for row in 0..rows {
-            let mut scale = Lanes::ZERO;
-            for entry in system[..shifts * rows].iter().skip(row).step_by(rows) {
-                each(&mut scale, |lane, sum| *sum += entry[lane] * entry[lane]);
-            }
-            each(&mut scale, |_, square| {
-                let slope = square.sqrt();
-                *square = if slope > 0.0 { 1.0 / slope } else { 1.0 };
-            });
-            for entry in system.iter_mut().skip(row).step_by(rows) {
-                each(entry, |lane, value| *value *= scale[lane]);
-            }
-            let last = system[system.len() - rows + row];
-            each(squares, |lane, sum| *sum += last[lane] * last[lane]);
-        }
-    }
-}
-
-/// Least-squares solution of the systems of a block by orthogonal columns (modified Gram-Schmidt: Å. Björck, Numerical
-/// Methods for Least Squares Problems, 1996, section 2.4), and the square of the norm of their inverse.
-struct Step {
-    rows: usize,
-    /// Unknowns, those from `shifts` on turns.
-    width: usize,
-    shifts: usize,
-    with_norm: bool,
-}
-
-impl Step {
-    /// Numbers that the work takes: the system, the triangle, a column of its inverse.
-    fn room(rows: usize, width: usize) -> usize {
-        rows * (width + 1) + width * (width + 1) + width
-    }
-}
-
-impl Kernel for Step {
-    #[allow(
-        clippy::inline_always,
-        reason = "it must take on the instruction set of its caller"
-    )]
-    #[inline(always)]
-    fn run(self, system: &[Lanes], _: &[f64], step: &mut [Lanes], room: &mut [Lanes]) {
-        let Self {
-            rows,
-            width,
-            shifts,
-            with_norm,
-        } = self;
-        let (columns, room) = room.split_at_mut(system.len());
-        let (triangle, inverse) = room.split_at_mut(width * (width + 1));
-        columns.copy_from_slice(system);
-        let mut lever = Lanes::ZERO;
-        for entry in &system[shifts * rows..width * rows] {
-            each(&mut lever, |lane, sum| *sum += entry[lane] * entry[lane]);
-        }
-        for k in 0..width {
-            let (done, later) = columns.split_at_mut((k + 1) * rows);
-            let own = &mut done[k * rows..];
-            let mut size = Lanes::ZERO;
-            for entry in own.iter() {
-                each(&mut size, |lane, sum| *sum += entry[lane] * entry[lane]);
-            }
-            each(&mut size, |_, size| *size = 1.0 / size.sqrt());
-            for entry in own.iter_mut() {
-                each(entry, |lane, value| *value *= size[lane]);
-            }
-            // The reciprocal of the diagonal is what is needed.
-            triangle[k * (width + 1) + k] = size;
-            for (j, other) in later.chunks_exact_mut(rows).enumerate() {
-                let mut share = Lanes::ZERO;
-                for (own, other) in own.iter().zip(other.iter()) {
-                    each(&mut share, |lane, sum| *sum += own[lane] * other[lane]);
-                }
-                for (own, other) in own.iter().zip(other.iter_mut()) {
-                    each(other, |lane, value| *value -= share[lane] * own[lane]);
-                }
-                triangle[k * (width + 1) + k + 1 + j] = share;
-            }
-        }
-        let square = &mut step[width];
-        *square = Lanes::ZERO;
-        // The last column of the triangle is the right-hand side, the others give the columns of the inverse.
-        for column in if with_norm { 0 } else { width }..=width {
-            let top = column.min(width - 1);
-            for k in (0..=top).rev() {
-                let row = &triangle[k * (width + 1)..][..=width];
-                let mut value = match (column == width, column == k) {
-                    (true, _) => row[width],
-                    (_, true) => Lanes::splat(1.0),
-                    _ => Lanes::ZERO,
-                };
-                for (of_row, known) in row[k + 1..=top].iter().zip(&inverse[k + 1..]) {
-                    each(&mut value, |lane, value| {
-                        *value -= of_row[lane] * known[lane];
-                    });
-                }
-                each(&mut value, |lane, value| *value *= row[k][lane]);
-                inverse[k] = value;
-            }
-            if column == width {
-                step[..width].copy_from_slice(inverse);
-                continue;
-            }
-            let square = &mut step[width];
-            for (k, value) in inverse[..=top].iter().enumerate() {
-                // Turns are scaled by the mean square of their levers.
-                each(square, |lane, sum| {
-                    let scale = if k < shifts || lever[lane] == 0.0 {
-                        1.0
-                    } else {
-                        lever[lane] / rows as f64
-                    };
-                    *sum += value[lane] * value[lane] * scale;
-                });
-            }
-        }
-    }
-}
-
-#[allow(
-    clippy::inline_always,
-    reason = "it must take on the instruction set of its caller"
-)]
-#[inline(always)]
-fn each(lanes: &mut Lanes, of_lane: impl Fn(usize, &mut f64)) {
-    for (lane, value) in lanes.0.iter_mut().enumerate() {
-        of_lane(lane, value);
-    }
-}
-
-/// A rotation matrix (by rows) turned by a rotation vector (rad) in the measurement frame.
-///
-/// By Rodrigues parameters tan(ω/2), of which the series is taken to the third power: the matrix stays orthogonal to
-/// rounding, and the angle is off by ω⁵/120, which the next step makes up for.
-fn turned([x, y, z]: [f64; 3], matrix: [f64; 9]) -> [f64; 9] {
-    let factor = 0.5 + (x * x + y * y + z * z) / 24.0;
-    let r = [x, y, z].map(|component| factor * component);
-    let scale = 2.0 / (1.0 + r[0] * r[0] + r[1] * r[1] + r[2] * r[2]);
-    let mut turned = [0.0; 9];
-    for column in 0..3 {
-        let v = [0, 1, 2].map(|row| matrix[3 * row + column]);
-        let first = cross(r, v);
-        let second = cross(r, first);
-        for row in 0..3 {
-            turned[3 * row + column] = v[row] + scale * (first[row] + second[row]);
-        }
-    }
-    turned
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
 }
