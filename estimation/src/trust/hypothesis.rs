@@ -1,5 +1,7 @@
 //! Mistakes that a folder or a robot file may hold, as changes that would mend them.
 
+use std::sync::Arc;
+
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 use tau_kinematics::{Pose, nearest_rotation};
 use tau_robot::measurements::Folder;
@@ -18,9 +20,9 @@ use crate::samples::frames::Frames;
 pub(crate) struct Case<'a> {
     pub(crate) robot: &'a Robot,
     pub(crate) variant: &'a Variant,
-    /// Completed from the description.
-    pub(crate) file: RobotFile,
-    /// All its TCP poses take part.
+    /// Completed from the description; most hypotheses share it.
+    pub(crate) file: Arc<RobotFile>,
+    /// TCP poses, which all take part, and set 2 where the variant takes it; nothing else.
     pub(crate) folder: Folder,
 }
 
@@ -116,10 +118,17 @@ impl Case<'_> {
 
     /// The same with some of its poses.
     pub(crate) fn of_poses(&self, poses: &[usize]) -> Self {
-        let mut thinned = self.clone();
         let all = &self.folder.tcp_poses;
-        thinned.folder.tcp_poses = poses.iter().map(|&pose| all[pose].clone()).collect();
-        thinned
+        Self {
+            file: Arc::clone(&self.file),
+            folder: Folder {
+                name: self.folder.name.clone(),
+                tcp_poses: poses.iter().map(|&pose| all[pose].clone()).collect(),
+                cart_poses: self.folder.cart_poses.clone(),
+                ..Folder::default()
+            },
+            ..*self
+        }
     }
 
     /// The case as it would be without a mistake.
@@ -181,13 +190,14 @@ impl Case<'_> {
                 ..pose
             }),
             Hypothesis::Noise { position, rotation } => {
-                case.file.noise.position_m *= position;
-                case.file.noise.rotation_rad *= rotation;
+                let noise = &mut Arc::make_mut(&mut case.file).noise;
+                noise.position_m *= position;
+                noise.rotation_rad *= rotation;
             }
             Hypothesis::Tolerances {
                 factor,
                 lengths_only,
-            } => case.file.scale_tolerances(*factor, *lengths_only),
+            } => Arc::make_mut(&mut case.file).scale_tolerances(*factor, *lengths_only),
             Hypothesis::Dimension { .. } => {}
         }
         case

@@ -1,5 +1,7 @@
 //! The verdict on a fit or a prediction.
 
+use std::sync::Arc;
+
 use tau_kinematics::Machine;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Folder, TCP_POSES, TcpPose};
@@ -191,7 +193,7 @@ pub(super) fn case<'a>(
     Case {
         robot,
         variant,
-        file: file.completed(robot),
+        file: Arc::new(file.completed(robot)),
         folder: Folder {
             name: folder.name.clone(),
             tcp_poses: tcp_poses.cloned().collect(),
@@ -306,7 +308,8 @@ pub fn of_calibration_knowing(
     let kept: Vec<usize> = counted.iter().map(|&index| poses[index]).collect();
     let poses = kept.as_slice();
     let spread = spread(poses.len(), MOST_POSES);
-    let case = case(robot, &machine.variant, file, folder, poses).of_poses(&spread);
+    let some: Vec<usize> = spread.iter().map(|&k| poses[k]).collect();
+    let case = case(robot, &machine.variant, file, folder, &some);
     let own;
     let judged = match calibration.judged() {
         Some(known) => known,
