@@ -295,3 +295,61 @@ fn a_way_that_is_blocked_is_an_error() {
         .unwrap()[0];
     assert!(hanging.position.z < -0.8, "{}", hanging.position);
 }
+
+/// Anchors drawn up to a metre off are found elsewhere than the description's reference says: the file that is written has
+/// one of the machine that was found, from which kinematics go on.
+#[test]
+fn a_machine_from_a_sketch_has_a_reference_of_its_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |line: &str| tau_in(folder.path(), line);
+    run("tau simulate --model four_belts --variant Full --measure readings --noise-drives 2e-4 --poses 100 --random \
+         --seed 7 --out DIR/measured")
+    .done();
+    let text = std::fs::read_to_string(folder.path().join("measured/robot.toml")).unwrap();
+    let robot = Robot::from(&tau_generated::four_belts::ROBOT);
+    let drawn = [
+        (
+            "top_left_x: length = 0 mm tol 20 mm",
+            "top_left_x: length = 700 mm tol 1 m",
+        ),
+        (
+            "top_left_y: length = 2000 mm tol 20 mm",
+            "top_left_y: length = 1300 mm tol 1 m",
+        ),
+        (
+            "top_right_x: length = 3400 mm tol 20 mm",
+            "top_right_x: length = 4200 mm tol 1 m",
+        ),
+        (
+            "bottom_right_y: length = 0 mm tol 20 mm",
+            "bottom_right_y: length = -800 mm tol 1 m",
+        ),
+    ];
+    let mut sketch = robot.description.to_string();
+    for (from, to) in drawn {
+        assert!(sketch.contains(from), "{from}");
+        sketch = sketch.replace(from, to);
+    }
+    std::fs::write(folder.path().join("sketch.tau"), sketch).unwrap();
+    let noise = text
+        .lines()
+        .filter(|line| line.contains("noise_m") || line.starts_with("[drives"));
+    let own: Vec<&str> = std::iter::once("robot = \"FourBelts\"")
+        .chain(noise)
+        .collect();
+    std::fs::write(folder.path().join("measured/robot.toml"), own.join("\n")).unwrap();
+    run("tau calibrate DIR/measured --model DIR/sketch.tau --variant Full --split all --out DIR/found").done();
+    let readings = std::fs::read_to_string(folder.path().join("measured/readings.csv")).unwrap();
+    let cells: Vec<&str> = readings.lines().nth(1).unwrap().split(',').collect();
+    let first = readings
+        .lines()
+        .next()
+        .unwrap()
+        .split(',')
+        .position(|name| name == "q1_m")
+        .unwrap();
+    let commands = cells[first..first + 4].join(",");
+    let forward =
+        "tau kinematics forward --model DIR/sketch.tau --robot DIR/found/robot.toml --variant Full";
+    run(&format!("{forward} --commands {commands} --json -")).json();
+}

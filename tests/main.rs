@@ -21,6 +21,7 @@ mod effects;
 mod errors_in_variables;
 mod evaluate;
 mod evidence;
+mod gauge;
 mod generated_discovery;
 mod hand_written;
 mod hangprinter;

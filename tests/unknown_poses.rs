@@ -426,32 +426,6 @@ fn repeats_are_readings_of_one_pose() {
 }
 
 #[test]
-fn as_many_factors_as_points_are_refused_with_the_number_that_would_do() {
-    let folder = tempfile::tempdir().unwrap();
-    let run = |line: &str| tau_in(folder.path(), line);
-    run("tau simulate --model ROBOTS/linear_delta.tau --variant Nominal --measure heights --random --poses 12 \
-         --track-points 0 --cart-poses 0 --out DIR/few")
-    .done();
-    let refused = run(
-        "tau calibrate DIR/few --model ROBOTS/linear_delta.tau --variant Nominal --split all --out DIR/out",
-    );
-    assert_eq!(refused.code, 2);
-    assert!(
-        refused.err.contains("the fit would repeat its input"),
-        "{}",
-        refused.err
-    );
-    assert!(
-        refused.err.contains("measure at least 19 poses"),
-        "{}",
-        refused.err
-    );
-    let check =
-        run("tau check DIR/few --model ROBOTS/linear_delta.tau --variant Nominal --split all");
-    assert_eq!(check.code, 1);
-}
-
-#[test]
 fn a_folder_of_mixed_measurements_is_checked_and_calibrated() {
     let folder = tempfile::tempdir().unwrap();
     let run = |line: &str| tau_in(folder.path(), line);

@@ -4,7 +4,7 @@
 //! unknowns are some of the pose X and the commands q. Where closures are more than unknowns, it is the solution of
 //! least squares that follows, to first order in their mismatch.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use tau_kinematics::{self as kinematics, Machine, Sample, least_norm};
 use tau_robot::robot::ResidualKind;
 
@@ -13,6 +13,8 @@ pub(crate) struct Linearized {
     /// Derivatives by translation, rotation vector and commands: one row per closure, each divided by the length of its
     /// gradient in the plate's position.
     pub(crate) by_pose: DMatrix<f64>,
+    /// The closures themselves, likewise (m).
+    pub(crate) residuals: DVector<f64>,
     /// Derivatives by parameters, likewise: of each closure the index in the variant and the entry.
     pub(crate) by_parameters: Vec<Vec<(usize, f64)>>,
 }
@@ -24,9 +26,9 @@ impl Linearized {
     /// Data that the sample lacks; a derivative that is not finite.
     pub(crate) fn new(machine: &Machine, sample: &Sample<'_>) -> Result<Self, kinematics::Error> {
         let kinematics::Closures {
+            residuals,
             jacobian: by_pose,
             slopes,
-            ..
         } = machine.closures(sample)?;
         let mut data = Vec::new();
         machine.fill_closures(sample, &mut data)?;
@@ -62,6 +64,7 @@ impl Linearized {
         Ok(Self {
             by_parameters: by_parameters.collect::<Result<_, kinematics::Error>>()?,
             by_pose,
+            residuals,
         })
     }
 

@@ -32,6 +32,7 @@ use crate::weighing::{self, Treatment, Weighing};
 pub use cost::closure_cost;
 pub use error::Error;
 pub use nominal::{Nominal, TRACK_ROTATION_TOLERANCE_RAD};
+pub(crate) use output::reference;
 pub use output::{LinkResult, LinkSigma, ParameterEstimate};
 pub use prepared::Prepared;
 pub use registration::{Line, MOUNTING_M, NominalTrack, Registration, set_2, set_3};
@@ -318,10 +319,11 @@ pub(crate) fn finish(
     for (&index, estimate) in fitted.used.iter().zip(&estimates) {
         sigmas[index] = estimate.sigma;
     }
+    let shown: Vec<tau_kinematics::Sample<'_>> = poses.iter().map(|&pose| pose.into()).collect();
     Ok(Calibration {
         links: output::links(&machine, sigmas, prepared.registration.as_ref(), poses)?,
         file: RobotFile {
-            reference: output::reference(&machine, poses).or_else(|| file.reference.clone()),
+            reference: reference(&machine, &shown).or_else(|| file.reference.clone()),
             paths: if prepared.measured_paths.is_empty() {
                 file.paths.clone()
             } else {

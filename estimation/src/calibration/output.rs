@@ -164,31 +164,27 @@ pub(super) fn links(
         .collect()
 }
 
-/// Reference that the poses show: the one whose commands are nearest to the middle of all. To a tenth
+/// Reference that poses show: the one whose commands are nearest to the middle of all. To a tenth
 /// of a millimetre and of a milliradian, which is far more than it takes to tell the assemblies of an arm apart.
-pub(super) fn reference(machine: &Machine, poses: &[&TcpPose]) -> Option<Reference> {
+pub(crate) fn reference(machine: &Machine, poses: &[Sample<'_>]) -> Option<Reference> {
     let count = poses.len() as f64;
     let middle: Vec<f64> = (0..machine.robot.commands)
         .map(|k| {
-            poses
-                .iter()
-                .filter_map(|pose| pose.commands_m.get(k))
-                .sum::<f64>()
-                / count
+            let commands = poses.iter().filter_map(|pose| pose.commands_m.get(k));
+            commands.sum::<f64>() / count
         })
         .collect();
-    let off = |pose: &TcpPose| -> f64 {
+    let off = |pose: &Sample<'_>| -> f64 {
         let pairs = pose.commands_m.iter().zip(&middle);
         pairs.map(|(q, middle)| (q - middle).powi(2)).sum()
     };
-    let measured = (poses.iter()).min_by(|a, b| off(a).total_cmp(&off(b)))?;
-    let sample = Sample::from(*measured);
+    let shown = (poses.iter()).min_by(|a, b| off(a).total_cmp(&off(b)))?;
     let pose = machine
-        .forward_fitted(&sample)
-        .map_or(sample.pose, |reached| reached.pose);
+        .forward_fitted(shown)
+        .map_or(shown.pose, |reached| reached.pose);
     let rounded = |value: f64| (value * 1e4).round() / 1e4;
     Some(Reference {
-        commands_m: measured.commands_m.clone(),
+        commands_m: shown.commands_m.to_vec(),
         has_angles: (0..machine.robot.commands).any(|command| machine.robot.is_angle(command)),
         position_m: pose.position_m().map(rounded),
         orientation_rad: pose.angles_rad().map(rounded),

@@ -9,6 +9,7 @@ use super::fit::Fit;
 use super::{KindFit, ObjectEstimate, Rank, UnknownPoses, heldout, quantity};
 use crate::calibration::{self, Calibration, Combination, Error, Fitted, combinations};
 use crate::numerics::triangle;
+use crate::samples::Sample;
 
 /// Tolerance (m or rad) of places that had none: beyond any machine, so that it says nothing.
 const WIDE_M: f64 = 1e3;
@@ -54,6 +55,15 @@ impl Fit<'_> {
             ..calibration::finish(&self.prepared, self.file, &[], fitted)?
         };
         self.write_objects(&mut calibration.file, values, &covariance);
+        // Of a machine that was drawn elsewhere, the stated one is none.
+        let readings = self.assembly.poses.iter().flat_map(|pose| {
+            let own = (pose.readings.iter()).find(|own| !self.left_out.contains(&own.place));
+            own.map(|reading| pose.sample(reading))
+        });
+        let readings: Vec<Sample> = readings.collect();
+        let shown: Vec<_> = readings.iter().map(Sample::view).collect();
+        let reference = calibration::reference(&machine, &shown);
+        calibration.file.reference = reference.or(calibration.file.reference);
         let held_out = heldout::HeldOut::of(&machine, self, &values[..shared])?;
         Ok(UnknownPoses {
             calibration,

@@ -327,6 +327,8 @@ impl<'a> Fit<'a> {
             used: &self.used,
             objects: &self.assembly.objects,
             values: &self.start[..self.shared()],
+            scale: &scales,
+            poses: &self.assembly.poses,
         };
         // All three coordinates of a point tell left from right.
         let has_all = |rows: &Rows| {
@@ -348,7 +350,7 @@ impl<'a> Fit<'a> {
             unknowns: scales.len(),
             determined: known.iter().filter(|value| **value > 1.0).count(),
             is_seen: known.iter().any(|value| *value > UNSEEN),
-            open: shared.freedoms(reduced, &scales),
+            open: shared.freedoms(reduced),
             has_mirror_image: !fixes_handedness,
         }
     }

@@ -1,13 +1,13 @@
 //! Gauge freedoms: combinations that measurements leave open, in words of the machine.
 
+mod motions;
+
 use crate::numerics::order::{largest_first, smallest_first};
-use nalgebra::{DMatrix, DVector, Vector3};
-use tau_kinematics::Machine;
-use tau_robot::robot::Owner;
+use nalgebra::{DMatrix, DVector};
 
 use super::elimination::Reduced;
-use super::objects::Object;
-use super::quantity::across;
+use motions::Motion;
+pub(super) use motions::Shared;
 
 /// A direction of which the data know less than this share of what they know best is open: between the rounding of
 /// squares (1e-16 to 1e-12) and the weakest that measurements of a machine determine (1e-6).
@@ -36,197 +36,13 @@ pub struct Freedom {
 /// Motions that are named of those that are open together: more tell a reader nothing.
 const NAMED_TOGETHER: usize = 4;
 
-/// A motion with its name.
-struct Motion {
-    words: String,
-    is_scale: bool,
-    /// True of a parameter alone, which is open only together with motions.
-    is_parameter: bool,
-    change: DVector<f64>,
-}
-
-/// Shared unknowns as motions change them.
-pub(super) struct Shared<'a> {
-    pub(super) machine: &'a Machine,
-    /// Indices in the variant of the first ones.
-    pub(super) used: &'a [usize],
-    /// The others.
-    pub(super) objects: &'a [Object],
-    /// Values of all of them.
-    pub(super) values: &'a [f64],
-}
-
 /// Beginning of the words for what is no motion.
 const OF_PARAMETERS: &str = "a combination of";
-/// Quantities that motions change by themselves.
-const DIMENSIONS: [&str; 4] = ["length", "plate_joint", "track_offset", "track_direction"];
-const AXES: [&str; 3] = ["x", "y", "z"];
 
 impl Shared<'_> {
-    /// Changes of all unknowns by what is done to points fixed in space and on the plate, to directions in space, to
-    /// lengths and to the lengths of driven links.
-    fn change(&self, rule: &Rule) -> DVector<f64> {
-        let mut change = DVector::zeros(self.values.len());
-        let variant = &self.machine.variant;
-        for (place, &index) in self.used.iter().enumerate() {
-            let parameter = &variant.parameters[index];
-            let vector = |quantity: &str| {
-                Vector3::from_fn(|axis, _| {
-                    let found = variant.parameter(parameter.owner, quantity, Some(axis));
-                    found.map_or(0.0, |index| self.machine.values[index])
-                })
-            };
-            if matches!(
-                parameter.owner,
-                Owner::Effect(_) | Owner::Frame(_) | Owner::Target { .. }
-            ) {
-                continue;
-            }
-            let axis = parameter.component.unwrap_or(0);
-            change[place] = match parameter.quantity.as_str() {
-                "length" => {
-                    rule.length(self.machine.values[index], self.is_driven(parameter.owner))
-                }
-                "plate_joint" => (rule.on_plate)(vector("plate_joint"))[axis],
-                "track_offset" => (rule.in_space)(vector("track_offset"))[axis],
-                "track_direction" => (rule.travel)(vector("track_direction"))[axis],
-                _ => 0.0,
-            };
-        }
-        for object in self.objects {
-            let at = self.used.len() + object.first;
-            let own = &self.values[at..at + 3];
-            let place = Vector3::from_column_slice(own);
-            let moved = match object.section {
-                "targets" => (rule.on_plate)(place),
-                "balls" => (rule.in_space)(place),
-                _ => {
-                    let [u, v] = across(&object.normal);
-                    let normal = (object.normal + u * own[0] + v * own[1]).normalize();
-                    let turned = (rule.direction)(normal);
-                    let point = normal * own[2];
-                    let offset = normal.dot(&(rule.in_space)(point)) + turned.dot(&point);
-                    Vector3::new(u.dot(&turned), v.dot(&turned), offset)
-                }
-            };
-            change.rows_mut(at, 3).copy_from(&moved);
-        }
-        change
-    }
-
-    fn is_driven(&self, owner: Owner) -> bool {
-        let links = &self.machine.robot.links;
-        matches!(owner, Owner::Link(link) if links[link].actuated_by.is_some())
-    }
-
-    fn motions(&self) -> Vec<Motion> {
-        let mut motions = vec![];
-        let still = |_: Vector3<f64>| Vector3::zeros();
-        for (axis, name) in AXES.iter().enumerate() {
-            let unit = Vector3::ith(axis, 1.0);
-            motions.push(Motion {
-                words: format!("position of the machine along {name}"),
-                is_scale: false,
-                is_parameter: false,
-                change: self.change(&Rule {
-                    in_space: &|_| unit,
-                    direction: &still,
-                    travel: &still,
-                    on_plate: &still,
-                    longer: Longer::No,
-                }),
-            });
-        }
-        for (axis, name) in AXES.iter().enumerate() {
-            let unit = Vector3::ith(axis, 1.0);
-            motions.push(Motion {
-                words: format!("rotation of the machine about {name}"),
-                is_scale: false,
-                is_parameter: false,
-                change: self.change(&Rule {
-                    in_space: &|point| unit.cross(&point),
-                    direction: &|way| unit.cross(&way),
-                    travel: &|way| unit.cross(&way),
-                    on_plate: &still,
-                    longer: Longer::No,
-                }),
-            });
-        }
-        for (axis, name) in AXES.iter().enumerate() {
-            let unit = Vector3::ith(axis, 1.0);
-            motions.push(Motion {
-                words: format!("position of the TCP on the plate along its {name}"),
-                is_scale: false,
-                is_parameter: false,
-                change: self.change(&Rule {
-                    in_space: &still,
-                    direction: &still,
-                    travel: &still,
-                    on_plate: &|_| unit,
-                    longer: Longer::No,
-                }),
-            });
-        }
-        for (axis, name) in AXES.iter().enumerate() {
-            let unit = Vector3::ith(axis, 1.0);
-            motions.push(Motion {
-                words: format!("orientation of the TCP on the plate about its {name}"),
-                is_scale: false,
-                is_parameter: false,
-                change: self.change(&Rule {
-                    in_space: &still,
-                    direction: &still,
-                    travel: &still,
-                    on_plate: &|point| unit.cross(&point),
-                    longer: Longer::No,
-                }),
-            });
-        }
-        motions.push(Motion {
-            words: "scale of the whole machine".to_owned(),
-            is_scale: true,
-            is_parameter: false,
-            change: self.change(&Rule {
-                in_space: &|point| point,
-                direction: &still,
-                travel: &|way| way,
-                on_plate: &|point| point,
-                longer: Longer::InProportion,
-            }),
-        });
-        motions.push(Motion {
-            words: "common zero of all drives".to_owned(),
-            is_scale: false,
-            is_parameter: false,
-            change: self.change(&Rule {
-                in_space: &still,
-                direction: &still,
-                travel: &still,
-                on_plate: &still,
-                longer: Longer::Driven,
-            }),
-        });
-        motions.retain(|motion| motion.change.norm() > 0.0);
-        // Parameters that are no point, direction or length may make up for a motion: a scale of drives for the machine's size.
-        for (place, &index) in self.used.iter().enumerate() {
-            let parameter = &self.machine.variant.parameters[index];
-            if !DIMENSIONS.contains(&parameter.quantity.as_str()) {
-                let mut change = DVector::zeros(self.values.len());
-                change[place] = 1.0;
-                motions.push(Motion {
-                    words: format!("`{}`", parameter.name),
-                    is_scale: false,
-                    is_parameter: true,
-                    change,
-                });
-            }
-        }
-        motions
-    }
-
-    /// The motions and changes that a triangle does not see; `scale` are the units of the unknowns.
-    pub(super) fn freedoms(&self, reduced: &Reduced, scale: &[f64]) -> Vec<Freedom> {
-        let scaled = scaled(&reduced.triangle, scale);
+    /// The motions and changes that a triangle does not see.
+    pub(super) fn freedoms(&self, reduced: &Reduced) -> Vec<Freedom> {
+        let scaled = scaled(&reduced.triangle, self.scale);
         let svd = scaled.clone().svd(false, true);
         let Some(v_t) = svd.v_t else {
             return vec![];
@@ -237,15 +53,7 @@ impl Shared<'_> {
             .collect();
         let mut basis: Vec<DVector<f64>> = open.iter().map(|&k| v_t.row(k).transpose()).collect();
         let mut freedoms = vec![];
-        let motions: Vec<Motion> = (self.motions().into_iter())
-            .map(|mut motion| {
-                for (change, scale) in motion.change.iter_mut().zip(scale) {
-                    *change /= scale;
-                }
-                motion.change.normalize_mut();
-                motion
-            })
-            .collect();
+        let motions = self.motions();
         let mut take = |direction: &DVector<f64>,
                         words: String,
                         is_scale: bool,
@@ -261,7 +69,7 @@ impl Shared<'_> {
         let all = basis.clone();
         // A motion that is open by itself; what is left of it once others are taken must still be open.
         let mut used: Vec<&Motion> = vec![];
-        for motion in motions.iter().filter(|motion| !motion.is_parameter) {
+        for motion in &motions {
             let is_open = share(&all, &motion.change) > 1.0 - NAMED;
             if is_open && share(&basis, &motion.change) > INDEPENDENT {
                 take(
@@ -288,7 +96,7 @@ impl Shared<'_> {
                         continue;
                     }
                     let shares = v_t.row(k);
-                    let mut direction = DVector::zeros(scale.len());
+                    let mut direction = DVector::zeros(self.scale.len());
                     let mut named: Vec<(f64, &Motion)> = vec![];
                     for (share, motion) in shares.iter().zip(&together) {
                         direction.axpy(*share, &motion.change, 1.0);
@@ -312,11 +120,9 @@ impl Shared<'_> {
         // Closures are homogeneous of degree two: as long as they are not met, a scale changes them in proportion, and
         // makes them the smaller the smaller the machine.
         for motion in motions.iter().filter(|motion| motion.is_scale) {
-            let change = motion
-                .change
-                .component_mul(&DVector::from_column_slice(scale));
-            let size = self.scale_of(&change);
-            let mut left = (&scaled * &motion.change).insert_row(scale.len(), 0.0) * size;
+            let size = motion.size;
+            let seen = &scaled * &motion.change;
+            let mut left = seen.insert_row(self.scale.len(), 0.0) * size;
             left -= &reduced.projected * 2.0;
             let is_known = used.iter().any(|known| known.is_scale);
             if !is_known && left.norm() < NAMED * largest * size {
@@ -332,13 +138,6 @@ impl Shared<'_> {
             );
         }
         freedoms
-    }
-
-    /// Factor by which a change is shorter than that which doubles every dimension.
-    fn scale_of(&self, change: &DVector<f64>) -> f64 {
-        let motions = self.motions();
-        let whole = motions.iter().find(|motion| motion.is_scale);
-        whole.map_or(0.0, |whole| whole.change.norm() / change.norm())
     }
 
     /// A direction by the unknowns that it changes most.
@@ -417,35 +216,4 @@ fn without(basis: &mut Vec<DVector<f64>>, vector: &DVector<f64>) {
         left.push(own.normalize());
     }
     *basis = left;
-}
-
-type Map<'a> = &'a dyn Fn(Vector3<f64>) -> Vector3<f64>;
-
-/// Action of a motion on parameters.
-struct Rule<'a> {
-    /// To points fixed in space.
-    in_space: Map<'a>,
-    /// To directions in space.
-    direction: Map<'a>,
-    /// To the way of a cart per command.
-    travel: Map<'a>,
-    /// To points on the plate.
-    on_plate: Map<'a>,
-    longer: Longer,
-}
-
-enum Longer {
-    No,
-    InProportion,
-    Driven,
-}
-
-impl Rule<'_> {
-    fn length(&self, length_m: f64, is_driven: bool) -> f64 {
-        match self.longer {
-            Longer::No => 0.0,
-            Longer::InProportion => length_m,
-            Longer::Driven => f64::from(u8::from(is_driven)),
-        }
-    }
 }

@@ -220,7 +220,7 @@ impl Rank {
         self.net_rows() <= self.factors()
     }
 
-    /// Number of poses, measured like these, from which on residuals are left to judge the fit by.
+    /// Number of calibrating poses, measured like these, from which on residuals are left to judge the fit by.
     pub fn poses_needed(&self) -> usize {
         let each = (self.net_rows() as f64 / self.poses.max(1) as f64).max(1e-9);
         #[allow(
@@ -242,8 +242,9 @@ impl Rank {
         if self.is_saturated() {
             return Some(format!(
                 "{net} residuals of {poses} poses for {} factors: the fit would repeat its input, and no wrong measurement \
-                 could be told",
-                self.factors()
+                 could be told; at least {} such poses have to calibrate",
+                self.factors(),
+                self.poses_needed()
             ));
         }
         let scale = self.open.iter().find(|freedom| freedom.is_scale)?;

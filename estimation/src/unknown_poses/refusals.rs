@@ -28,14 +28,24 @@ impl Fit<'_> {
             "measure something else: `tau robots` lists what tells of the standard robots"
                 .to_owned()
         } else if rank.is_saturated() {
-            format!(
-                "measure at least {} poses like these, or let more of them calibrate with `--split all`",
-                rank.poses_needed()
-            )
+            self.more_poses(rank.poses_needed())
         } else {
-            "measure a distance; `--free-scale` fits it all the same, with the size of the tolerances".to_owned()
+            "measure a distance, or take a variant that holds what lengths are counted by, such as radii of drums; `--free-scale` fits it all the same, with the size of the tolerances".to_owned()
         };
         Err(InputError::whole(&self.folder.name, why).help(help).into())
+    }
+
+    /// Remedy where so many poses would have to calibrate.
+    fn more_poses(&self, needed: usize) -> String {
+        let (calibrate, validate) = (&self.division.calibration, &self.division.validation);
+        let poses = calibrate.union(validate).count();
+        if poses == calibrate.len() {
+            return format!("measure at least {needed} poses like these");
+        }
+        let all = (needed * poses).div_ceil(calibrate.len().max(1));
+        format!(
+            "measure at least {all} poses like these, of which {needed} calibrate, or {needed} with `--split all`"
+        )
     }
 
     /// Refuses lengths in millimetres that are plausible in themselves, by the residuals at the start.
