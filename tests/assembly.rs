@@ -309,20 +309,32 @@ fn a_machine_from_a_sketch_has_a_reference_of_its_own() {
     let robot = Robot::from(&tau_generated::four_belts::ROBOT);
     let drawn = [
         (
-            "top_left_x: length = 0 mm tol 20 mm",
-            "top_left_x: length = 700 mm tol 1 m",
+            "top_left_x: length = 0 mm tol 20",
+            "top_left_x: length = -524 mm tol 1000",
         ),
         (
-            "top_left_y: length = 2000 mm tol 20 mm",
-            "top_left_y: length = 1300 mm tol 1 m",
+            "top_left_y: length = 2000 mm tol 20",
+            "top_left_y: length = 2088 mm tol 1000",
         ),
         (
-            "top_right_x: length = 3400 mm tol 20 mm",
-            "top_right_x: length = 4200 mm tol 1 m",
+            "top_right_x: length = 3400 mm tol 20",
+            "top_right_x: length = 3140 mm tol 1000",
         ),
         (
-            "bottom_right_y: length = 0 mm tol 20 mm",
-            "bottom_right_y: length = -800 mm tol 1 m",
+            "top_right_y: length = 2000 mm tol 20",
+            "top_right_y: length = 2208 mm tol 1000",
+        ),
+        (
+            "bottom_left_x, bottom_left_y: length = 0 mm tol 20",
+            "bottom_left_x, bottom_left_y: length = -500 mm tol 1000",
+        ),
+        (
+            "bottom_right_x: length = 3400 mm tol 20",
+            "bottom_right_x: length = 2426 mm tol 1000",
+        ),
+        (
+            "bottom_right_y: length = 0 mm tol 20",
+            "bottom_right_y: length = 675 mm tol 1000",
         ),
     ];
     let mut sketch = robot.description.to_string();

@@ -56,7 +56,7 @@ impl Fit<'_> {
         };
         self.write_objects(&mut calibration.file, values, &covariance);
         // Of a machine that was drawn elsewhere, the stated one is none.
-        let readings = self.assembly.poses.iter().flat_map(|pose| {
+        let readings = self.assembly.poses.iter().filter_map(|pose| {
             let own = (pose.readings.iter()).find(|own| !self.left_out.contains(&own.place));
             own.map(|reading| pose.sample(reading))
         });
