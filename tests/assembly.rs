@@ -337,7 +337,7 @@ fn a_machine_from_a_sketch_has_a_reference_of_its_own() {
             "bottom_right_y: length = 675 mm tol 1000",
         ),
     ];
-    let mut sketch = robot.description.to_string();
+    let mut sketch = robot.description.clone();
     for (from, to) in drawn {
         assert!(sketch.contains(from), "{from}");
         sketch = sketch.replace(from, to);
