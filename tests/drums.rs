@@ -216,3 +216,56 @@ fn stretch_is_told_from_measured_forces() {
     assert_eq!(refused.code, 2, "{}", refused.err);
     assert!(refused.err.contains("force1_N"), "{}", refused.err);
 }
+
+/// Angles of drums in degrees pay out fifty times the line: whatever was measured, that is refused with the mend.
+#[test]
+fn angles_of_drums_in_degrees_are_refused() {
+    for (kind, file) in [
+        ("poses", "tcp_poses.csv"),
+        ("positions", "tcp_positions.csv"),
+        ("readings --noise-drives 1e-4", "readings.csv"),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let simulate =
+            format!("tau simulate --model four_lines --variant Anchors --measure {kind}");
+        tau_in(
+            folder.path(),
+            &format!("{simulate} --poses 60 --random --seed 1 --out DIR/m"),
+        )
+        .done();
+        let path = folder.path().join("m").join(file);
+        let text = std::fs::read_to_string(&path).unwrap();
+        let mut lines = text.lines();
+        let header = lines.next().unwrap();
+        let is_angle: Vec<bool> = header
+            .split(',')
+            .map(|name| name.ends_with("_rad") && name.starts_with('q'))
+            .collect();
+        let in_degrees = lines.map(|line| {
+            let cells =
+                line.split(',')
+                    .zip(&is_angle)
+                    .map(|(cell, &is_angle)| match cell.parse::<f64>() {
+                        Ok(value) if is_angle => value.to_degrees().to_string(),
+                        _ => cell.to_owned(),
+                    });
+            cells.collect::<Vec<_>>().join(",")
+        });
+        let text: Vec<String> = std::iter::once(header.to_owned())
+            .chain(in_degrees)
+            .collect();
+        std::fs::write(&path, text.join("\n") + "\n").unwrap();
+        let ran = tau_in(
+            folder.path(),
+            "tau calibrate DIR/m --variant Anchors --out DIR/c",
+        );
+        assert_eq!(ran.code, 2, "{kind}: {}", ran.out);
+        assert!(
+            ran.err.contains("look like degrees: multiply by pi/180"),
+            "{kind}: {}",
+            ran.err
+        );
+        let check = tau_in(folder.path(), "tau check DIR/m");
+        assert!(check.code != 0, "{kind}");
+    }
+}

@@ -486,6 +486,19 @@ impl Verdict {
         self.mistakes.extend(mistakes);
     }
 
+    /// No machine is that far off its drawing, unless a mistake tells why.
+    pub(crate) fn refuse_pulls(&mut self) {
+        let worst = self.pulls.first().filter(|_| self.mistakes.is_empty());
+        if let Some(pull) = worst.filter(|pull| pull.tolerances.abs() >= ABSURD_TOLERANCES) {
+            self.status = Status::Absurd;
+            self.why.push(format!(
+                "No machine is {} tolerances off its drawing, as `{}` would be.",
+                general(pull.tolerances.abs(), 3),
+                pull.parameter
+            ));
+        }
+    }
+
     /// Says the rest: what is absurd without a name, and what it means for standard deviations.
     pub(super) fn conclude(&mut self, case: &Case<'_>) {
         let off_m = self.by_file.first().map_or(0.0, |fit| fit.rms);
@@ -498,18 +511,7 @@ impl Verdict {
                 general(1e3 * off_m, 3)
             ));
         }
-        if let Some(pull) = self
-            .pulls
-            .first()
-            .filter(|pull| self.mistakes.is_empty() && pull.tolerances.abs() >= ABSURD_TOLERANCES)
-        {
-            self.status = Status::Absurd;
-            self.why.push(format!(
-                "No machine is {} tolerances off its drawing, as `{}` would be.",
-                general(pull.tolerances.abs(), 3),
-                pull.parameter
-            ));
-        }
+        self.refuse_pulls();
         let widening = self.widening();
         if self.status == Status::Inconsistent && widening > 1.0 {
             self.why.push(format!(

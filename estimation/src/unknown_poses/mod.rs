@@ -46,7 +46,7 @@ use crate::problem::CLOSURE_SHARE;
 use crate::weighing::Loss;
 use elimination::Reduced;
 use fit::Fit;
-use refusals::refuse_tracker_effects;
+use refusals::{refuse_commands, refuse_tracker_effects};
 use starts::Search;
 
 pub use estimated::{EstimatedPoses, Placed, Side};
@@ -118,6 +118,7 @@ pub fn calibrate(
     refuse_tracker_effects(variant, folder)?;
     let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
     let prepared = Prepared::new(robot, variant, file, Some(folder), &all)?;
+    refuse_commands(&prepared.machine, folder)?;
     let sketch_m = starts::sketched(&prepared);
     let fitted = |machine: Machine, division: &RowDivision, search: Search| {
         let options = calibration::Options {

@@ -1,5 +1,6 @@
 //! Refusals before a fit.
 
+use tau_kinematics::{Machine, Sample};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{DISTANCES, Folder};
 use tau_robot::robot::Variant;
@@ -14,6 +15,9 @@ use crate::calibration::Error;
 const MILLIMETRES_M: f64 = 1.0;
 /// Lengths that are this many times nearer when divided by a thousand are millimetres.
 const MILLIMETRES_OFF: f64 = 10.0;
+/// Links that are this many times as long as at the reference are none of the machine; degrees make them fifty times as
+/// long.
+const LONG: f64 = 3.0;
 
 impl Fit<'_> {
     /// Refuses measurements that see nothing, as many factors as points, and a scale that nothing determines.
@@ -81,6 +85,49 @@ impl Fit<'_> {
         }
         Ok(())
     }
+}
+
+/// Refuses commands at which links are many times as long as at the reference, for most rows: those of drums in degrees.
+pub(super) fn refuse_commands(machine: &Machine, folder: &Folder) -> Result<(), Error> {
+    let Some(stated) = &machine.surroundings.reference else {
+        return Ok(());
+    };
+    let length_m = |commands_m: &[f64]| {
+        let sample = Sample::new(stated.into(), commands_m);
+        machine.mean_length_m(&sample).ok()
+    };
+    let Some(usual_m) = length_m(&stated.commands_m) else {
+        return Ok(());
+    };
+    let of_rows = folder
+        .plate_rows
+        .iter()
+        .map(|row| (row.pose, &row.commands_m));
+    let of_poses = (folder.tcp_poses.iter()).map(|pose| (pose.pose, &pose.commands_m));
+    let all: Vec<(u32, &Vec<f64>)> = of_rows.chain(of_poses).collect();
+    let is_long = |commands_m: &[f64]| length_m(commands_m).is_some_and(|own| own > LONG * usual_m);
+    let long: Vec<_> = all.iter().filter(|(_, own)| is_long(own)).collect();
+    let Some((pose, commands_m)) = long.first().filter(|_| 2 * long.len() > all.len()) else {
+        return Ok(());
+    };
+    let message = format!(
+        "at the commands of pose {pose} links are {:.1} m long in the mean, at those of the reference {usual_m:.1} m",
+        length_m(commands_m).unwrap_or_default(),
+    );
+    let in_radians = |(command, &value): (usize, &f64)| {
+        if machine.robot.is_angle(command) {
+            value.to_radians()
+        } else {
+            value
+        }
+    };
+    let as_degrees: Vec<f64> = commands_m.iter().enumerate().map(in_radians).collect();
+    let help = if is_long(&as_degrees) {
+        "compare the commands with those of the reference in the robot file"
+    } else {
+        "the commands look like degrees: multiply by pi/180"
+    };
+    Err(InputError::whole(&folder.name, message).help(help).into())
 }
 
 /// Effects of a tracker have no part in what is measured without one.

@@ -1,15 +1,30 @@
 //! The verdict on a calibration from unknown poses.
 
+use tau_kinematics::Sample;
+
 use super::UnknownPoses;
 use super::kinds::AXES;
 use super::rows::Kind;
-use crate::trust::{FileFit, LISTED, PoseFit, Pull, Status, Verdict, general, shorten};
+use crate::trust::{
+    FileFit, LARGEST_MISFIT, LISTED, PoseFit, Pull, Status, Verdict, general, shorten,
+};
 use crate::weighing::Outlier;
 /// A parameter that is pulled farther than this many tolerances has a wrong tolerance, or takes up what the model
 /// lacks: of a hundred parameters, one in a hundred and fifty machines has one by chance.
 const FAR_PULL: f64 = 4.0;
 
 impl UnknownPoses {
+    /// Mean length of the links at the reference (m); infinite where there is none.
+    fn length_m(&self) -> f64 {
+        let machine = &self.calibration.machine;
+        let stated = machine.surroundings.reference.as_ref();
+        let length_m = stated.and_then(|stated| {
+            let sample = Sample::new(stated.into(), &stated.commands_m);
+            machine.mean_length_m(&sample).ok()
+        });
+        length_m.unwrap_or(f64::INFINITY)
+    }
+
     /// Residuals against noise and parameters against tolerances.
     pub fn verdict(&self) -> Verdict {
         let ratio = self.residual_over_noise();
@@ -97,7 +112,7 @@ impl UnknownPoses {
             .kinds
             .iter()
             .filter(|kind| kind.rows > 0 && kind.kind.stated.is_some());
-        Verdict {
+        let mut verdict = Verdict {
             status,
             chi2: self.chi2,
             dof: self.dof,
@@ -133,6 +148,18 @@ impl UnknownPoses {
                 .collect(),
             repeats: None,
             loss: self.loss,
+        };
+        verdict.refuse_pulls();
+        let off = (verdict.by_file.iter()).filter(|fit| fit.unit == "m");
+        let off_m = off.map(|fit| fit.rms).fold(0.0, f64::max);
+        if verdict.mistakes.is_empty() && off_m > LARGEST_MISFIT * self.length_m() {
+            verdict.status = Status::Absurd;
+            verdict.why.push(format!(
+                "Measurements are missed by {} mm: this is another machine, or commands and measurements do not belong \
+                 together.",
+                general(1e3 * off_m, 3)
+            ));
         }
+        verdict
     }
 }
