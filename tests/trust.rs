@@ -5,10 +5,11 @@ use std::path::Path;
 
 use nalgebra::Rotation3;
 use serde_json::Value;
+use tau::Robot;
 use tau::kinematics::{Pose, zyz};
 use tempfile::TempDir;
 
-use crate::support::{fields, listing, number, tau_in};
+use crate::support::{Random, fields, listing, number, tau_in};
 
 /// The noise of trackers, and nothing else: dimensions stand in the description.
 fn noise(robot: &str) -> String {
@@ -448,4 +449,49 @@ fn what_a_variant_is_too_simple_for_is_no_mistake() {
     let line = format!("tau check DIR/measured {with} --json -");
     let checked = tau_in(folder.path(), &line).json();
     assert_eq!(checked["mistakes"], serde_json::json!([]));
+}
+
+/// Base joints drawn two tenths of a metre off: noise is weighed along the links as they are found, so the verdict and the
+/// parameters are those of a good drawing.
+#[test]
+fn a_sketch_is_judged_as_its_machine() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |line: &str| tau_in(folder.path(), line);
+    run("tau simulate --model hexapod --variant Full --measure poses --poses 60 --random --seed 3 --out DIR/measured").done();
+    let path = folder.path().join("measured/robot.toml");
+    fs::write(
+        &path,
+        "robot = \"Hexapod\"\n[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n",
+    )
+    .unwrap();
+    let mut random = Random(5);
+    let drawing = Robot::from(&tau_generated::hexapod::ROBOT).description;
+    let sketch: Vec<String> = (drawing.lines())
+        .map(|line| {
+            let Some((before, rest)) = line.split_once("track_offset = (") else {
+                return line.to_owned();
+            };
+            let (place, _) = rest.split_once(')').unwrap();
+            let place: Vec<String> = (place.split(','))
+                .map(|number| number.trim().parse::<f64>().unwrap() + 0.2 * random.uniform())
+                .map(|number| number.to_string())
+                .collect();
+            format!("{before}track_offset = ({}) m tol 0.2 m;", place.join(", "))
+        })
+        .collect();
+    assert_ne!(sketch.join("\n"), drawing);
+    fs::write(folder.path().join("sketch.tau"), sketch.join("\n")).unwrap();
+    let calibrated = |model: &str| {
+        run(&format!("tau calibrate DIR/measured --model {model} --variant Full --split all --json - --out DIR/c")).json()
+    };
+    let (drawn, sketched) = (calibrated("hexapod"), calibrated("DIR/sketch.tau"));
+    for found in [&drawn, &sketched] {
+        assert_eq!(
+            found["fit"]["status"], "consistent",
+            "{}",
+            found["fit"]["why"]
+        );
+    }
+    let [drawn, sketched] = [&drawn, &sketched].map(|found| number(&found["fit"]["chi2"]));
+    assert!((drawn / sketched - 1.0).abs() < 0.1, "{drawn} {sketched}");
 }

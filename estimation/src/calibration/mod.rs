@@ -45,6 +45,9 @@ const ENOUGH: usize = 4000;
 /// Relative change of the cost at which a fit ends: parameters stay within 1e-6 of their standard deviations, where a
 /// valley bends within 1e-3.
 pub(crate) const EXACT_COST: f64 = 1e-12;
+/// Change of a parameter, as a share of the length of the links or of a direction, from which links go along other ways:
+/// noise that is weighed along the old ones is off by about as much, and a tenth of it would be seen in χ².
+const OTHER_WAY: f64 = 0.05;
 
 /// Options of a calibration.
 #[derive(Debug, Clone, Default)]
@@ -141,7 +144,8 @@ pub fn machine_from_file(
 /// (eq. 6 of Dressler et al. 2010), each divided by its standard deviation, plus the priors.
 ///
 /// The noise of a closure follows from the stated noise of the measured position and rotation and from
-/// the closure's derivatives by them at the nominal values: σ² = σ_T²·‖∂r/∂T‖² + σ_R²·‖∂r/∂ω‖². From the minimum the
+/// the closure's derivatives by them at the nominal values, or, where these are far off, at those found first:
+/// σ² = σ_T²·‖∂r/∂T‖² + σ_R²·‖∂r/∂ω‖². From the minimum the
 /// values move to where the score has no bias from that noise. Poses are then [weighed](crate::weighing): outliers are left
 /// out or lose their pull, and readings of one visit count by what they do not share.
 ///
@@ -158,8 +162,51 @@ pub fn calibrate(
 ) -> Result<Calibration, Error> {
     let file = &file.completed(robot);
     check_poses(robot, variant, file, folder, poses)?;
-    let prepared = Prepared::new(robot, variant, file, Some(folder), poses)?;
-    let measured: Vec<&TcpPose> = poses.iter().map(|&pose| &folder.tcp_poses[pose]).collect();
+    let mut prepared = Prepared::new(robot, variant, file, Some(folder), poses)?;
+    let found = from_prepared(&prepared, file, folder, poses, options)?;
+    if !is_far(&prepared, &found, &measured_at(folder, poses)) {
+        return Ok(found);
+    }
+    let start = found.machine.values;
+    prepared.machine = prepared.machine.with_values(start.clone());
+    let options = Options {
+        start: Some(start),
+        ..options.clone()
+    };
+    from_prepared(&prepared, file, folder, poses, &options)
+}
+
+fn measured_at<'a>(folder: &'a Folder, poses: &[usize]) -> Vec<&'a TcpPose> {
+    poses.iter().map(|&pose| &folder.tcp_poses[pose]).collect()
+}
+
+/// True if links of the machine that was found go along other ways than those by which noise was weighed.
+fn is_far(prepared: &Prepared, found: &Calibration, measured: &[&TcpPose]) -> bool {
+    let Some(first) = measured.first() else {
+        return false;
+    };
+    let machine = &prepared.machine;
+    let length_m = machine
+        .mean_length_m(&(*first).into())
+        .unwrap_or(f64::INFINITY);
+    let values = machine.values.iter().zip(&found.machine.values);
+    let moved = (machine.variant.parameters.iter().zip(values)).map(|(parameter, (from, to))| {
+        let size = if parameter.unit == "m" { length_m } else { 1.0 };
+        (to - from).abs() / size
+    });
+    moved.fold(0.0, f64::max) > OTHER_WAY
+}
+
+/// The calibration from prepared values, at which the noise of closures is weighed.
+fn from_prepared(
+    prepared: &Prepared,
+    file: &RobotFile,
+    folder: &Folder,
+    poses: &[usize],
+    options: &Options,
+) -> Result<Calibration, Error> {
+    let (robot, variant) = (&prepared.machine.robot, &prepared.machine.variant);
+    let measured = measured_at(folder, poses);
     let start = options.start.as_deref().unwrap_or(&prepared.machine.values);
     if start.len() != variant.parameters.len() {
         let (given, expected) = (start.len(), variant.parameters.len());
@@ -168,7 +215,7 @@ pub fn calibrate(
     }
     let Prepared {
         machine, nominal, ..
-    } = &prepared;
+    } = prepared;
     let samples = Sample::all(robot, folder, poses, &Frames::default());
     let residuals = Residuals::new(machine, nominal, &samples, file.noise, Closures::Apart)?;
     let used = &residuals.used;
@@ -227,7 +274,7 @@ pub fn calibrate(
     };
     // Where poses count as they are, which most do, nothing waits for their weights.
     let (weighed_poses, of_even) = parallel::both(
-        || weighing::weighed(&prepared, &values, &samples, file.noise, options.treatment),
+        || weighing::weighed(prepared, &values, &samples, file.noise, options.treatment),
         || told((&problem, of_all), &solution.parameters, &even),
     );
     let (mut weighing, judged) = weighed_poses?;
@@ -268,7 +315,7 @@ pub fn calibrate(
     let measured: Vec<&TcpPose> = (weighing.taking_part(poses))
         .map(|pose| &folder.tcp_poses[pose])
         .collect();
-    let calibration = finish(&prepared, file, &measured, fitted)?;
+    let calibration = finish(prepared, file, &measured, fitted)?;
     Ok(Calibration {
         weighing,
         known: judged.map(|judged| Arc::new((values, judged))),

@@ -8,7 +8,7 @@ use tau_robot::measurements::{Folder, TCP_POSES, TcpPose};
 use tau_robot::robot::{Arm, Robot, TrackShape, Variant};
 use tau_robot::robot_file::RobotFile;
 
-use crate::calibration::{Calibration, Error};
+use crate::calibration::{Calibration, Error, Prepared};
 use crate::numerics::distribution::chi2_survival;
 use crate::numerics::order::largest_first;
 use crate::numerics::parallel;
@@ -317,8 +317,12 @@ pub fn of_calibration_knowing(
             let inflation: Vec<f64> = (spread.iter())
                 .map(|&k| weighing.inflation.get(counted[k]).copied().unwrap_or(1.0))
                 .collect();
+            let at_found = Prepared {
+                machine: machine.clone(),
+                ..case.prepared()?
+            };
             own = Judged::new(
-                &case.prepared()?,
+                &at_found,
                 &machine.values,
                 &case.samples(),
                 case.file.noise,
