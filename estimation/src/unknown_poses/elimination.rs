@@ -93,6 +93,16 @@ impl Raw {
     }
 }
 
+/// A row of which the poses' part is taken away.
+pub(super) struct ProjectedRow {
+    /// Index of its cluster.
+    pub(super) cluster: usize,
+    /// Its part of an orthonormal basis of what the poses of its cluster change.
+    pub(super) basis: Vec<f64>,
+    pub(super) by_shared: DVector<f64>,
+    pub(super) residual: f64,
+}
+
 /// Column of a derivative.
 enum Place {
     Shared(usize),
@@ -206,6 +216,33 @@ impl<'a> Elimination<'a> {
         });
         columns[self.shared.len() * count..].copy_from_slice(residuals);
         dense.project();
+    }
+
+    /// Rows of a block with one residual a sample, in their order.
+    pub(super) fn projected(&self, block: usize) -> Vec<ProjectedRow> {
+        let mut dense = Dense::default();
+        let mut found: Vec<(usize, ProjectedRow)> = vec![];
+        for (index, cluster) in self.clusters.all.iter().enumerate() {
+            let samples = &self.clusters.samples[cluster.samples.clone()];
+            if samples.iter().all(|sample| sample.0 != block) {
+                continue;
+            }
+            self.fill(cluster, &mut dense);
+            let columns = || dense.columns.chunks_exact(dense.rows.len());
+            let rows = dense.rows.iter().enumerate();
+            found.extend(rows.filter(|(_, row)| row.0 == block).map(|(at, row)| {
+                let shared = columns().take(self.shared.len()).map(|column| column[at]);
+                let projected = ProjectedRow {
+                    cluster: index,
+                    basis: dense.basis().map(|direction| direction[at]).collect(),
+                    by_shared: DVector::from_iterator(self.shared.len(), shared),
+                    residual: dense.rest()[at],
+                };
+                (row.1, projected)
+            }));
+        }
+        found.sort_by_key(|(sample, _)| *sample);
+        found.into_iter().map(|(_, row)| row).collect()
     }
 
     fn raw(&self, cluster: &Cluster) -> Raw {

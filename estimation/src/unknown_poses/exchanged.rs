@@ -1,24 +1,21 @@
 //! Distances that were written down in each other's place.
 
-use nalgebra::DMatrix;
+use nalgebra::DVector;
 use tau_robot::measurements::{DISTANCES, Folder};
 use tau_robot::robot::{Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 
 use super::RowDivision;
-use super::dense::stacked;
+use super::dense::dot;
+use super::elimination::{ProjectedRow, Reduced};
 use super::fit::Fit;
-use super::gauge::scaled;
 use crate::calibration::Error;
 use crate::numerics::distribution::{chi2_quantile_above, f_quantile_above};
-use crate::numerics::order::largest_first;
 use crate::trust::Mistake;
 
 /// Chance that two distances in their places are taken for exchanged ones: a hundredth of the usual level, since an answer
 /// is refused for it.
 const LEVEL: f64 = 1e-4;
-/// Pairs that are tried at once, those first that bring the distances nearest to what the nominal machine has.
-const TRIED: usize = 30;
 
 /// Mistakes in rows that are plausible by themselves, found from the nominal machine before anything is fitted.
 ///
@@ -32,56 +29,37 @@ pub fn mistakes(
     division: &RowDivision,
 ) -> Result<Vec<Mistake>, Error> {
     let file = &file.completed(robot);
-    let mut fit = Fit::new(robot, variant, file, folder, division)?;
+    let fit = Fit::new(robot, variant, file, folder, division)?;
     Ok(fit.exchanged_distances())
 }
 
 impl Fit<'_> {
     /// Distances that were exchanged: together with all other rows they fit a machine within its tolerances far better the
     /// other way round.
-    pub(super) fn exchanged_distances(&mut self) -> Vec<Mistake> {
+    pub(super) fn exchanged_distances(&self) -> Vec<Mistake> {
         let Some(block) = self.blocks.iter().position(|rows| rows.label == DISTANCES) else {
             return vec![];
         };
-        let lines: Vec<usize> = self.blocks[block]
-            .places
-            .iter()
-            .map(|row| row.line)
-            .collect();
-        let original = self.blocks[block].data.clone();
-        let pairs = lines.len() * lines.len().saturating_sub(1) / 2;
-        let mut found: Vec<[usize; 2]> = vec![];
-        let (mut squares, degrees) = self.least_squares();
+        let reduced = self.elimination(&self.start).reduce();
+        let degrees = reduced.rows() as f64 - reduced.spent as f64;
         if degrees <= 0.0 {
             return vec![];
         }
-        loop {
-            let free = |row: usize| !found.iter().flatten().any(|taken| *taken == row);
-            let tried = self.promising(block).into_iter();
-            let tried = tried.filter(|pair| pair.iter().all(|row| free(*row)));
-            let tried: Vec<[usize; 2]> = tried.take(TRIED).collect();
-            let mut best: Option<([usize; 2], f64)> = None;
-            for pair in tried {
-                self.exchange(block, pair);
-                let (after, _) = self.least_squares();
-                self.exchange(block, pair);
-                if best.is_none_or(|(_, least)| after < least) {
-                    best = Some((pair, after));
-                }
-            }
-            let Some((pair, after)) = best else {
-                break;
-            };
-            let level = LEVEL / pairs as f64;
-            let of_others = after / degrees * f_quantile_above(level, 1.0, degrees);
-            if squares - after < of_others.max(chi2_quantile_above(level, 1.0)) {
+        let lines = self.blocks[block].places.iter().map(|row| row.line);
+        let lines: Vec<usize> = lines.collect();
+        let level = LEVEL / (lines.len() * lines.len().saturating_sub(1) / 2) as f64;
+        let (mut left, mut squares) = self.left_by_all(block, &reduced);
+        let mut found: Vec<[usize; 2]> = vec![];
+        while let Some((pair, gain)) = left.best(&found) {
+            let of_others =
+                (squares - gain).max(0.0) / degrees * f_quantile_above(level, 1.0, degrees);
+            if gain < of_others.max(chi2_quantile_above(level, 1.0)) {
                 break;
             }
-            self.exchange(block, pair);
+            left.exchange(pair);
             found.push(pair);
-            squares = after;
+            squares -= gain;
         }
-        self.blocks[block].data = original;
         let named = found.into_iter().map(|[one, other]| Mistake {
             kind: "distances",
             file: DISTANCES,
@@ -95,54 +73,125 @@ impl Fit<'_> {
         named.collect()
     }
 
-    /// Pairs of distances of which an exchange lessens the squares of residuals at the nominal machine, most first.
-    fn promising(&self, block: usize) -> Vec<[usize; 2]> {
-        let reduced = self.elimination(&self.start).reduce();
-        let residuals = &reduced.residuals[block];
-        let rows = &self.blocks[block];
-        let sigma = self.assembly.kinds[rows.kinds[0]].sigma;
-        let measured = |row: usize| rows.data[(row + 1) * rows.family.shape().data - 1];
-        let mut pairs: Vec<([usize; 2], f64)> = vec![];
-        for one in 0..residuals.len() {
-            for other in one + 1..residuals.len() {
-                let by = measured(one) - measured(other);
-                let square = |row: usize, by: f64| {
-                    let weight = rows.weights[row] / sigma;
-                    residuals[row].powi(2) - (residuals[row] + weight * by).powi(2)
-                };
-                let gain = square(one, by) + square(other, -by);
-                if gain > 0.0 {
-                    pairs.push(([one, other], gain));
+    /// Distances with all that the least squares of the rest leave of them, to first order about the nominal machine, and
+    /// the sum of these squares; tolerances are residuals, too.
+    pub(super) fn left_by_all(&self, block: usize, reduced: &Reduced) -> (Left, f64) {
+        let (covariance, _) = self.determined(&reduced.triangle, 1.0);
+        let width = covariance.nrows();
+        let projected = reduced.projected.rows(0, width);
+        // −(JᵀJ + Λ)⁻¹·Jᵀr, and half of its covariance.
+        let gradient = reduced.triangle.tr_mul(&projected);
+        let step = -(&covariance * &gradient);
+        let elimination = self.elimination(&self.start);
+        let rows = elimination.projected(block);
+        let of_block = &self.blocks[block];
+        let sigma = self.assembly.kinds[of_block.kinds[0]].sigma;
+        let each = of_block.family.shape().data;
+        let rows = rows.into_iter().enumerate().map(|(row, projected)| {
+            let by_covariance = &covariance * &projected.by_shared;
+            let own: f64 = projected.basis.iter().map(|part| part * part).sum();
+            Row {
+                measured: of_block.data[(row + 1) * each - 1],
+                weight: of_block.weights[row] / sigma,
+                residual: projected.residual + projected.by_shared.dot(&step),
+                share: 1.0 - own - projected.by_shared.dot(&by_covariance),
+                by_covariance,
+                projected,
+            }
+        });
+        let squares = reduced.projected.norm_squared() + gradient.dot(&step);
+        (Left(rows.collect()), squares)
+    }
+}
+
+/// Distances with what a fit leaves of them.
+pub(super) struct Left(Vec<Row>);
+
+struct Row {
+    measured: f64,
+    weight: f64,
+    /// Residual that the fit leaves, over its noise.
+    residual: f64,
+    /// Share of an own change that the fit leaves.
+    share: f64,
+    by_covariance: DVector<f64>,
+    projected: ProjectedRow,
+}
+
+impl Left {
+    /// Share of a change of a residual that the fit leaves in another.
+    fn shared(&self, one: usize, other: usize) -> f64 {
+        let (one, other) = (&self.0[one], &self.0[other]);
+        let by_machine = one.projected.by_shared.dot(&other.by_covariance);
+        if one.projected.cluster != other.projected.cluster {
+            return -by_machine;
+        }
+        -by_machine - dot(&one.projected.basis, &other.projected.basis)
+    }
+
+    /// Changes of the residuals of two distances where they are exchanged.
+    fn changes(&self, [one, other]: [usize; 2]) -> [f64; 2] {
+        let (one, other) = (&self.0[one], &self.0[other]);
+        let by = one.measured - other.measured;
+        [one.weight * by, -other.weight * by]
+    }
+
+    /// The pair, of rows that are in no other, of which an exchange lessens the sum of squares most, and by how much.
+    fn best(&self, taken: &[[usize; 2]]) -> Option<([usize; 2], f64)> {
+        let is_free = |row: &usize| !taken.iter().flatten().any(|taken| taken == row);
+        let free: Vec<usize> = (0..self.0.len()).filter(is_free).collect();
+        let mut best: Option<([usize; 2], f64)> = None;
+        for (index, &one) in free.iter().enumerate() {
+            for &other in &free[index + 1..] {
+                let pair = [one, other];
+                let least = best.map_or(0.0, |(_, gain)| gain);
+                if self.linear_gain(pair) > least {
+                    let gain = self.gain(pair);
+                    best = if gain > least {
+                        Some((pair, gain))
+                    } else {
+                        best
+                    };
                 }
             }
         }
-        largest_first(&mut pairs, |&(_, gain)| gain);
-        pairs.into_iter().map(|(pair, _)| pair).collect()
+        best
     }
 
-    /// Exchanges the measured distances of two rows, the last datum of each.
-    fn exchange(&mut self, block: usize, [one, other]: [usize; 2]) {
-        let rows = &mut self.blocks[block];
-        let each = rows.family.shape().data;
-        rows.data.swap((one + 1) * each - 1, (other + 1) * each - 1);
+    /// By how much an exchange lessens the sum of squares.
+    pub(super) fn gain(&self, pair: [usize; 2]) -> f64 {
+        let changes = self.changes(pair);
+        let own = pair.iter().zip(changes);
+        let own: f64 = own
+            .map(|(&row, change)| change * change * self.0[row].share)
+            .sum();
+        let both = 2.0 * changes[0] * changes[1] * self.shared(pair[0], pair[1]);
+        self.linear_gain(pair) - own - both
     }
 
-    /// Least sum of squares, to first order about the nominal machine, and the number of residuals that the data leave:
-    /// tolerances are residuals, too.
-    fn least_squares(&self) -> (f64, f64) {
-        let reduced = self.elimination(&self.start).reduce();
-        let scales = self.scales();
-        let width = scales.len();
-        let mut data = scaled(&reduced.triangle, &scales).insert_column(width, 0.0);
-        data.set_column(width, &reduced.projected.rows(0, width));
-        let data = data.insert_row(width, 0.0);
-        let mut priors = DMatrix::zeros(width, width + 1);
-        for (k, has) in self.has_prior().into_iter().enumerate() {
-            priors[(k, k)] = f64::from(u8::from(has));
+    /// The same but for the square of what the fit leaves of the changes: no less.
+    fn linear_gain(&self, pair: [usize; 2]) -> f64 {
+        let own = pair.iter().zip(self.changes(pair));
+        -2.0 * own
+            .map(|(&row, change)| change * self.0[row].residual)
+            .sum::<f64>()
+    }
+
+    /// Exchanges two distances.
+    pub(super) fn exchange(&mut self, pair: [usize; 2]) {
+        let changes = self.changes(pair);
+        for row in 0..self.0.len() {
+            for (of, change) in pair.into_iter().zip(changes) {
+                let share = if of == row {
+                    self.0[row].share
+                } else {
+                    self.shared(row, of)
+                };
+                self.0[row].residual += share * change;
+            }
         }
-        let all = stacked(&data, &[priors]);
-        let rest = reduced.projected[width].powi(2);
-        let left = reduced.rows() as f64 - reduced.spent as f64;
-        (all[(width, width)].powi(2) + rest, left)
+        let [one, other] = pair;
+        let measured = self.0[one].measured;
+        self.0[one].measured = std::mem::replace(&mut self.0[other].measured, measured);
     }
 }

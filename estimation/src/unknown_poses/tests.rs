@@ -1,12 +1,14 @@
 //! Elimination against the dense normal equations of everything at once.
 
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 use tau_kinematics::{Machine, Pose};
 use tau_robot::measurements::{Distance, Folder, PlateKind, PlateRow, Split, TcpPose};
 use tau_robot::prototype;
 use tau_robot::robot::Robot;
 
+use super::elimination::Reduced;
 use super::fit::Fit;
+use super::gauge::scaled;
 use super::{EstimatedPoses, RowDivision, Side, calibrate};
 use crate::calibration::{Options, machine_from_file};
 use crate::joint::unknown::closure_derivatives;
@@ -94,6 +96,52 @@ fn elimination_gives_the_covariance_of_the_dense_normal_equations() {
         (absorbed - 120.0 - known).abs() < 1e-6,
         "{absorbed} {known}"
     );
+}
+
+/// Sum of squares that a fit leaves to first order, tolerances among them: by QR of all rows of the shared unknowns.
+fn least_squares(fit: &Fit<'_>, reduced: &Reduced) -> f64 {
+    let width = fit.shared();
+    let mut rows = DMatrix::zeros(2 * width + 1, width + 1);
+    let triangle = scaled(&reduced.triangle, &fit.scales());
+    rows.view_mut((0, 0), (width, width)).copy_from(&triangle);
+    rows.view_mut((0, width), (width + 1, 1))
+        .copy_from(&reduced.projected);
+    for (k, has) in fit.has_prior().into_iter().enumerate() {
+        rows[(width + 1 + k, k)] = f64::from(u8::from(has));
+    }
+    rows.qr().unpack_r()[(width, width)].powi(2)
+}
+
+/// What an exchange of two distances leaves is what elimination of the exchanged rows leaves.
+#[test]
+fn exchanged_distances_leave_what_all_rows_leave_when_exchanged() {
+    let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
+    let mut file = prototype::robot_file().unwrap();
+    file.measuring.drives = vec![tau_robot::robot_file::StatedNoise::Known(2e-6)];
+    let file = file.completed(&robot);
+    let variant = robot.variant("Full").unwrap();
+    let left = |folder: &Folder| {
+        let division = RowDivision::of(folder, Split::All);
+        let fit = Fit::new(&robot, variant, &file, folder, &division).unwrap();
+        let block = (fit.blocks.iter()).position(|rows| rows.label == "distances.csv");
+        let reduced = fit.elimination(&fit.start).reduce();
+        let found = fit.left_by_all(block.unwrap(), &reduced);
+        (found, least_squares(&fit, &reduced))
+    };
+    let folder = folder();
+    let ((mut given, mut squares), by_qr) = left(&folder);
+    assert!((squares / by_qr - 1.0).abs() < 1e-6, "{squares} {by_qr}");
+    let mut exchanged = folder.clone();
+    for pair in [[0, 1], [2, 5]] {
+        let [one, other] = pair;
+        let measured = exchanged.distances[one].distance_m;
+        exchanged.distances[one].distance_m = exchanged.distances[other].distance_m;
+        exchanged.distances[other].distance_m = measured;
+        squares -= given.gain(pair);
+        given.exchange(pair);
+        let (_, by_qr) = left(&exchanged);
+        assert!((squares / by_qr - 1.0).abs() < 1e-6, "{squares} {by_qr}");
+    }
 }
 
 /// Where poses follow the machine, residuals change as the derivatives by its parameters say, with no part of the poses.
