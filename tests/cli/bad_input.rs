@@ -194,7 +194,7 @@ robot Pair {
 fn measurements_of_another_robot() {
     let folder = tempfile::tempdir().unwrap();
     let description = "robot Pair { track one, two; cluster a on one { link l1; } \
-                       cluster b on two { link l2; } variant Full { arm full; tracks linear; } }";
+                       cluster b on two { link l2, l3, l4, l5, l6; } variant Full { arm full; tracks linear; } }";
     fs::write(folder.path().join("pair.tau"), description).unwrap();
     let ran = tau_in(
         folder.path(),
