@@ -307,3 +307,17 @@ fn what_is_not_finite_is_named() {
         assert_eq!(listing(folder.path()), ["odd.tau"]);
     }
 }
+
+/// Columns of other drives than those of the robot that is assumed: no other name of the column would mend that.
+#[test]
+fn measurements_of_a_robot_that_nothing_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = "pose,q1_rad,q2_rad,q3_rad,height_m\n1,0.1,0.1,0.1,0\n";
+    fs::write(folder.path().join("heights.csv"), text).unwrap();
+    let ran = tau_in(folder.path(), "tau check DIR");
+    assert_eq!(ran.code, 2);
+    for expected in ["column `q1_m` is missing, found `q1_rad`", "`--model`"] {
+        assert!(ran.err.contains(expected), "{}", ran.err);
+    }
+    assert!(!ran.err.contains("name the column"), "{}", ran.err);
+}
