@@ -186,7 +186,7 @@ fn constants_are_prepared_without_data_and_beside_them() {
     let robot = Robot::from_text(
         "robot Slide {
             track one;
-            cluster arm on one { link l1; }
+            cluster arm on one { link l1, l2, l3, l4, l5, l6; }
             effect longer on link { param amount: length; length += amount * sin(1); }
             variant Full { arm full; tracks linear; }
             variant Longer = Full + longer(l1);

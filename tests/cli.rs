@@ -373,7 +373,7 @@ fn names_that_would_be_one_in_generated_code_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let text = "robot Slide {
     track one;
-    cluster arm on one { link l1; }
+    cluster arm on one { link l1, l2, l3, l4, l5, l6; }
     variant Robot { arm full; tracks linear; }
 }
 ";

@@ -3,10 +3,10 @@
 use tau_codegen::emit::{self, Paths};
 use tau_codegen::{CompiledVariant, compile, language};
 
-/// A robot of one track and one link with the given lines, and its last variant, compiled.
+/// A robot of one track and six links with the given lines, and its last variant, compiled.
 fn compiled(lines: &str) -> (String, CompiledVariant) {
     let text = format!(
-        "robot Slide {{\n    track one;\n    cluster arm on one {{ link l1; }}\n{lines}\n}}\n"
+        "robot Slide {{\n    track one;\n    cluster arm on one {{ link l1, l2, l3, l4, l5, l6; }}\n{lines}\n}}\n"
     );
     let model = language::check_text(&text).unwrap_or_else(|errors| panic!("{errors:?}\n{text}"));
     let mut robot = compile(&model, &text);
@@ -95,7 +95,7 @@ fn effect_with_a_select() {
         "closure",
         "    effect dead_zone on link { param gap: length; length += gap * sign(tension); }
     variant F { arm full; tracks linear; }
-    variant Gapped = F + dead_zone(l1);",
+    variant Gapped = F + dead_zone(all);",
     );
 }
 
@@ -112,7 +112,7 @@ fn effect_on_the_measured_position() {
 
 #[test]
 fn actuated_length_on_a_fixed_base() {
-    let text = "robot Strut {\n    cluster legs on base { link l1 actuated length; }\n    \
+    let text = "robot Strut {\n    cluster legs on base { link l1, l2, l3, l4, l5, l6 actuated length; }\n    \
                 variant Full { arm full; }\n}\n";
     let model = language::check_text(text).unwrap_or_else(|errors| panic!("{errors:?}"));
     let variant = &compile(&model, text).variants[0];
@@ -125,8 +125,8 @@ fn actuated_length_on_a_fixed_base() {
 
 #[test]
 fn expansion_of_the_macro() {
-    let text = "/// A slide with one rod.\npub robot Slide {\n    track one;\n    \
-                cluster arm on one { link l1; }\n    variant Nominal { arm reduced; tracks linear; }\n}\n";
+    let text = "/// A slide with three rods.\npub robot Slide {\n    track one;\n    \
+                cluster arm on one { link l1, l2, l3; }\n    variant Nominal { arm reduced; tracks linear; }\n}\n";
     let model = language::check_text(text).unwrap_or_else(|errors| panic!("{errors:?}"));
     let file = emit::file(
         &compile(&model, text),

@@ -360,7 +360,15 @@ fn description() -> impl Strategy<Value = String> {
         .prop_map(|(clusters, first, second, target, turn, flags)| {
             let mut text = String::from("robot Random {\n");
             let mut link = 0;
+            // Six links hold a plate: the last cluster has those that are missing.
+            let missing = 6_usize.saturating_sub(clusters.iter().sum());
             for (index, count) in clusters.iter().enumerate() {
+                let count = &(count
+                    + if index + 1 == clusters.len() {
+                        missing
+                    } else {
+                        0
+                    });
                 let links: Vec<String> = (0..*count).map(|i| format!("l{}", link + i)).collect();
                 link += count;
                 text += &format!(

@@ -576,6 +576,7 @@ fn configurations_that_mean_nothing_are_refused() {
         ),
         ("height3_pos = ".to_owned(), "height3_pos = 1,".to_owned()),
         ("arm_length = 345".to_owned(), "arm_length = 145".to_owned()),
+        ("arm_length = 345".to_owned(), "rod_length = 345".to_owned()),
     ] {
         assert!(config.contains(&from), "{from}");
         fs::write(

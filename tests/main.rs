@@ -30,6 +30,7 @@ mod klipper;
 mod layout;
 mod machines;
 mod mutations;
+mod nothing_free;
 mod redundant;
 mod reference;
 mod robot_files;

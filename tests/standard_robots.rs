@@ -331,3 +331,26 @@ fn discovery_finds_nothing_where_nothing_is() {
         }
     }
 }
+
+/// Columns of the table stand apart, and what no row tells has no line.
+#[test]
+fn kinds_of_measurements_are_listed_that_have_rows() {
+    let folder = tempfile::tempdir().unwrap();
+    let line = "tau simulate --model five_bar --measure poses,distances --poses 40 --out DIR/measured \
+                --noise-position 0.002";
+    tau_in(folder.path(), line).done();
+    let path = folder.path().join("measured/robot.toml");
+    let estimated = "[noise]\ndistances = { distance_m = \"estimate\" }";
+    let text = fs::read_to_string(&path).unwrap();
+    fs::write(path, text.replacen("[noise]", estimated, 1)).unwrap();
+    let line = "tau calibrate DIR/measured --variant Full --out DIR/out --force";
+    let out = tau_in(folder.path(), line).out;
+    let table = out.split("residual/noise\n").nth(1).expect(&out);
+    let lines: Vec<&str> = table.lines().take_while(|line| !line.is_empty()).collect();
+    assert!(lines.len() >= 3, "{out}");
+    for line in lines {
+        let rows = line.split_whitespace().nth(2).unwrap();
+        assert!(rows.parse::<usize>().is_ok_and(|rows| rows > 0), "{line}");
+        assert!(line.chars().count() <= 80, "{line}");
+    }
+}

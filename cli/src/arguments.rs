@@ -325,13 +325,14 @@ pub(super) struct SimulatedNoise {
     /// Draw the noise from Student's t distribution of three degrees of freedom
     #[arg(long)]
     pub(super) heavy_tails: bool,
-    /// Share of the variance that the coordinates of a pose have in common
+    /// Share of the variance that the coordinates of a pose or position have in common
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     pub(super) common_noise: f64,
-    /// Share of its variance that a reading has in common with the others at the same TCP pose
+    /// Share of its variance that a reading has in common with the others at the same TCP pose, where the plate is off
+    /// alike for whatever measures it
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     pub(super) visit_noise: f64,
-    /// Correlation of successive measurements
+    /// Correlation of successive measurements of a file
     #[arg(
         long,
         value_name = "R",

@@ -355,7 +355,7 @@ mod tests {
         effect shift on cart { param gain: ratio tol 10 ppm; along += gain * q; }
         robot Short {
             track one;
-            cluster arm on one { link a, b; }
+            cluster arm on one { link a, b, c, d, e, f; }
             variant Plain { arm full; tracks linear per link; }
             variant Shifted = Plain + shift(one);
         }";

@@ -184,7 +184,7 @@ mod tests {
 
     fn effect(text: &str) -> Effect {
         let model = check_text(
-            "robot Slide { track one; cluster a on one { link l; } variant N { arm reduced; tracks linear; } }",
+            "robot Slide { track one; cluster a on one { link l, l2, l3; } variant N { arm reduced; tracks linear; } }",
         );
         let model = effects_from_text(text, &model.unwrap()).unwrap();
         model.effects[0].clone()

@@ -75,7 +75,8 @@ fn constants_fold_while_they_are_finite() {
 /// Code of the closure of a link whose length has a term.
 fn closure_with(term: &str) -> Programs {
     let text = format!(
-        "robot Slide {{ track one; cluster arm on one {{ link l1; }}
+        "robot Slide {{ track one, two, three; cluster arm on one {{ link l1; }}
+            cluster second on two {{ link l2; }} cluster third on three {{ link l3; }}
             effect e on link {{ param a, b: length; length += {term}; }}
             variant Nominal {{ arm reduced; tracks linear; }}
             variant More = Nominal + e(l1); }}"

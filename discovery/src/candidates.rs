@@ -353,7 +353,7 @@ mod tests {
     #[test]
     fn no_effect_is_where_nothing_is_added() {
         let model = check_text(
-            "robot Slide { track one; cluster a on one { link l; } variant N { arm reduced; tracks linear; } }",
+            "robot Slide { track one; cluster a on one { link l, l2, l3; } variant N { arm reduced; tracks linear; } }",
         )
         .unwrap();
         let text = "
@@ -388,7 +388,7 @@ mod tests {
     #[test]
     fn waves_are_alike_whatever_their_parameters_are_called() {
         let model = check_text(
-            "robot Slide { track one; track two; cluster a on one { link l; } cluster b on two { link m; }
+            "robot Slide { track one; track two; cluster a on one { link l; } cluster b on two { link m, n; }
              variant N { arm reduced; tracks linear; } }",
         )
         .unwrap();

@@ -251,7 +251,7 @@ mod tests {
         let text = "robot Slide {
             track one, two;
             cluster a on one { link l1; }
-            cluster b on two { link l2, l3; }
+            cluster b on two { link l2, l3, l4, l5, l6; }
             variant Nominal { arm reduced; tracks linear; }
             variant NominalFullArm { arm full; tracks piecewise; }
         }";
@@ -267,7 +267,7 @@ mod tests {
         let text = "robot Slide {
             track one, two;
             cluster a on one { link l1; }
-            cluster b on two { link l2, l3; }
+            cluster b on two { link l2, l3, l4, l5, l6; }
             effect bent on cart {
                 param a: length; optional param b, c: length;
                 along += a * q/(1 m) + b * (q/(1 m))^2 + c * (q/(1 m))^3;

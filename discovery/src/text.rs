@@ -127,7 +127,7 @@ mod tests {
     use super::*;
 
     const OWN: &str = "// robot Old { }\n/// A slide.\npub robot Slide {\n    track one; // }\n    \
-        cluster a on one { link l; }\n    variant N { arm reduced; tracks linear; }\n}\n// end }\n";
+        cluster a on one { link l, m, n; }\n    variant N { arm reduced; tracks linear; }\n}\n// end }\n";
 
     #[test]
     fn the_line_and_the_effects_stand_where_they_belong() {

@@ -115,7 +115,7 @@ mod tests {
             "robot Machine {
                 track one, two;
                 cluster a on one { link l; }
-                cluster b on two { link m; }
+                cluster b on two { link m, n, o, p, r; }
                 effect hum on cart from source {
                     param in_phase, out_of_phase: length;
                     param a, b: length;

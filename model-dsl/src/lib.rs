@@ -9,7 +9,7 @@
 //! let model = tau_model_dsl::check_text(
 //!     "robot Slide {
 //!          track one;
-//!          cluster arm on one { link l1; }
+//!          cluster arm on one { link l1, l2, l3; }
 //!          variant Nominal { arm reduced; tracks linear; }
 //!      }",
 //! )?;

@@ -28,7 +28,7 @@ pub fn terminal(found: &HeldErrors, robot: &Robot, basis: Basis, width: usize) -
     ));
     screen.gap();
     screen.line(&format!(
-        "  {:<20}{:>10}{:>8}{:>12}{:>12}{:>12}{:>12}",
+        "  {:<20}{:>10}{:>8} {:>11} {:>11} {:>11} {:>11}",
         "measurements", "kind", "rows", "noise", "rms", "expected", "largest"
     ));
     for own in &found.kinds {
@@ -41,7 +41,7 @@ pub fn terminal(found: &HeldErrors, robot: &Robot, basis: Basis, width: usize) -
         };
         let (file, quantity, rows) = (own.kind.file, own.kind.quantity, own.rows);
         screen.line(&format!(
-            "  {file:<20}{quantity:>10}{rows:>8}{noise:>12}{rms:>12}{expected:>12}{max:>12}"
+            "  {file:<20}{quantity:>10}{rows:>8} {noise:>11} {rms:>11} {expected:>11} {max:>11}"
         ));
     }
     for own in &found.predicted {

@@ -22,10 +22,11 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
     ));
     screen.gap();
     screen.line(&format!(
-        "  {:<20}{:>10}{:>8}{:>14}{:>16}",
+        "  {:<20}{:>10}{:>8} {:>20} {:>14}",
         "measurements", "kind", "rows", "noise", "residual/noise"
     ));
-    for fit in &found.kinds {
+    // A plate that can't turn has no rows of rotation.
+    for fit in found.kinds.iter().filter(|fit| fit.rows > 0) {
         let unit = unit_of(&found.calibration.machine.robot, &fit.kind);
         let noise = match fit.kind.stated {
             None => "exact".to_owned(),
@@ -39,7 +40,7 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
             .map_or_else(|| "-".to_owned(), |ratio| format!("{ratio:.2}"));
         let (file, quantity, rows) = (fit.kind.file, fit.kind.quantity, fit.rows);
         screen.line(&format!(
-            "  {file:<20}{quantity:>10}{rows:>8}{noise:>14}{ratio:>16}"
+            "  {file:<20}{quantity:>10}{rows:>8} {noise:>20} {ratio:>14}"
         ));
     }
     gauge(&mut screen, rank);
@@ -63,9 +64,11 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
             ),
         );
     }
-    screen.gap();
-    screen.line("Parameters that moved most, in tolerances");
     let mut moved: Vec<_> = found.calibration.parameters.iter().collect();
+    if !moved.is_empty() {
+        screen.gap();
+        screen.line("Parameters that moved most, in tolerances");
+    }
     let tolerances = |parameter: &tau::calibration::ParameterEstimate| {
         parameter.tolerance.map_or(0.0, |tolerance| {
             (parameter.value - parameter.nominal).abs() / tolerance

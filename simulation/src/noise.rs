@@ -114,6 +114,16 @@ pub(super) struct Visits {
     shared: f64,
 }
 
+/// Displacement of the plate at each visit, in standard deviations of what is measured of it: that of set 1.
+pub(super) fn displacements(seed: u64, stops: usize) -> Vec<Vector3<f64>> {
+    let mut random = Random::new(seed, "visits");
+    let of_visit = |_| {
+        let [shift, _turn] = [0, 1].map(|_| random.normals());
+        shift
+    };
+    (0..stops).map(of_visit).collect()
+}
+
 impl Visits {
     pub(super) fn new(noise: &Noise, seed: u64) -> Self {
         Self {
@@ -131,6 +141,49 @@ impl Visits {
     /// A reading's deviation with that of its visit.
     pub(super) fn with(&self, own: Deviation, visit: &Deviation) -> Deviation {
         [0, 1].map(|k| own[k] * self.own + visit[k])
+    }
+}
+
+/// Deviates of the numbers of successive rows of a file, of variance one.
+pub(super) struct Series<'a> {
+    noise: &'a Noise,
+    before: Option<[f64; 3]>,
+}
+
+impl<'a> Series<'a> {
+    pub(super) fn new(noise: &'a Noise) -> Self {
+        Self {
+            noise,
+            before: None,
+        }
+    }
+
+    /// Those of the next row, which has so many numbers; `visit` is what the place where the plate stood adds to each.
+    pub(super) fn next(&mut self, random: &mut Random, count: usize, visit: [f64; 3]) -> [f64; 3] {
+        let Noise {
+            common,
+            visit: share,
+            serial,
+            ..
+        } = *self.noise;
+        // A single number has all in common with itself.
+        let common = if count > 1 { common } else { 0.0 };
+        let shared = if common > 0.0 {
+            common.sqrt() * self.noise.deviate(random)
+        } else {
+            0.0
+        };
+        let mut own = [0.0; 3];
+        for own in own.iter_mut().take(count) {
+            *own = (1.0 - common).sqrt() * self.noise.deviate(random) + shared;
+        }
+        if let Some(before) = self.before {
+            for (now, before) in own.iter_mut().zip(before) {
+                *now = before * serial + *now * (1.0 - serial * serial).sqrt();
+            }
+        }
+        self.before = Some(own);
+        std::array::from_fn(|k| own[k] * (1.0 - share).sqrt() + visit[k] * share.sqrt())
     }
 }
 

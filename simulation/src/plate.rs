@@ -11,7 +11,7 @@ use tau_robot::robot_file::{RobotFile, StatedNoise, Value};
 
 use super::forces;
 use super::machine::State;
-use super::noise::Noise;
+use super::noise::{Noise, Series, displacements};
 use super::plan::{Stop, number};
 use super::random::Random;
 
@@ -176,28 +176,36 @@ impl Gauges<'_> {
             self.readings
         };
         let first = measured.rows.len();
+        let visits = displacements(self.seed, stops.len());
+        let mut series = Series::new(self.noise);
         for (index, (stop, state)) in stops.iter().zip(states).enumerate() {
             for _ in 0..readings {
                 for name in &names {
                     let pose = state.pose;
-                    let true_m: Vec<f64> = match kind {
+                    let visit = visits[index];
+                    // What is measured, and what of the visit's displacement is along it.
+                    let (true_m, visit): (Vec<f64>, [f64; 3]) = match kind {
                         PlateKind::Position => {
                             let target = objects.targets[*name];
                             let at = pose.position_m + pose.rotation * target;
-                            at.iter().copied().collect()
+                            (at.iter().copied().collect(), visit.into())
                         }
                         PlateKind::Height => {
                             let (normal, offset) = objects.surfaces[*name];
-                            vec![normal.dot(&pose.position_m) - offset]
+                            let along = [normal.dot(&visit), 0.0, 0.0];
+                            (vec![normal.dot(&pose.position_m) - offset], along)
                         }
                         PlateKind::BallBar => {
-                            vec![(pose.position_m - objects.balls[*name]).norm()]
+                            let bar = pose.position_m - objects.balls[*name];
+                            let along = [unit(bar).dot(&visit), 0.0, 0.0];
+                            (vec![bar.norm()], along)
                         }
-                        PlateKind::Reading => vec![],
+                        PlateKind::Reading => (vec![], [0.0; 3]),
                     };
+                    let deviates = series.next(&mut random, true_m.len(), visit);
                     let mut values = [None; 3];
-                    for ((value, true_m), sigma) in values.iter_mut().zip(true_m).zip(sigmas) {
-                        *value = Some(true_m + sigma * self.noise.deviate(&mut random));
+                    for (k, true_m) in true_m.into_iter().enumerate() {
+                        values[k] = Some(true_m + sigmas[k] * deviates[k]);
                     }
                     measured.rows.push(PlateRow {
                         kind,
@@ -231,6 +239,8 @@ impl Gauges<'_> {
         let sigma = self.sigma_m(file);
         let mut random = Random::new(self.seed, file);
         let count = states.len();
+        let visits = displacements(self.seed, count);
+        let mut series = Series::new(self.noise);
         for first in 0..count {
             // Another pose: any but itself, and not the pair the other way round.
             let step = 1 + random.sample(1, (count - 1).max(1) / 2 + 1)[0];
@@ -239,10 +249,13 @@ impl Gauges<'_> {
                 continue;
             }
             let way = states[first].pose.position_m - states[second].pose.position_m;
+            // Two visits of variance one.
+            let along = unit(way).dot(&(visits[first] - visits[second])) / 2f64.sqrt();
+            let [deviate, ..] = series.next(&mut random, 1, [along, 0.0, 0.0]);
             measured.distances.push(Distance {
                 line: measured.distances.len() + 2,
                 poses: [first, second].map(|index| self.number(index)),
-                distance_m: way.norm() + sigma * self.noise.deviate(&mut random),
+                distance_m: way.norm() + sigma * deviate,
                 sigma_m: None,
             });
         }
@@ -293,6 +306,11 @@ impl Gauges<'_> {
             .count();
         random.sample(count, rows)
     }
+}
+
+/// The direction of a vector; zero of none.
+fn unit(vector: Vector3<f64>) -> Vector3<f64> {
+    vector.try_normalize(0.0).unwrap_or_default()
 }
 
 /// A noise that is stated, or else that of a laser tracker (m).

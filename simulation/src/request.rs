@@ -339,6 +339,15 @@ impl Request {
             &self.visit_noise,
             "a share from 0 to 1",
         );
+        let of_plate = |kind: &String| kind != "readings";
+        refuse(
+            self.visit_noise == 0.0
+                || self.measures.is_empty()
+                || self.measures.iter().any(of_plate),
+            "--visit-noise",
+            &self.visit_noise,
+            "none: `--measure readings` measures nothing of the plate",
+        );
         refuse(
             (1..=MOST).contains(&self.readings),
             "--readings",

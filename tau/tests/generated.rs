@@ -6,7 +6,7 @@ use tau::tau_model;
 tau_model! {
     pub robot Slide {
         track rail;
-        cluster arm on rail { link rod; }
+        cluster arm on rail { link rod, second, third; }
         variant Nominal { arm reduced; tracks linear; }
     }
 }

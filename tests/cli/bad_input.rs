@@ -194,7 +194,7 @@ robot Pair {
 fn measurements_of_another_robot() {
     let folder = tempfile::tempdir().unwrap();
     let description = "robot Pair { track one, two; cluster a on one { link l1; } \
-                       cluster b on two { link l2; } variant Full { arm full; tracks linear; } }";
+                       cluster b on two { link l2, l3, l4, l5, l6; } variant Full { arm full; tracks linear; } }";
     fs::write(folder.path().join("pair.tau"), description).unwrap();
     let ran = tau_in(
         folder.path(),
@@ -306,4 +306,18 @@ fn what_is_not_finite_is_named() {
         assert!(is_given || poses.contains(&named), "{line}: {}", ran.err);
         assert_eq!(listing(folder.path()), ["odd.tau"]);
     }
+}
+
+/// Columns of other drives than those of the robot that is assumed: no other name of the column would mend that.
+#[test]
+fn measurements_of_a_robot_that_nothing_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = "pose,q1_rad,q2_rad,q3_rad,height_m\n1,0.1,0.1,0.1,0\n";
+    fs::write(folder.path().join("heights.csv"), text).unwrap();
+    let ran = tau_in(folder.path(), "tau check DIR");
+    assert_eq!(ran.code, 2);
+    for expected in ["column `q1_m` is missing, found `q1_rad`", "`--model`"] {
+        assert!(ran.err.contains(expected), "{}", ran.err);
+    }
+    assert!(!ran.err.contains("name the column"), "{}", ran.err);
 }

@@ -489,3 +489,90 @@ fn distances_name_poses_where_each_reading_has_a_number() {
         assert!(off_m.abs() < 1e-4, "{distance:?}: {off_m}");
     }
 }
+
+/// What successive rows, readings of a visit and coordinates of a position have in common, whatever is measured.
+#[test]
+fn noise_of_rows_can_be_other_than_independent() {
+    let (robot, file) = drawings();
+    let kinds = [PlateKind::Position, PlateKind::Height, PlateKind::BallBar];
+    let simulated = |noise: Noise| {
+        let measures = kinds.map(Measure::Rows).into_iter();
+        let simulation = Simulation {
+            poses: Poses::Random { count: 400 },
+            readings: 2,
+            measures: measures.chain([Measure::Distances]).collect(),
+            noise,
+            ..Simulation::new(robot.clone(), file.clone())
+        };
+        run(&simulation).folder
+    };
+    let none = || Noise::default();
+    let exact = simulated(Noise {
+        scale: [0.0; 3],
+        ..none()
+    });
+    // Deviations from the truth of each number of the rows of a kind.
+    let deviations = |folder: &Folder, kind: PlateKind| -> Vec<[f64; 3]> {
+        let pairs = folder.plate_rows.iter().zip(&exact.plate_rows);
+        let own = pairs.filter(|(row, _)| row.kind == kind);
+        own.map(|(row, exact)| {
+            [0, 1, 2].map(|k| row.values[k].unwrap_or(0.0) - exact.values[k].unwrap_or(0.0))
+        })
+        .collect()
+    };
+    let correlation = |pairs: &[(f64, f64)]| {
+        let squares = mean(pairs.iter().map(|(a, b)| f64::midpoint(a * a, b * b)));
+        mean(pairs.iter().map(|(a, b)| a * b)) / squares
+    };
+    let visit = simulated(Noise {
+        visit: 0.6,
+        ..none()
+    });
+    let serial = simulated(Noise {
+        serial: 0.6,
+        ..none()
+    });
+    let common = simulated(Noise {
+        common: 0.6,
+        ..none()
+    });
+    for kind in kinds {
+        let of_visit: Vec<_> = (deviations(&visit, kind).chunks_exact(2))
+            .map(|pair| (pair[0][0], pair[1][0]))
+            .collect();
+        let found = correlation(&of_visit);
+        assert!((found - 0.6).abs() < 0.15, "{kind:?}: {found}");
+        let successive: Vec<_> = (deviations(&serial, kind).windows(2))
+            .map(|pair| (pair[0][0], pair[1][0]))
+            .collect();
+        let found = correlation(&successive);
+        assert!((found - 0.6).abs() < 0.15, "{kind:?}: {found}");
+    }
+    let coordinates: Vec<_> = (deviations(&common, PlateKind::Position).iter())
+        .map(|[x, y, _]| (*x, *y))
+        .collect();
+    let found = correlation(&coordinates);
+    assert!((found - 0.6).abs() < 0.15, "{found}");
+    // The plate is off alike for whatever measures it: z is the height over the bed.
+    let [z, height] = [(PlateKind::Position, 2), (PlateKind::Height, 0)].map(|(kind, axis)| {
+        deviations(&visit, kind)
+            .into_iter()
+            .map(move |row| row[axis])
+    });
+    let found = correlation(&z.zip(height).collect::<Vec<_>>());
+    assert!((found - 0.6).abs() < 0.15, "{found}");
+    let distances = |folder: &Folder| -> Vec<f64> {
+        let pairs = folder.distances.iter().zip(&exact.distances);
+        pairs
+            .map(|(row, exact)| row.distance_m - exact.distance_m)
+            .collect()
+    };
+    let successive: Vec<_> = (distances(&serial).windows(2))
+        .map(|pair| (pair[0], pair[1]))
+        .collect();
+    let found = correlation(&successive);
+    assert!((found - 0.6).abs() < 0.15, "{found}");
+    let variance = |own: &[f64]| mean(own.iter().map(|own| own * own));
+    let ratio = variance(&distances(&visit)) / variance(&distances(&serial));
+    assert!((ratio - 1.0).abs() < 0.4, "{ratio}");
+}

@@ -120,7 +120,7 @@ mod tests {
     /// Each written constant is finite, but not what they come out as together.
     #[test]
     fn no_infinity_is_written() {
-        let text = "robot Slide { track one; cluster arm on one { link l1; }
+        let text = "robot Slide { track one; cluster arm on one { link l1, l2, l3, l4, l5, l6; }
             effect vast on cart { param a: length; along += 1e300 * (1e300 * a); }
             variant Nominal { arm reduced; tracks linear; }
             variant Vast = Nominal + vast(one); }";
@@ -132,7 +132,7 @@ mod tests {
     /// A file holds what the macro expands to, for all that bodies are made of.
     #[test]
     fn a_file_is_the_expansion_laid_out() {
-        let text = "robot Slide { track one; cluster arm on one { link l1; }
+        let text = "robot Slide { track one; cluster arm on one { link l1, l2, l3, l4, l5, l6; }
             effect bent on cart { param a: length; param rate: 1/length;
                 along += max(a, -a / 2) * tanh(rate * q) + a * sin(2*pi*q/(1 m)) - a * cos(2*pi*q/(1 m)); }
             variant Nominal { arm reduced; tracks linear; }

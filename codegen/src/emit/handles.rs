@@ -150,7 +150,7 @@ mod tests {
 
     fn compiled(items: &str) -> CompiledRobot {
         let text = format!(
-            "robot Slide {{ track one; cluster arm on one {{ link l1; }}
+            "robot Slide {{ track one; cluster arm on one {{ link l1, l2, l3, l4, l5, l6; }}
             variant Nominal {{ arm full; tracks linear per link; }} {items} }}"
         );
         crate::compile(&check_text(&text).unwrap(), &text)

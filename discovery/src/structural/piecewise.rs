@@ -423,7 +423,7 @@ mod tests {
         let text = "robot Slide {
             track one, two;
             cluster a on one { link l1; }
-            cluster b on two { link l2, l3; }
+            cluster b on two { link l2, l3, l4, l5, l6; }
             variant Nominal { arm reduced; tracks linear; }
             variant Full { arm full; tracks linear per link; }
             variant Measured { arm full; tracks linear per link; track one piecewise per link; }

@@ -5,6 +5,7 @@ pub mod grouped;
 pub mod order;
 pub mod products;
 pub mod projection;
+pub mod singular;
 pub mod spread;
 pub mod triangle;
 

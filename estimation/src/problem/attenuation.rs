@@ -215,19 +215,20 @@ impl Displaced {
     fn share(&self, closure: &Instance, own: &[f64]) -> Vec<f64> {
         let family = &closure.family;
         let columns = family.pattern().columns;
+        let width = columns.len();
         let derivatives = |prepared: &[f64]| {
             let mut residuals = vec![0.0; self.factors.len()];
-            let mut jacobian = vec![0.0; self.factors.len() * columns.len()];
+            let mut jacobian = vec![0.0; self.factors.len() * width];
             family.linearize_all(prepared, own, &mut residuals, &mut jacobian);
             jacobian
         };
         let (there, here) = (derivatives(&self.there), derivatives(&self.here));
-        let rows = there
-            .chunks_exact(columns.len())
-            .zip(here.chunks_exact(columns.len()));
         let mut share = vec![0.0; own.len()];
-        for ((there, here), factor) in rows.zip(&self.factors) {
-            for ((&column, there), here) in columns.iter().zip(there).zip(here) {
+        // A closure may have no parameters, of which no row has an entry.
+        for (row, factor) in self.factors.iter().enumerate() {
+            let of_row = row * width..(row + 1) * width;
+            let entries = there[of_row.clone()].iter().zip(&here[of_row]);
+            for (&column, (there, here)) in columns.iter().zip(entries) {
                 share[column as usize] += factor * (there - here);
             }
         }

@@ -261,10 +261,11 @@ impl WhitenedPose {
             (room.columns).extend(columns.map(|&column| self.columns[row][column as usize]));
             let of_samples = (self.factors(prepared))
                 .zip(residuals.chunks_exact_mut(rows))
-                .zip(jacobian.chunks_exact_mut(self.pattern.len()))
                 .enumerate();
-            for (sample, (((factor, _), residuals), jacobian)) in of_samples {
+            let width = self.pattern.len();
+            for (sample, ((factor, _), residuals)) in of_samples {
                 let entries = &room.entries[sample * pattern.len()..][..pattern.len()];
+                let jacobian = &mut jacobian[sample * width..][..width];
                 let first = self.first_row(row);
                 for (to, residual) in residuals.iter_mut().enumerate().skip(first) {
                     let weight = factor[to * closures + row];
@@ -366,11 +367,14 @@ impl ResidualFamily for WhitenedPose {
     ) {
         let mut room = Room::default();
         let chunks = prepared.chunks(CHUNK * self.shape.prepared);
-        let to = residuals
-            .chunks_mut(CHUNK * self.shape.residuals)
-            .zip(jacobian.chunks_mut(CHUNK * self.pattern.len()));
-        for (prepared, to) in chunks.zip(to) {
-            self.derivatives(prepared, parameters, to, &mut room);
+        let residuals = residuals.chunks_mut(CHUNK * self.shape.residuals);
+        let mut entries = jacobian;
+        for (prepared, residuals) in chunks.zip(residuals) {
+            // None where nothing is free.
+            let count = residuals.len() / self.shape.residuals * self.pattern.len();
+            let (own, rest) = entries.split_at_mut(count);
+            self.derivatives(prepared, parameters, (residuals, own), &mut room);
+            entries = rest;
         }
     }
 }

@@ -101,8 +101,12 @@ impl Fit<'_> {
         triangle: &DMatrix<f64>,
         values: &[f64],
     ) -> Result<Vec<Combination>, Error> {
-        let family = Linear::new(triangle);
         let shared = self.shared();
+        // The solver takes no block without residuals.
+        if shared == 0 {
+            return Ok(vec![]);
+        }
+        let family = Linear::new(triangle);
         let block = tau_solver::Block::new("measurements", &family, (0..shared).collect(), &[]);
         let problem = Problem {
             parameters: self.shared_parameters(values),

@@ -20,6 +20,7 @@ use super::refusals::refuse_commands;
 use super::rows::{RowPlace, Rows};
 use super::{GrossRow, KindFit, Rank, RowDivision};
 use crate::calibration::{Error, Nominal, Prepared};
+use crate::numerics::singular;
 use crate::problem::{self, POSE_UNKNOWNS, Part};
 use crate::weighing::Loss;
 
@@ -292,18 +293,12 @@ impl<'a> Fit<'a> {
         ));
         let data = scaled(triangle, &scales) / variance.sqrt();
         let all = stacked(&data, &[priors]);
-        let svd = all.svd(false, true);
-        let Some(v_t) = svd.v_t else {
-            return (
-                DMatrix::from_element(width, width, f64::NAN),
-                vec![true; width],
-            );
-        };
-        let largest = svd.singular_values.max();
+        let (values, v_t) = singular::right(all);
+        let largest = values.max();
         let least = largest * f64::EPSILON * 8.0 * width as f64;
         let mut covariance = DMatrix::zeros(width, width);
         let mut lost = vec![false; width];
-        for (k, &value) in svd.singular_values.iter().enumerate() {
+        for (k, &value) in values.iter().enumerate() {
             let row = v_t.row(k);
             if value > least {
                 covariance += row.transpose() * row / (value * value);
@@ -323,7 +318,7 @@ impl<'a> Fit<'a> {
 
     pub(super) fn rank(&self, reduced: &Reduced, machine: &Machine) -> Rank {
         let scales = self.scales();
-        let known = scaled(&reduced.triangle, &scales).singular_values();
+        let known = singular::right(scaled(&reduced.triangle, &scales)).0;
         let shared = Shared {
             machine,
             used: &self.used,
@@ -351,7 +346,7 @@ impl<'a> Fit<'a> {
             poses: self.assembly.poses.len(),
             unknowns: scales.len(),
             determined: known.iter().filter(|value| **value > 1.0).count(),
-            is_seen: known.iter().any(|value| *value > UNSEEN),
+            is_seen: known.is_empty() || known.iter().any(|value| *value > UNSEEN),
             open: shared.freedoms(reduced),
             has_mirror_image: !fixes_handedness,
         }

@@ -3,6 +3,7 @@
 mod motions;
 
 use crate::numerics::order::{largest_first, smallest_first};
+use crate::numerics::singular;
 use nalgebra::{DMatrix, DVector};
 
 use super::elimination::Reduced;
@@ -43,13 +44,10 @@ impl Shared<'_> {
     /// The motions and changes that a triangle does not see.
     pub(super) fn freedoms(&self, reduced: &Reduced) -> Vec<Freedom> {
         let scaled = scaled(&reduced.triangle, self.scale);
-        let svd = scaled.clone().svd(false, true);
-        let Some(v_t) = svd.v_t else {
-            return vec![];
-        };
-        let largest = svd.singular_values.max();
-        let open: Vec<usize> = (0..svd.singular_values.len())
-            .filter(|&k| svd.singular_values[k] <= OPEN * largest)
+        let (values, v_t) = singular::right(scaled.clone());
+        let largest = values.max();
+        let open: Vec<usize> = (0..values.len())
+            .filter(|&k| values[k] <= OPEN * largest)
             .collect();
         let mut basis: Vec<DVector<f64>> = open.iter().map(|&k| v_t.row(k).transpose()).collect();
         let mut freedoms = vec![];

@@ -195,7 +195,7 @@ pub struct Rank {
     pub unknowns: usize,
     /// Combinations of these that the data know better than the tolerances.
     pub determined: usize,
-    /// True if the data say anything of the machine at all.
+    /// True if the data say anything of the machine, or nothing of it is unknown.
     pub is_seen: bool,
     /// Combinations that no residual sees, in words.
     pub open: Vec<Freedom>,

@@ -1,4 +1,4 @@
-//! Freedoms against links: a plate that its links leave none can't move.
+//! Freedoms against links: a plate that its links leave none can't move, one with fewer held links than freedoms is loose.
 //!
 //! Locked drives or not, each link takes one freedom of the plate, and each drive gives one back. Links beyond the first
 //! on a cart or a crank, and those without any drive, take freedoms that no drive gives back; the plate moves as far as
@@ -6,10 +6,17 @@
 
 use super::parts::Geometry;
 use crate::diagnostics::Diagnostics;
+use crate::model::{Arm, Variant};
 use crate::syntax;
 
-pub(super) fn mobility(robot: &syntax::Robot, geometry: &Geometry, diagnostics: &mut Diagnostics) {
+pub(super) fn mobility(
+    robot: &syntax::Robot,
+    geometry: &Geometry,
+    variants: &[Variant],
+    diagnostics: &mut Diagnostics,
+) {
     let freedoms = geometry.plate.freedoms().len();
+    held(robot, (geometry, variants), diagnostics);
     let carried = |track: usize| {
         let clusters = &geometry.clusters;
         let on = |cluster: usize| clusters.get(cluster).and_then(|own| own.track) == Some(track);
@@ -65,4 +72,45 @@ pub(super) fn mobility(robot: &syntax::Robot, geometry: &Geometry, diagnostics: 
         "give links carts or drives of their own, or leave some out"
     };
     diagnostics.error(&robot.name, message, help);
+}
+
+/// Reports a plate that its links leave loose. A pulled link yields: it holds the plate in none of its freedoms. Reduced
+/// arms keep the orientation, whatever keeps it.
+fn held(
+    robot: &syntax::Robot,
+    (geometry, variants): (&Geometry, &[Variant]),
+    diagnostics: &mut Diagnostics,
+) {
+    let has_full = variants.iter().any(|variant| variant.arm == Arm::Full);
+    let freedoms = geometry.plate.freedoms().len();
+    let freedoms = if has_full { freedoms } else { freedoms.min(3) };
+    let pulled = (geometry.links.iter()).filter(|link| link.pull.is_some());
+    let pulled = pulled.count();
+    let holding = geometry.links.len() - pulled;
+    if holding >= freedoms {
+        return;
+    }
+    let links = match holding {
+        0 => "no link holds it".to_owned(),
+        1 => "1 link holds it".to_owned(),
+        _ => format!("{holding} links hold it"),
+    };
+    let message = format!(
+        "robot `{}` is loose: its plate, a {}, needs {freedoms} links that hold it, but {links}",
+        robot.name,
+        geometry.plate.written()
+    );
+    let clusters = robot.clusters.iter().flat_map(|cluster| &cluster.links);
+    match clusters.flat_map(|links| &links.pulls).next() {
+        Some(pull) if geometry.links.len() >= freedoms => diagnostics.error(
+            &pull.name,
+            message,
+            "a pulled link yields: leave out `pulled` where the drive holds its position",
+        ),
+        _ => diagnostics.error(
+            &robot.name,
+            message,
+            "declare the links that are missing, or a plate with fewer freedoms: `plate point;`, `plate … in plane;`",
+        ),
+    }
 }

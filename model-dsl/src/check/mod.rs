@@ -32,6 +32,7 @@ pub(crate) fn robot(
     diagnostics: &mut Diagnostics,
 ) -> Option<Model> {
     let robot = description.robot.as_ref()?;
+    let before = diagnostics.count();
     let geometry = robot::geometry(robot, diagnostics);
     let effects = all_effects(
         description.effects.iter().chain(&robot.effects),
@@ -40,6 +41,10 @@ pub(crate) fn robot(
     );
     let variants = variant::variants(robot, &geometry, &effects, diagnostics);
     let reference = reference::reference(robot, &geometry, diagnostics);
+    // What has an error may be half of a machine still.
+    if diagnostics.count() == before {
+        mobility::mobility(robot, &geometry, &variants, diagnostics);
+    }
     Some(Model {
         name: robot.name.to_string(),
         docs: robot.docs.clone(),

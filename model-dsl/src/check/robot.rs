@@ -4,10 +4,10 @@ use std::rc::Rc;
 
 use super::declared::Declared;
 use super::geometry::{self, Carrier, OfLink};
+use super::parameter;
 use super::parts::{Geometry, unknown_track};
 use super::quantity::{scalar, tolerance};
 use super::scope::Scope;
-use super::{mobility, parameter};
 use crate::diagnostics::Diagnostics;
 use crate::model::{Cluster, Crank, Drive, Link, Plate, Quantity, Track};
 use crate::syntax::{self, Given};
@@ -117,10 +117,9 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
         });
     }
     whole(robot, &geometry, places_known, actuators, diagnostics);
-    // A declaration with an error may be the one that would use a parameter, or let the plate move.
+    // A declaration with an error may be the one that would use a parameter.
     if diagnostics.count() == before {
         parameter::unused(&scope, diagnostics);
-        mobility::mobility(robot, &geometry, diagnostics);
     }
     let carriers = geometry.tracks.iter().map(|track| Drive {
         name: track.name.clone(),

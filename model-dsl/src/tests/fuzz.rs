@@ -106,7 +106,7 @@ const TOKENS: [&str; 94] = [
 /// Whatever comes back, its places lie in the text.
 fn check(text: &str) -> Result<(), TestCaseError> {
     let robot = model(
-        "robot R { track one; cluster a on one { link l; } variant V { arm full; tracks linear; } }",
+        "robot R { track one; cluster a on one { link l1, l2, l3, l4, l5, l6; } variant V { arm full; tracks linear; } }",
     );
     let results = [
         check_text(text).map(drop),

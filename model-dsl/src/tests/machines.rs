@@ -34,7 +34,7 @@ fn plates() {
         ("plate point in plane;", Plate::PointInPlane, 2),
     ] {
         let text = format!(
-            "robot Any {{ {written} cluster legs on base {{ link a, b actuated length; }} variant Full {{ arm full; }} }}"
+            "robot Any {{ {written} cluster legs on base {{ link a, b, c, d, e, f actuated length; }} variant Full {{ arm full; }} }}"
         );
         let found = model(&text).plate;
         assert_eq!(
@@ -49,6 +49,7 @@ fn plates() {
 fn commands_are_numbered_over_all_drives() {
     let model = model(
         "robot Mixed {
+    plate point;
     cluster ropes on base { link rope actuated length; link drum actuated angle { length = pitch * q; } }
     crank arm;
     track rail;
@@ -235,7 +236,7 @@ fn commands_of_a_reference_have_one_unit_or_one_each() {
     assert!(errors(&robot("(90 deg, 20 deg)")).contains("`commands` must be length (m)"));
 }
 
-/// Freedoms of the plate, links and drives: what moves is admitted, what cannot is refused.
+/// Freedoms of the plate, links and drives: what moves and is held is admitted, what cannot move or is loose is refused.
 #[test]
 fn mobility_is_counted() {
     let robot = |plate: &str, on_cart: usize, struts: usize| {
@@ -266,6 +267,7 @@ fn mobility_is_counted() {
                 let taken = on_cart - 1 + struts;
                 let found = robot(plate, on_cart, struts);
                 let verdict = match taken.cmp(&freedoms) {
+                    Ordering::Less if on_cart + struts < freedoms => "is loose",
                     Ordering::Less => "no errors",
                     Ordering::Equal => "cannot move",
                     Ordering::Greater => "over-constrained",

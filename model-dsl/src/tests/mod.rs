@@ -43,7 +43,7 @@ fn robot(items: &str) -> String {
         "robot Slide {{
     track one, two;
     cluster arm1 on one {{ link l1; }}
-    cluster arm2 on two {{ link l2a, l2b; }}
+    cluster arm2 on two {{ link l2a, l2b, l2c, l2d, l2e; }}
     variant Full {{ arm full; tracks linear; }}
     {items}
 }}"

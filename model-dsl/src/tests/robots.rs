@@ -189,13 +189,13 @@ fn link_values_are_in_si_units() {
             track one;
             cluster arm on one {
                 link a { length = 2043.99 mm tol 0.3 mm; track_direction = (1, -0.5, 0) tol 1 percent; }
-                link b, c { plate_joint tol 300 um; track_offset = (-3, 4.5e2, 1_0) cm; }
+                link b, c, d, e, f { plate_joint tol 300 um; track_offset = (-3, 4.5e2, 1_0) cm; }
             }
             variant Full { arm full; tracks linear; }
         }",
     );
-    let [a, b, c] = model.links.as_slice() else {
-        panic!("three links")
+    let [a, b, c, ..] = model.links.as_slice() else {
+        panic!("six links")
     };
     assert_eq!(
         (a.defaults.length.value, a.defaults.length.tolerance),
@@ -286,7 +286,7 @@ fn variants_inherit_in_any_order() {
             variant A { arm reduced; tracks piecewise; track two linear; }
             track one, two;
             cluster arm1 on one { link l1; }
-            cluster arm2 on two { link l2; }
+            cluster arm2 on two { link l2, l3; }
         }",
     );
     let [c, b, a] = model.variants.as_slice() else {

@@ -225,7 +225,7 @@ const MACHINE: &str = "
 pub robot Machine {
     track one, two;
     cluster arm1 on one { link l1; }
-    cluster arm2 on two { link l2a, l2b; }
+    cluster arm2 on two { link l2a, l2b, l2c, l2d, l2e; }
     variant Full { arm full; tracks linear per link; }
     variant Bent { arm full; tracks linear per link; track two piecewise per link; }
 

@@ -116,20 +116,23 @@ impl Printer {
         }
         let mut errors = Errors::default();
         let radius_mm = errors.keep(required(config, "printer", "delta_radius"));
-        let mut towers = vec![];
+        let mut towers: Vec<Tower> = vec![];
         for (tower, usual) in TOWERS.iter().zip(USUAL_ANGLES_DEG) {
             let section = format!("stepper_{tower}");
-            let or_first = |key: &str| match optional(config, &section, key) {
-                Ok(None) => required(config, "stepper_a", key),
-                Ok(Some(value)) => Ok(value),
-                Err(error) => Err(error),
+            let or_first = |key: &str, first: Option<f64>| match first {
+                None => inherited(config, &section, key),
+                Some(first) => Ok(optional(config, &section, key)?.unwrap_or(first)),
             };
+            let first = towers.first();
             towers.push(Tower {
-                arm_mm: errors.keep(or_first("arm_length")),
+                arm_mm: errors.keep(or_first("arm_length", first.map(|first| first.arm_mm))),
                 angle_deg: errors
                     .keep(optional(config, &section, "angle"))
                     .unwrap_or(usual),
-                endstop_mm: errors.keep(or_first("position_endstop")),
+                endstop_mm: errors.keep(or_first(
+                    "position_endstop",
+                    first.map(|first| first.endstop_mm),
+                )),
             });
         }
         let steps = TOWERS.map(|tower| errors.keep(step(config, &format!("stepper_{tower}"))));
@@ -201,11 +204,20 @@ fn optional(config: &Config<'_>, section: &str, key: &str) -> Result<Option<f64>
 }
 
 fn required(config: &Config<'_>, section: &str, key: &str) -> Result<f64, InputError> {
+    needed(config, section, key, "")
+}
+
+/// An option that the sections of the other towers inherit.
+fn inherited(config: &Config<'_>, section: &str, key: &str) -> Result<f64, InputError> {
+    needed(config, section, key, ": the other towers inherit it")
+}
+
+fn needed(config: &Config<'_>, section: &str, key: &str, remark: &str) -> Result<f64, InputError> {
     optional(config, section, key)?.ok_or_else(|| {
         let error = config.lacks(format!("`{key}` of section `[{section}]` is missing"));
         let includes: Vec<&str> = config.missing_includes().collect();
         if includes.is_empty() {
-            error
+            error.help(format!("write `{key} = …` in `[{section}]`{remark}"))
         } else {
             error.help(format!(
                 "name the files that it includes, too: {}",

@@ -405,9 +405,19 @@ fn alike<'a>(name: &str, found: &[(usize, &'a str)]) -> Option<(usize, &'a str)>
 
 fn unit_advice(name: &str, found: &str) -> String {
     let convert = |what: &str| format!("convert {what} and name the column `{name}`");
-    match found.rsplit('_').next() {
-        Some("mm") => convert("millimetres to metres"),
-        Some("deg") => convert("degrees to radians"),
+    let unit = |name: &str| name.rsplit('_').next().unwrap_or_default().to_owned();
+    let (expected, unit) = (unit(name), unit(found));
+    // Lengths are commands of drives that shift, angles of those that turn.
+    let is_of_other_drives = name.starts_with('q')
+        && ["rad", "deg"].contains(&expected.as_str()) != ["rad", "deg"].contains(&unit.as_str());
+    match unit.as_str() {
+        "m" | "mm" | "rad" | "deg" if is_of_other_drives => {
+            "the drives of this robot are others: name the robot that was measured, with `--model` or \
+             `robot = \"NAME\"` in robot.toml"
+                .to_owned()
+        }
+        "mm" => convert("millimetres to metres"),
+        "deg" => convert("degrees to radians"),
         _ => format!("name the column `{name}`"),
     }
 }

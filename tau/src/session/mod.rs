@@ -43,7 +43,7 @@ pub enum Described {}
 /// `Gantry::RUNOUT`, or by name. A variant of another robot does not compile:
 ///
 /// ```
-/// # tau::tau_model! { pub robot Slide { track one; cluster arm on one { link l1; }
+/// # tau::tau_model! { pub robot Slide { track one; cluster arm on one { link l1, l2, l3, l4, l5, l6; }
 /// #     variant Nominal { arm reduced; tracks linear; } } }
 /// # fn calibrate(session: &tau::Session<Slide>) -> Result<(), tau::Error> {
 /// session.calibrate(Slide::NOMINAL)?;
@@ -52,9 +52,9 @@ pub enum Described {}
 /// ```
 ///
 /// ```compile_fail,E0277
-/// # tau::tau_model! { pub robot Slide { track one; cluster arm on one { link l1; }
+/// # tau::tau_model! { pub robot Slide { track one; cluster arm on one { link l1, l2, l3, l4, l5, l6; }
 /// #     variant Nominal { arm reduced; tracks linear; } } }
-/// # tau::tau_model! { pub robot Other { track one; cluster arm on one { link l1; }
+/// # tau::tau_model! { pub robot Other { track one; cluster arm on one { link l1, l2, l3, l4, l5, l6; }
 /// #     variant Nominal { arm reduced; tracks linear; } } }
 /// # fn calibrate(session: &tau::Session<Slide>) -> Result<(), tau::Error> {
 /// session.calibrate(Other::NOMINAL)?;

@@ -6,7 +6,7 @@ pub use tau_runtime as runtime;
 tau_macro::tau_model! {
     pub robot Slide {
         track one;
-        cluster arm on one { link l1; }
+        cluster arm on one { link l1, l2, l3, l4, l5, l6; }
         variant Nominal { arm reduced; tracks linear; }
         effect bend on cart { param rate: 1/length; vertical += rate * q^2; }
         variant Bent = Nominal + bend(one);

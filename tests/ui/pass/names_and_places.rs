@@ -8,7 +8,7 @@ use runtime::DeclaredRobot;
 tau_macro::tau_model! {
     pub robot Robot {
         track one;
-        cluster arm on one { link l1; }
+        cluster arm on one { link l1, l2, l3, l4, l5, l6; }
         variant Nominal { arm reduced; tracks linear; }
     }
 }
@@ -16,7 +16,7 @@ tau_macro::tau_model! {
 tau_macro::tau_model! {
     robot Variant {
         track one;
-        cluster arm on one { link l1; }
+        cluster arm on one { link l1, l2, l3, l4, l5, l6; }
         variant Full { arm full; tracks linear; }
     }
 }
@@ -25,7 +25,7 @@ fn main() {
     tau_macro::tau_model! {
         robot Slide {
             track one;
-            cluster arm on one { link l1; }
+            cluster arm on one { link l1, l2, l3, l4, l5, l6; }
             variant Nominal { arm reduced; tracks linear; }
         }
     }

@@ -213,7 +213,7 @@ impl System {
         let mut covariance = DMatrix::zeros(width, width);
         let mut rank = 0;
         // Nothing is to be found where there are no unknowns.
-        let svd = (width > 0).then(|| self.matrix.clone().svd(true, true));
+        let svd = (!self.matrix.is_empty()).then(|| self.matrix.clone().svd(true, true));
         if let Some((svd, u, v_t)) = svd.and_then(|svd| Some((svd.clone(), svd.u?, svd.v_t?))) {
             let values = svd.singular_values.iter().enumerate();
             for (k, &value) in values.filter(|(_, value)| **value > SEEN) {
