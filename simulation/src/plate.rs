@@ -183,7 +183,7 @@ impl Gauges<'_> {
                 for name in &names {
                     let pose = state.pose;
                     let visit = visits[index];
-                    // What is measured, and what of the visit's displacement is along it.
+                    // The true value, and the part of the visit's displacement that is along it.
                     let (true_m, visit): (Vec<f64>, [f64; 3]) = match kind {
                         PlateKind::Position => {
                             let target = objects.targets[*name];

@@ -490,7 +490,7 @@ fn distances_name_poses_where_each_reading_has_a_number() {
     }
 }
 
-/// What successive rows, readings of a visit and coordinates of a position have in common, whatever is measured.
+/// Noise that successive rows, readings of a visit and coordinates of a position share, whatever is measured.
 #[test]
 fn noise_of_rows_can_be_other_than_independent() {
     let (robot, file) = drawings();

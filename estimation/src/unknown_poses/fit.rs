@@ -16,7 +16,6 @@ use super::dense::stacked;
 use super::elimination::{Elimination, Reduced};
 use super::gauge::{Shared, scaled};
 use super::kinds::{NoiseGroup, kinds_of_carts, tells_drives};
-use super::refusals::refuse_commands;
 use super::rows::{RowPlace, Rows};
 use super::{GrossRow, KindFit, Rank, RowDivision};
 use crate::calibration::{Error, Nominal, Prepared};
@@ -67,7 +66,6 @@ impl<'a> Fit<'a> {
         let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
         let prepared = Prepared::new(robot, variant, file, Some(folder), &all)?;
         let machine = prepared.machine.clone();
-        refuse_commands(&machine, folder)?;
         Self::from(&prepared, machine, file, folder, division, false)
     }
 

@@ -96,6 +96,7 @@ pub fn rank(
     let file = &file.completed(robot);
     refuse_tracker_effects(variant, folder)?;
     let fit = Fit::new(robot, variant, file, folder, division)?;
+    refuse_commands(&fit.prepared.machine, folder)?;
     let reduced = fit.elimination(&fit.start).reduce();
     Ok(fit.rank(&reduced, &fit.machine))
 }

@@ -112,7 +112,7 @@ fn least_squares(fit: &Fit<'_>, reduced: &Reduced) -> f64 {
     rows.qr().unpack_r()[(width, width)].powi(2)
 }
 
-/// What an exchange of two distances leaves is what elimination of the exchanged rows leaves.
+/// An exchange of two distances leaves as much as elimination of the exchanged rows does.
 #[test]
 fn exchanged_distances_leave_what_all_rows_leave_when_exchanged() {
     let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);

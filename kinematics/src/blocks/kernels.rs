@@ -1,4 +1,4 @@
-//! What is computed for a block of samples at a time, with the widest instruction set of the machine.
+//! Work on a block of samples at a time, with the widest instruction set of the machine.
 //!
 //! Systems stand by columns: derivatives of all closures by each unknown, then the closures.
 

@@ -41,7 +41,7 @@ pub(crate) fn robot(
     );
     let variants = variant::variants(robot, &geometry, &effects, diagnostics);
     let reference = reference::reference(robot, &geometry, diagnostics);
-    // What has an error may be half of a machine still.
+    // A description with an error may be half of a machine still.
     if diagnostics.count() == before {
         mobility::mobility(robot, &geometry, &variants, diagnostics);
     }
