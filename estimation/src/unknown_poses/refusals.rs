@@ -15,8 +15,8 @@ use crate::calibration::Error;
 const MILLIMETRES_M: f64 = 1.0;
 /// Lengths that are this many times nearer when divided by a thousand are millimetres.
 const MILLIMETRES_OFF: f64 = 10.0;
-/// Links that are this many times as long as at the reference are none of the machine; degrees make them fifty times as
-/// long.
+/// Links that are this many times as long as at the reference are none of the machine, if their drives turn: degrees pay out
+/// fifty times as much. Half and double refuse the same folders.
 const LONG: f64 = 3.0;
 
 impl Fit<'_> {
@@ -87,7 +87,7 @@ impl Fit<'_> {
     }
 }
 
-/// Refuses commands at which links are many times as long as at the reference, for most rows: those of drums in degrees.
+/// Refuses angles in degrees: most rows have links many times as long as at the reference, and radians mend that.
 pub(super) fn refuse_commands(machine: &Machine, folder: &Folder) -> Result<(), Error> {
     let Some(stated) = &machine.surroundings.reference else {
         return Ok(());
@@ -110,10 +110,6 @@ pub(super) fn refuse_commands(machine: &Machine, folder: &Folder) -> Result<(), 
     let Some((pose, commands_m)) = long.first().filter(|_| 2 * long.len() > all.len()) else {
         return Ok(());
     };
-    let message = format!(
-        "at the commands of pose {pose} links are {:.1} m long in the mean, at those of the reference {usual_m:.1} m",
-        length_m(commands_m).unwrap_or_default(),
-    );
     let in_radians = |(command, &value): (usize, &f64)| {
         if machine.robot.is_angle(command) {
             value.to_radians()
@@ -122,12 +118,17 @@ pub(super) fn refuse_commands(machine: &Machine, folder: &Folder) -> Result<(), 
         }
     };
     let as_degrees: Vec<f64> = commands_m.iter().enumerate().map(in_radians).collect();
-    let help = if is_long(&as_degrees) {
-        "compare the commands with those of the reference in the robot file"
-    } else {
-        "the commands look like degrees: multiply by pi/180"
-    };
-    Err(InputError::whole(&folder.name, message).help(help).into())
+    if is_long(&as_degrees) {
+        return Ok(());
+    }
+    let message = format!(
+        "at the commands of pose {pose} links are {:.1} m long in the mean, at those of the reference {usual_m:.1} m",
+        length_m(commands_m).unwrap_or_default(),
+    );
+    let error = InputError::whole(&folder.name, message);
+    Err(error
+        .help("the commands look like degrees: multiply by pi/180")
+        .into())
 }
 
 /// Effects of a tracker have no part in what is measured without one.

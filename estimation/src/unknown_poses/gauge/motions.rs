@@ -9,11 +9,13 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use tau_kinematics::{Machine, Pose};
 
 use super::super::assembly::UnknownPose;
+use super::super::kinds::AXES;
 use super::super::objects::Object;
 use super::super::quantity::across;
 use crate::implicit::Linearized;
 
-/// Share of what a motion asks of the closures that parameters may leave: rounding.
+/// Share of what a motion asks of the closures that parameters may leave: rounding. A thousandth and a hundred times of it
+/// find the same motions.
 const LEFT: f64 = 1e-7;
 /// Share of the largest singular value below which closures do not see a change of parameters.
 const UNSEEN: f64 = 1e-11;
@@ -60,8 +62,6 @@ enum Kind {
     /// All drives count more (m or rad).
     Zero,
 }
-
-const AXES: [&str; 3] = ["x", "y", "z"];
 
 impl Kind {
     /// All, with names.
