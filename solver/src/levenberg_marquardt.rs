@@ -14,6 +14,8 @@ const ACCEPT: f64 = 1e-4;
 const POOR: f64 = 0.25;
 /// From this share on the radius grows.
 const GOOD: f64 = 0.75;
+/// Length of a correction over that of what it corrects, at most.
+const CONTRACTION: f64 = 0.5;
 /// Consecutive trial steps that may fail to be finite.
 const MAX_NON_FINITE: usize = 100;
 /// A predicted decrease below this many roundings of the cost can't be compared with the actual one.
@@ -110,6 +112,10 @@ struct Minimizer<'p> {
     radius: f64,
     /// True if the last step was taken, and the next likely is.
     likely_taken: bool,
+    /// True if a step fell short of its promise.
+    is_curved: bool,
+    /// Residuals at the trial point less those of the linear model.
+    missed: Vec<f64>,
     initial_cost: f64,
     iterations: usize,
     trials: usize,
@@ -185,6 +191,8 @@ impl<'p> Minimizer<'p> {
             cost,
             radius: 0.0,
             likely_taken: true,
+            is_curved: false,
+            missed: vec![],
             initial_cost: cost,
             iterations: 0,
             trials: 0,
@@ -226,7 +234,16 @@ impl<'p> Minimizer<'p> {
             if !self.set_trial() || step_norm <= options.step_tolerance * model.size {
                 return last_fault.map_or(Ok(Termination::Step), Err);
             }
+            let is_corrected = self.is_curved && self.correct();
             let trial = self.evaluate(&model, options.cost_tolerance)?;
+            self.is_curved |= trial.decrease < GOOD * trial.predicted;
+            if is_corrected && !trial.accepted {
+                let (jacobian, residuals) = (
+                    self.linearization.jacobian(),
+                    self.linearization.residuals(),
+                );
+                self.linear.load(jacobian, residuals);
+            }
             observer(Iteration {
                 part: 0,
                 iteration: self.iterations,
@@ -286,6 +303,43 @@ impl<'p> Minimizer<'p> {
             retreats = 0;
             model = next;
         }
+    }
+
+    /// Adds to the trial point corrections of second order: steps, with the factor at hand, for what the linear model misses
+    /// there (R. Fletcher, *Practical Methods of Optimization*, 1987, section 14.4; for least squares M. K.
+    /// Transtrum and J. P. Sethna, arXiv:1207.4999, geodesic acceleration). Along the floor of a curved valley a straight
+    /// step climbs the wall, so that the radius shrinks and steps creep. True if the linear solver holds another right-hand
+    /// side now.
+    fn correct(&mut self) -> bool {
+        let mut longest = CONTRACTION * norm(&self.subproblem.step);
+        let mut is_corrected = false;
+        while (self.linearization).residuals_at(&self.trial, &mut self.missed) {
+            let (jacobian, residuals) = (
+                self.linearization.jacobian(),
+                self.linearization.residuals(),
+            );
+            self.subproblem
+                .subtract_model(jacobian, residuals, &mut self.missed);
+            let missed = 0.5 * dot(&self.missed, &self.missed);
+            if missed <= (1.0 - GOOD) * self.subproblem.predicted {
+                break;
+            }
+            let correction = self
+                .subproblem
+                .correction(jacobian, &self.missed, &mut *self.linear);
+            is_corrected = true;
+            let length = norm(correction);
+            // Where corrections do not shrink, what is missed is no curvature.
+            if length.is_nan() || length > longest {
+                break;
+            }
+            longest = CONTRACTION * length;
+            for (j, own) in correction.iter().enumerate() {
+                let corrected = self.trial[j] + own / column_scale(self.scale[j]);
+                self.trial[j] = corrected.clamp(self.lower[j], self.upper[j]);
+            }
+        }
+        is_corrected
     }
 
     /// Evaluates the trial point, and the Jacobian there if the step is to be taken and is not the last.

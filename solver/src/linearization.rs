@@ -81,6 +81,18 @@ impl<'p> Linearization<'p> {
         }
     }
 
+    /// Writes the residuals at the free parameters `x`, weighted, where they are stored and tell the costs; false if not, or
+    /// where one is not finite.
+    pub(crate) fn residuals_at(&mut self, x: &[f64], residuals: &mut Vec<f64>) -> bool {
+        match self {
+            Self::Stored(system) if system.is_of_squares() => {
+                residuals.resize(system.residuals.len(), 0.0);
+                system.residuals_at(x, residuals).is_ok()
+            }
+            _ => false,
+        }
+    }
+
     /// Fills [`Self::jacobian`] and [`Self::residuals`] at the free parameters `x`, weighted.
     pub(crate) fn linearize(&mut self, x: &[f64]) -> Result<(), NonFinite> {
         match self {

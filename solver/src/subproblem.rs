@@ -171,6 +171,32 @@ impl Subproblem {
         self.predict(at_minimum, jacobian, residuals);
     }
 
+    /// Takes the residuals of the linear model at the step from those that are there.
+    pub(crate) fn subtract_model(
+        &mut self,
+        jacobian: &Jacobian,
+        residuals: &[f64],
+        there: &mut [f64],
+    ) {
+        jacobian.times(&self.step, &mut self.image);
+        for ((there, image), r) in there.iter_mut().zip(&self.image).zip(residuals) {
+            *there -= image + r;
+        }
+    }
+
+    /// The step for other residuals, damped like the last one; what a bound held stays. `linear` is left with these.
+    pub(crate) fn correction(
+        &mut self,
+        jacobian: &Jacobian,
+        residuals: &[f64],
+        linear: &mut dyn LinearSolver,
+    ) -> &[f64] {
+        linear.load(jacobian, residuals);
+        self.target.fill(0.0);
+        linear.solve(self.damping, &self.held, &mut self.target);
+        &self.target
+    }
+
     /// `vᵀ (JᵀJ + damping I)⁻¹ v` for the step's direction v among the parameters not held: the
     /// relative change of the step's length per change of the damping.
     fn direction_form(&mut self, linear: &mut dyn LinearSolver) -> f64 {

@@ -185,6 +185,35 @@ impl<'p> System<'p> {
 
     /// Writes the cost of each residual, `½ρ`, at the free parameters `x`.
     pub(crate) fn costs(&mut self, x: &[f64], costs: &mut [f64]) -> Result<(), NonFinite> {
+        self.each(x, costs, |loss, whitened| loss.at(whitened).cost)?;
+        let first_prior = costs.len() - self.priors.len();
+        for ((column, prior), cost) in self.priors.iter().zip(&mut costs[first_prior..]) {
+            *cost = prior.cost(x[*column]);
+        }
+        Ok(())
+    }
+
+    /// Writes the residuals, weighted, at the free parameters `x`.
+    pub(crate) fn residuals_at(
+        &mut self,
+        x: &[f64],
+        residuals: &mut [f64],
+    ) -> Result<(), NonFinite> {
+        self.each(x, residuals, |_, whitened| whitened)?;
+        let first_prior = residuals.len() - self.priors.len();
+        for ((column, prior), own) in self.priors.iter().zip(&mut residuals[first_prior..]) {
+            *own = (x[*column] - prior.mean) / prior.sigma;
+        }
+        Ok(())
+    }
+
+    /// Writes a number for each weighted residual but those of priors.
+    fn each(
+        &mut self,
+        x: &[f64],
+        numbers: &mut [f64],
+        number: impl Fn(&Loss, f64) -> f64 + Sync,
+    ) -> Result<(), NonFinite> {
         self.scatter(x);
         for piece in &mut self.pieces {
             let mut scratch = std::mem::take(&mut piece.scratch);
@@ -192,7 +221,7 @@ impl<'p> System<'p> {
             let shape = block.family.shape();
             let evaluate = |scratch: &mut Scratch, batch: &mut Batch| {
                 scratch.evaluate(block, &self.all, batch, false);
-                for (i, cost) in batch.residuals.iter_mut().enumerate() {
+                for (i, own) in batch.residuals.iter_mut().enumerate() {
                     let index = batch.first * shape.residuals + i;
                     let whitened = scratch.residuals[i] * weight(block, index);
                     if !whitened.is_finite() {
@@ -203,18 +232,14 @@ impl<'p> System<'p> {
                             parameter: None,
                         });
                     }
-                    *cost = block.loss.at(whitened).cost;
+                    *own = number(&block.loss, whitened);
                 }
                 None
             };
             let rows = piece.samples * shape.residuals;
-            let costs = &mut costs[piece.row..piece.row + rows];
-            in_batches(piece, block, &mut scratch, costs, &mut [], evaluate)?;
+            let numbers = &mut numbers[piece.row..piece.row + rows];
+            in_batches(piece, block, &mut scratch, numbers, &mut [], evaluate)?;
             piece.scratch = scratch;
-        }
-        let first_prior = costs.len() - self.priors.len();
-        for ((column, prior), cost) in self.priors.iter().zip(&mut costs[first_prior..]) {
-            *cost = prior.cost(x[*column]);
         }
         Ok(())
     }

@@ -109,6 +109,50 @@ fn valley(family: &Family<Valley>, bounds: [(f64, f64); 2]) -> Problem<'_> {
     problem
 }
 
+/// A valley along the unit circle with walls a hundred thousand times as steep as its floor, which falls to (-0.6, 0.8).
+struct Ring;
+
+impl Model for Ring {
+    fn sizes(&self) -> (usize, usize, usize) {
+        (0, 2, 3)
+    }
+
+    fn residuals<T: Scalar>(&self, _: &[f64], x: &[T], out: &mut [T]) {
+        out[0] = (x[0].square() + x[1].square() - 1.0) * 1e4;
+        out[1] = (x[0] + 0.6) * 0.1;
+        out[2] = (x[1] - 0.8) * 0.1;
+    }
+}
+
+/// A third of the way around: eighty steps, of straight ones alone more than a thousand, each as short as the wall is near.
+#[test]
+fn steps_follow_a_curved_valley() {
+    let family = Family::new(Ring);
+    let open = problem(&family, &[], &[1.0, 0.0]);
+    let mut bounded = problem(&family, &[], &[1.0, 0.0]);
+    for parameter in &mut bounded.parameters {
+        *parameter = parameter.clone().with_bounds(-2.0, 2.0);
+    }
+    for problem in [open, bounded] {
+        for method in [Method::DenseQr, Method::SparseCholesky] {
+            let options = Options {
+                method,
+                ..Options::default()
+            };
+            let solution = solve(&problem, &options).unwrap();
+            assert!(solution.converged());
+            assert!(
+                solution.iterations < 160,
+                "{method:?} {}",
+                solution.iterations
+            );
+            for (found, expected) in solution.parameters.iter().zip([-0.6, 0.8]) {
+                assert!((found - expected).abs() < 1e-6, "{found} {expected}");
+            }
+        }
+    }
+}
+
 #[test]
 fn curved_valley_stops_at_its_bound() {
     let family = Family::new(Valley);
