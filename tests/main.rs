@@ -6,6 +6,7 @@ mod belts;
 mod blocks;
 mod browser;
 mod calibration;
+mod carts_beside;
 mod cli;
 mod codegen;
 mod derivatives;

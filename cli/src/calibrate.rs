@@ -166,8 +166,9 @@ fn unknown_poses(
     summary += &written(files.iter().map(|(path, _)| path.as_path()));
     let mut remarks = session.remarks_for(variant)?;
     let folder = session.folder();
-    if !folder.cart_poses.is_empty() || !folder.cart_positions.is_empty() {
-        let message = "cart_poses.csv and cart_positions.csv take no part where poses of the plate are unknown";
+    let are_measured = !folder.cart_poses.is_empty() || !folder.cart_positions.is_empty();
+    if are_measured && !found.kinds.iter().any(|kind| kind.kind.is_of_carts()) {
+        let message = "the plate alone was fitted, without cart_poses.csv and cart_positions.csv";
         remarks.push(message.to_owned());
     }
     let outcome = Outcome {

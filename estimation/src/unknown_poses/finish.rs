@@ -1,9 +1,12 @@
 //! From a fit to what it hands on.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{DMatrix, DVector};
 use tau_robot::robot_file::{RobotFile, Value};
-use tau_solver::Problem;
+use tau_solver::{Problem, Solution};
 
+use super::closures::used;
 use super::elimination::Reduced;
 use super::fit::Fit;
 use super::{KindFit, ObjectEstimate, Rank, UnknownPoses, heldout, quantity};
@@ -20,27 +23,15 @@ impl Fit<'_> {
         values: &[f64],
         (reduced, leverages): (&Reduced, &[Vec<f64>]),
         rank: Rank,
-        (solution, iterations): (&tau_solver::Solution, usize),
+        (solution, iterations): (&Solution, usize),
     ) -> Result<UnknownPoses, Error> {
         let shared = self.shared();
         let variance = self.loss_variance(reduced, leverages);
         let covariance = self.covariance(&reduced.triangle, variance);
         let count = self.used.len();
-        let of_variant: Vec<Vec<f64>> = (0..count)
-            .map(|i| (0..count).map(|j| covariance[(i, j)]).collect())
-            .collect();
         let kinds = self.kind_fits(reduced, leverages);
         let machine = self.machine_at(values);
-        let fitted = Fitted {
-            values: machine.values.clone(),
-            used: self.used.clone(),
-            factor: triangle::lower(&of_variant),
-            covariance: of_variant,
-            undetermined: self.undetermined(&reduced.triangle, values)?,
-            cost: solution.cost,
-            iterations,
-            termination: solution.termination.to_string(),
-        };
+        let fitted = self.fitted((solution, iterations), reduced, variance)?;
         let objects: Vec<ObjectEstimate> = (self.assembly.object_unknowns().enumerate())
             .map(|(index, unknown)| ObjectEstimate {
                 name: unknown.name.clone(),
@@ -92,6 +83,47 @@ impl Fit<'_> {
                     )
                 })
                 .collect(),
+        })
+    }
+
+    /// Parameters of the variant as described: carts beside the plate have more.
+    pub(super) fn fitted(
+        &self,
+        (solution, iterations): (&Solution, usize),
+        reduced: &Reduced,
+        variance: f64,
+    ) -> Result<Fitted, Error> {
+        let values = &solution.parameters;
+        let machine = &self.prepared.machine;
+        let name = |index: usize| self.machine.variant.parameters[index].name.as_str();
+        let own: BTreeMap<&str, usize> = (self.used.iter().enumerate())
+            .map(|(place, &index)| (name(index), place))
+            .collect();
+        let described = &machine.variant.parameters;
+        let place = |index: &usize| own.get(described[*index].name.as_str()).copied();
+        let known = used(machine).into_iter();
+        let known = known.filter_map(|index| Some((index, place(&index)?)));
+        let (used, places): (Vec<usize>, Vec<usize>) = known.unzip();
+        let mut found = machine.values.clone();
+        for (&index, &place) in used.iter().zip(&places) {
+            found[index] = values[place];
+        }
+        let all = self.covariance(&reduced.triangle, variance);
+        let row = |&i: &usize| places.iter().map(|&j| all[(i, j)]).collect();
+        let covariance: Vec<Vec<f64>> = places.iter().map(row).collect();
+        let mut undetermined = self.undetermined(&reduced.triangle, values)?;
+        // Where trackers stood and how targets were mounted is nobody's question.
+        let is_told = |name: &String| own.get(name.as_str()).is_none_or(|at| places.contains(at));
+        undetermined.retain(|known| known.terms.first().is_some_and(|(name, _)| is_told(name)));
+        Ok(Fitted {
+            values: found,
+            factor: triangle::lower(&covariance),
+            covariance,
+            undetermined,
+            used,
+            cost: solution.cost,
+            iterations,
+            termination: solution.termination.to_string(),
         })
     }
 

@@ -7,6 +7,7 @@
 //! with the carts of sets 2 and 3 beside them it is that of [errors in variables](errors_in_variables).
 
 mod assembly;
+mod carts;
 mod closures;
 mod coupled;
 mod dense;
@@ -101,7 +102,7 @@ pub fn rank(
     Ok(fit.rank(&reduced, &fit.machine))
 }
 
-/// Fits a variant to all measurements of the plate in a folder; `division` says which rows take part.
+/// Fits a variant to all measurements of a folder; `division` says which rows of the plate take part.
 ///
 /// # Errors
 /// [`Error::Input`] where columns, noise or values are missing, where every row is needed to determine the parameters,
@@ -143,15 +144,22 @@ pub fn calibrate(
             found => found,
         }
     };
-    if let Some(length_m) = sketch_m {
-        return starts::best(&prepared, length_m, division, fitted);
-    }
-    match fitted(prepared.machine.clone(), division, Search::Stated) {
-        Err(Error::NotConverged { .. } | Error::Kinematics { .. }) => {
-            fitted(prepared.machine.clone(), division, Search::Widened)
-        }
-        found => found,
-    }
+    let of_plate = match sketch_m {
+        Some(length_m) => starts::best(&prepared, length_m, division, fitted),
+        None => match fitted(prepared.machine.clone(), division, Search::Stated) {
+            Err(Error::NotConverged { .. } | Error::Kinematics { .. }) => {
+                fitted(prepared.machine.clone(), division, Search::Widened)
+            }
+            found => found,
+        },
+    };
+    carts::beside(
+        of_plate?,
+        (robot, variant),
+        (file, folder),
+        division,
+        options,
+    )
 }
 
 /// The fit from a start to its end, with the noise of kinds that ask for it and without gross rows.

@@ -47,6 +47,19 @@ impl Kind {
         self.stated == Some(StatedNoise::Estimate)
     }
 
+    /// True for measurements of carts.
+    pub fn is_of_carts(&self) -> bool {
+        [CART_POSES, CART_POSITIONS].contains(&self.file)
+    }
+
+    /// Noise that residuals are weighed by over the stated one: more than 1 where a variant misses carts.
+    pub(super) fn excess(&self) -> f64 {
+        match self.stated {
+            Some(StatedNoise::Known(stated)) => self.sigma / stated,
+            _ => 1.0,
+        }
+    }
+
     /// True for drives without noise.
     pub fn is_exact(&self) -> bool {
         self.stated.is_none()

@@ -154,6 +154,8 @@ fn residuals_without_poses_have_the_derivatives_of_their_closures() {
     let file = file.completed(&robot);
     // Measurements that nominal values explain, so that residuals are zero there.
     let mut folder = prototype::folder().unwrap();
+    folder.cart_poses.clear();
+    folder.cart_positions.clear();
     let mut poses = std::mem::take(&mut folder.tcp_poses);
     let machine = machine_from_file(&robot, variant, &file, None, &[]).unwrap();
     for pose in &mut poses {

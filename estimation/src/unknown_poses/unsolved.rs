@@ -7,7 +7,7 @@ use tau_robot::robot_file::RobotFile;
 use tau_solver::Problem;
 
 use super::kinds::drive_sigmas;
-use super::{RowDivision, errors_in_variables, fit::Fit, starts};
+use super::{RowDivision, carts, fit::Fit, starts};
 use crate::calibration::{Calibration, Error, prepared::Prepared};
 
 /// The first least-squares problem of a calibration, for other solvers to be compared with ours.
@@ -36,7 +36,7 @@ impl<'a> Unsolved<'a> {
     /// That with errors in variables, from a fit of set 1; `file` must be complete.
     ///
     /// # Errors
-    /// As [`errors_in_variables::calibrate`], but for what only a fit can fail on.
+    /// As [`super::errors_in_variables::calibrate`], but for what only a fit can fail on.
     pub fn of_all_sets(
         robot: &Robot,
         variant: &Variant,
@@ -45,8 +45,7 @@ impl<'a> Unsolved<'a> {
         division: &'a RowDivision,
         closure_fit: &Calibration,
     ) -> Result<Self, Error> {
-        let fit =
-            errors_in_variables::all_sets(robot, variant, file, folder, division, closure_fit)?;
+        let fit = carts::all_sets(robot, variant, file, folder, division, closure_fit)?;
         Ok(Self(fit))
     }
 

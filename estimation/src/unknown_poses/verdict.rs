@@ -101,6 +101,20 @@ impl UnknownPoses {
                 }
             });
         }
+        let missed = self.kinds.iter().map(|kind| &kind.kind);
+        let missed = missed.filter(|kind| kind.is_of_carts() && kind.excess() > 1.0);
+        let missed: Vec<String> = missed
+            .map(|kind| {
+                let times = general(kind.excess(), 2);
+                format!("{}s in {} {times} times", kind.quantity, kind.file)
+            })
+            .collect();
+        if !missed.is_empty() {
+            why.push(format!(
+                "Carts miss their stated noise, and count that much less: {}.",
+                missed.join(", ")
+            ));
+        }
         for mistake in &self.mistakes {
             status = Status::Absurd;
             why.insert(
@@ -123,7 +137,7 @@ impl UnknownPoses {
                     kind: fit.kind.quantity,
                     rows: fit.rows,
                     rms: fit.kind.sigma * (fit.squares / fit.rows as f64).sqrt(),
-                    expected_rms: fit.kind.sigma
+                    expected_rms: fit.kind.sigma / fit.kind.excess()
                         * (fit.redundancy / fit.rows as f64).max(0.0).sqrt(),
                     unit: fit.kind.unit,
                 })

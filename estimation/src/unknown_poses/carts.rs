@@ -1,0 +1,169 @@
+//! Carts of sets 2 and 3 beside the plate: they say how tracks run and what carts do there, whatever measures the plate.
+
+use tau_codegen::language;
+use tau_robot::input_error::InputError;
+use tau_robot::measurements::Folder;
+use tau_robot::robot::{Robot, TrackShape, Variant};
+use tau_robot::robot_file::RobotFile;
+
+use super::fit::Fit;
+use super::kinds::NoiseGroup;
+use super::refusals::refuse_tracker_effects;
+use super::{RowDivision, Settled, UnknownPoses};
+use crate::calibration::{self, Calibration, Error, Prepared};
+use crate::joint::variant::free_turning;
+use crate::problem::{Component, POSE_UNKNOWNS, Part};
+use crate::samples::Sample;
+use crate::samples::frames::Frames;
+use crate::samples::plates::place_plates;
+use crate::trust::{self, numbering};
+use crate::weighing::{Loss, Treatment};
+
+/// Change of the cost that is no progress: where something is missing, mountings and turning rates creep along a valley
+/// that means nothing.
+const CONVERGED: f64 = 1e-3;
+
+/// The variant with carts that sets 2 and 3 may see turn in proportion to their commands, as discovery
+/// fits it.
+fn turning_freely(robot: &Robot, variant: &Variant) -> Result<Variant, Error> {
+    let model = language::check_text(&robot.description)
+        .map_err(|errors| InputError::whole(&robot.name, errors.to_string()))?;
+    let index = model.variants.iter().position(|v| v.name == variant.name);
+    Ok(index.map_or_else(
+        || variant.clone(),
+        |index| free_turning(&model, index, Some(variant)),
+    ))
+}
+
+/// The fit of all sets of a folder from one of set 1, which registers the others; poses of the division take part.
+///
+/// # Errors
+/// Columns that the variant needs are missing; carts are numbered wrongly.
+pub(super) fn all_sets<'a>(
+    robot: &Robot,
+    variant: &Variant,
+    file: &'a RobotFile,
+    folder: &'a Folder,
+    division: &'a RowDivision,
+    near: &Calibration,
+) -> Result<Fit<'a>, Error> {
+    refuse_tracker_effects(variant, folder)?;
+    let calibrates = |&pose: &usize| {
+        let number = folder.tcp_poses[pose].pose;
+        division.calibration.contains(&number)
+    };
+    let poses: Vec<usize> = (0..folder.tcp_poses.len()).filter(calibrates).collect();
+    trust::refuse(&near.machine, file, folder, &poses)?;
+    let frames = Frames::of(&near.machine, file, folder);
+    let mut samples = Sample::all(robot, folder, &poses, &frames);
+    let described = Prepared::new(robot, variant, file, Some(folder), &poses)?;
+    let prepared = if samples.len() > poses.len() {
+        place_plates(&near.machine, file, &mut samples);
+        let free = turning_freely(robot, variant)?;
+        Prepared::new(robot, &free, file, Some(folder), &poses)?
+    } else {
+        described.clone()
+    };
+    let mut values = prepared.machine.values.clone();
+    for estimate in &near.parameters {
+        let mut parameters = prepared.machine.variant.parameters.iter();
+        if let Some(index) = parameters.position(|own| own.name == estimate.name) {
+            values[index] = estimate.value;
+        }
+    }
+    let machine = prepared.machine.with_values(values);
+    let carts = Part::carts(&machine, &samples, file.noise, false)?;
+    let from = (&prepared, machine, file, folder);
+    let mut fit = Fit::beside_carts(carts, from, division, false)?;
+    fit.prepared = described;
+    Ok(fit)
+}
+
+/// True if carts tell a variant something: paths of piecewise tracks are their measurements already.
+fn take_part(variant: &Variant, file: &RobotFile, folder: &Folder) -> bool {
+    let mut tracks = variant.tracks.iter();
+    let are_measured = !folder.cart_poses.is_empty() || !folder.cart_positions.is_empty();
+    let have_noise = file.noise.position_m.is_finite() && file.noise.rotation_rad.is_finite();
+    are_measured && have_noise && tracks.all(|track| track.shape != TrackShape::Piecewise)
+}
+
+/// A calibration of the plate, carts beside it. Where a variant misses them significantly, they count as if their noise
+/// were as large as the misfit: they never overrule the plate by what the variant lacks on tracks.
+///
+/// # Errors
+/// As [`super::calibrate`].
+pub(super) fn beside(
+    mut plate: UnknownPoses,
+    (robot, variant): (&Robot, &Variant),
+    (file, folder): (&RobotFile, &Folder),
+    division: &RowDivision,
+    options: &calibration::Options,
+) -> Result<UnknownPoses, Error> {
+    // At the stated noise a fit that was widened has no end.
+    if plate.widened > 1.0 || !take_part(variant, file, folder) {
+        return Ok(plate);
+    }
+    let near = &plate.calibration;
+    if let Some(mistake) = numbering::mistake(&near.machine, folder) {
+        plate.mistakes.push(mistake);
+        return Ok(plate);
+    }
+    let mut fit = all_sets(robot, variant, file, folder, division, near)?;
+    fit.groups = NoiseGroup::all(&fit.assembly.kinds);
+    (fit.groups).retain(|group| group.group != Component::Closure);
+    for (kind, known) in fit.assembly.kinds.iter_mut().zip(&plate.kinds) {
+        *kind = known.kind;
+    }
+    fit.left_out = plate.left_out();
+    fit.gross.clone_from(&plate.gross);
+    let mut start = fit.start.clone();
+    for (value, object) in start[fit.used.len()..].iter_mut().zip(&plate.objects) {
+        *value = object.value;
+    }
+    fit.rebuild(&mut start)?;
+    fit.start = start;
+    let settled = fit.settled_beside_carts(options, options.treatment.loss)?;
+    let values = &settled.solution.parameters;
+    let (covariance, _) = fit.determined(&settled.reduced.triangle, 1.0);
+    let leverages = fit.elimination(values).leverages(&covariance);
+    let joined = fit.finish(
+        values,
+        (&settled.reduced, &leverages),
+        plate.rank,
+        (&settled.solution, near.iterations + settled.iterations),
+    )?;
+    Ok(UnknownPoses {
+        mistakes: plate.mistakes,
+        loss: plate.loss,
+        ..joined
+    })
+}
+
+impl Fit<'_> {
+    /// Settles where rows that are gross have been left out already.
+    pub(super) fn settled_beside_carts(
+        &mut self,
+        options: &calibration::Options,
+        loss: Option<Loss>,
+    ) -> Result<Settled, Error> {
+        // Half the number of residuals is the cost to be expected.
+        let expected = (0.5 * self.net_rows() as f64).max(1.0);
+        self.settled(&calibration::Options {
+            solver: tau_solver::Options {
+                cost_tolerance: options.solver.cost_tolerance.max(CONVERGED / expected),
+                ..options.solver.clone()
+            },
+            treatment: Treatment {
+                loss,
+                keep_outliers: true,
+            },
+            ..options.clone()
+        })
+    }
+
+    /// Number of residuals less that of unknowns of poses.
+    fn net_rows(&self) -> usize {
+        let rows = self.blocks.iter().map(|rows| rows.weights.len());
+        rows.sum::<usize>() - POSE_UNKNOWNS * self.assembly.poses.len()
+    }
+}
