@@ -20,7 +20,7 @@ pub(crate) fn open(screen: &mut Screen, rank: &Rank, indent: &str) {
     if rank.has_mirror_image {
         screen.say_within(
             indent,
-            "a mirror image of the machine would fit as well: the reference says which it is",
+            "a mirror image of the machine would fit as well: drawing and reference say which it is",
         );
     }
 }
