@@ -12,7 +12,7 @@ use super::refusals::refuse_tracker_effects;
 use super::{RowDivision, Settled, UnknownPoses};
 use crate::calibration::{self, Calibration, Error, Prepared};
 use crate::joint::variant::free_turning;
-use crate::problem::{Component, POSE_UNKNOWNS, Part};
+use crate::problem::{Component, Part};
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
 use crate::samples::plates::place_plates;
@@ -164,6 +164,7 @@ impl Fit<'_> {
     /// Number of residuals less that of unknowns of poses.
     fn net_rows(&self) -> usize {
         let rows = self.blocks.iter().map(|rows| rows.weights.len());
-        rows.sum::<usize>() - POSE_UNKNOWNS * self.assembly.poses.len()
+        let of_poses = self.assembly.free.len() * self.assembly.poses.len();
+        rows.sum::<usize>().saturating_sub(of_poses)
     }
 }
