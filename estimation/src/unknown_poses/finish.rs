@@ -29,7 +29,10 @@ impl Fit<'_> {
         let of_variant: Vec<Vec<f64>> = (0..count)
             .map(|i| (0..count).map(|j| covariance[(i, j)]).collect())
             .collect();
-        let kinds = self.kind_fits(reduced, leverages);
+        let mut kinds = self.kind_fits(reduced, leverages);
+        for (kind, repeats) in kinds.iter_mut().zip(self.repeats(values, reduced)) {
+            kind.repeats = repeats;
+        }
         let machine = self.machine_at(values);
         let fitted = Fitted {
             values: machine.values.clone(),

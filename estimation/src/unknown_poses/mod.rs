@@ -26,6 +26,7 @@ mod objects;
 mod outcome;
 mod quantity;
 mod refusals;
+mod repeats;
 mod rows;
 mod starts;
 #[cfg(test)]
@@ -58,6 +59,7 @@ pub use gauge::Freedom;
 pub use heldout::{HeldOut, HeldOutKind};
 pub use objects::Object;
 pub use outcome::{GrossRow, ObjectEstimate, Rank, RowDivision, UnknownPoses};
+pub use repeats::KindRepeats;
 pub use rows::{Kind, KindFit, RowPlace};
 pub use unsolved::Unsolved;
 

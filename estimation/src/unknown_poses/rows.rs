@@ -2,10 +2,14 @@
 
 use std::sync::Arc;
 
+use tau_robot::measurements::TCP_POSES;
+use tau_robot::robot::Robot;
 use tau_robot::robot_file::StatedNoise;
 use tau_runtime::ResidualFamily;
 use tau_solver::{Block, Loss};
 
+use super::kinds::AXES;
+use super::repeats::KindRepeats;
 use crate::problem::{Component, POSE_UNKNOWNS, Part};
 
 pub use crate::problem::RowPlace;
@@ -51,6 +55,25 @@ impl Kind {
     pub fn is_exact(&self) -> bool {
         self.stated.is_none()
     }
+
+    /// Unit of the noise on a robot: that of drives is theirs, rad where all of them turn.
+    pub fn unit_on(&self, robot: &Robot) -> &'static str {
+        let turn = (0..robot.commands).all(|command| robot.is_angle(command));
+        if self.quantity == "closure" && turn {
+            "rad"
+        } else {
+            self.unit
+        }
+    }
+
+    /// The file, with the quantity where it has several.
+    pub(super) fn words(&self) -> String {
+        if AXES.contains(&self.quantity) || self.file == TCP_POSES {
+            format!("{} in {}", self.quantity, self.file)
+        } else {
+            self.file.to_owned()
+        }
+    }
 }
 
 /// A kind of residual, and how it is met.
@@ -64,6 +87,8 @@ pub struct KindFit {
     pub redundancy: f64,
     /// Sum of their squares over the noise.
     pub squares: f64,
+    /// Repeated readings, if there are any; of a calibration.
+    pub repeats: Option<KindRepeats>,
 }
 
 impl KindFit {
@@ -193,6 +218,12 @@ impl Rows {
     pub(super) fn poses_of(&self, sample: usize) -> Option<[usize; 2]> {
         let own = self.own_of(sample);
         Some([own.first()?, own.last()?].map(|index| index / POSE_UNKNOWNS))
+    }
+
+    /// The same in the order of their numbers: a distance is that from either end.
+    pub(super) fn ends_of(&self, sample: usize) -> Option<[usize; 2]> {
+        let [a, b] = self.poses_of(sample)?;
+        Some([a.min(b), a.max(b)])
     }
 
     /// The rows for the solver; poses' unknowns stand behind the `shared` ones.
