@@ -34,6 +34,7 @@ mod mutations;
 mod nothing_free;
 mod redundant;
 mod reference;
+mod repeats;
 mod robot_files;
 mod sensitivity;
 mod session;

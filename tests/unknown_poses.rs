@@ -14,7 +14,7 @@ use tau::unknown_poses::{RowDivision, UnknownPoses};
 use crate::support::{ROBOTS, Random, tau_in};
 
 /// A robot of the tests with its values, some noise, and more of the robot file.
-fn robot(name: &str, more: &str) -> (Robot, RobotFile) {
+pub(crate) fn robot(name: &str, more: &str) -> (Robot, RobotFile) {
     let text = std::fs::read_to_string(format!("{ROBOTS}/{name}.tau")).unwrap();
     let robot = Robot::from_text(&text).unwrap();
     let noise = "[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n";
@@ -32,7 +32,7 @@ fn fit(robot: &Robot, variant: &str, file: &RobotFile, folder: &Folder) -> Unkno
     found.unwrap_or_else(|error| panic!("{error}"))
 }
 
-fn simulation(
+pub(crate) fn simulation(
     robot: &Robot,
     file: &RobotFile,
     variant: &str,

@@ -233,7 +233,11 @@ fn readings_of_a_pose_count_by_what_they_do_not_share() {
         let own = (1.0 - visit).sqrt();
         assert!((repeats.position_m / (1e-5 * own) - 1.0).abs() < 0.28);
         assert!((repeats.rotation_rad / (4e-5 * own) - 1.0).abs() < 0.28);
-        assert_eq!(repeats.p_value < 1e-3, visit > 0.0, "{repeats:?}");
+        assert_eq!(
+            repeats.lack_of_fit.p_value < 1e-3,
+            visit > 0.0,
+            "{repeats:?}"
+        );
     }
 }
 

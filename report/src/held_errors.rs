@@ -10,7 +10,7 @@ use crate::number::general;
 use crate::screen::Screen;
 use crate::table::{self, Cell, Table, columns, text};
 use crate::trust;
-use crate::unknown_poses::{length, unit_of};
+use crate::unknown_poses::length;
 
 /// Rows listed in the terminal.
 const LISTED: usize = 5;
@@ -32,7 +32,7 @@ pub fn terminal(found: &HeldErrors, robot: &Robot, basis: Basis, width: usize) -
         "measurements", "kind", "rows", "noise", "rms", "expected", "largest"
     ));
     for own in &found.kinds {
-        let unit = unit_of(robot, &own.kind);
+        let unit = own.kind.unit_on(robot);
         let noise = length(own.kind.sigma, unit);
         let [rms, expected, max] = if own.is_judged() {
             [own.rms, own.expected_rms, own.max].map(|value| length(value, unit))
@@ -60,7 +60,7 @@ pub fn terminal(found: &HeldErrors, robot: &Robot, basis: Basis, width: usize) -
     screen.line("Farthest off");
     for own in worst(found).into_iter().take(LISTED) {
         let kind = kind_of(found, own);
-        let unit = kind.map_or("m", |kind| unit_of(robot, &kind.kind));
+        let unit = kind.map_or("m", |kind| kind.kind.unit_on(robot));
         let sigmas = own.sigmas().unwrap_or_default();
         screen.say_within(
             "  ",
@@ -216,7 +216,7 @@ fn kind(own: &KindErrors, unit: &str) -> Value {
 /// Errors of measurements as JSON. Keys of comparisons of poses are there, and empty.
 pub fn json(found: &HeldErrors, robot: &Robot) -> Value {
     let kinds = found.kinds.iter();
-    let kinds = kinds.map(|own| kind(own, unit_of(robot, &own.kind)));
+    let kinds = kinds.map(|own| kind(own, own.kind.unit_on(robot)));
     let errors = found.errors.iter().map(|own| {
         let kind = kind_of(found, own).map(|own| own.kind);
         json!({
@@ -228,7 +228,7 @@ pub fn json(found: &HeldErrors, robot: &Robot) -> Value {
             "coordinate": own.coordinate,
             "error": own.error,
             "expected": own.expected,
-            "unit": kind.map(|kind| unit_of(robot, &kind)),
+            "unit": kind.map(|kind| kind.unit_on(robot)),
         })
     });
     json!({

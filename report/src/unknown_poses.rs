@@ -1,8 +1,7 @@
 //! Calibrations from poses that are unknown, in words and as JSON.
 
 use serde_json::{Value, json};
-use tau::Robot;
-use tau::unknown_poses::{GrossRow, Kind, Rank, RowDivision, UnknownPoses};
+use tau::unknown_poses::{GrossRow, KindRepeats, Rank, RowDivision, UnknownPoses};
 
 use crate::gauge::{gauge_json, open};
 use crate::number::general;
@@ -27,7 +26,7 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
     ));
     // A plate that can't turn has no rows of rotation.
     for fit in found.kinds.iter().filter(|fit| fit.rows > 0) {
-        let unit = unit_of(&found.calibration.machine.robot, &fit.kind);
+        let unit = fit.kind.unit_on(&found.calibration.machine.robot);
         let noise = match fit.kind.stated {
             None => "exact".to_owned(),
             Some(_) if fit.kind.is_estimated() => {
@@ -126,16 +125,6 @@ fn link(found: &UnknownPoses, row: &GrossRow) -> Option<String> {
     Some(machine.closure_name(closure).to_owned())
 }
 
-/// Unit of the noise of a kind of measurement: that of drives is theirs, rad where all of them turn.
-pub(crate) fn unit_of(robot: &Robot, kind: &Kind) -> &'static str {
-    let turn = (0..robot.commands).all(|command| robot.is_angle(command));
-    if kind.quantity == "closure" && turn {
-        "rad"
-    } else {
-        kind.unit
-    }
-}
-
 pub(crate) fn length(value: f64, unit: &str) -> String {
     match unit {
         "m" => format!("{} µm", general(1e6 * value, 3)),
@@ -161,6 +150,20 @@ pub fn division_json(division: &RowDivision) -> Value {
     })
 }
 
+fn repeats(repeats: &KindRepeats) -> Value {
+    json!({
+        "quantities": repeats.quantities,
+        "readings": repeats.readings,
+        "repeatability": {
+            "sigma": repeats.sigma,
+            "dof": repeats.degrees,
+            "over_noise": repeats.within_over_noise,
+        },
+        "missed": repeats.missed,
+        "lack_of_fit": repeats.lack_of_fit.as_ref().map(trust::json::lack_of_fit),
+    })
+}
+
 /// The same as JSON.
 pub fn json(found: &UnknownPoses) -> Value {
     let rank = &found.rank;
@@ -177,9 +180,10 @@ pub fn json(found: &UnknownPoses) -> Value {
             "rows": fit.rows,
             "redundancy": fit.redundancy,
             "noise": fit.kind.stated.map(|_| fit.kind.sigma),
-            "unit": fit.kind.unit,
+            "unit": fit.kind.unit_on(&found.calibration.machine.robot),
             "estimated": fit.kind.is_estimated(),
             "residual_over_noise": fit.residual_over_noise(),
+            "repeats": fit.repeats.as_ref().map(repeats),
         })).collect::<Vec<_>>(),
         "parameters": found.calibration.parameters.iter().map(|own| json!({
             "name": own.name, "unit": own.unit, "nominal": own.nominal, "tolerance": own.tolerance,

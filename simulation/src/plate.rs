@@ -251,13 +251,15 @@ impl Gauges<'_> {
             let way = states[first].pose.position_m - states[second].pose.position_m;
             // Two visits of variance one.
             let along = unit(way).dot(&(visits[first] - visits[second])) / 2f64.sqrt();
-            let [deviate, ..] = series.next(&mut random, 1, [along, 0.0, 0.0]);
-            measured.distances.push(Distance {
-                line: measured.distances.len() + 2,
-                poses: [first, second].map(|index| self.number(index)),
-                distance_m: way.norm() + sigma * deviate,
-                sigma_m: None,
-            });
+            for _ in 0..self.readings {
+                let [deviate, ..] = series.next(&mut random, 1, [along, 0.0, 0.0]);
+                measured.distances.push(Distance {
+                    line: measured.distances.len() + 2,
+                    poses: [first, second].map(|index| self.number(index)),
+                    distance_m: way.norm() + sigma * deviate,
+                    sigma_m: None,
+                });
+            }
         }
         for index in self.gross(measured.distances.len(), &mut random) {
             let row = &mut measured.distances[index];

@@ -74,12 +74,12 @@ pub mod trust {
 pub mod unknown_poses {
     pub use tau_estimation::unknown_poses::{
         Freedom, GrossRow, HeldErrors, HeldOut, HeldOutKind, JudgedRows, Kind, KindErrors, KindFit,
-        Moved, Object, ObjectEstimate, PlaceEstimate, Rank, RowDivision, RowError, RowPlace,
-        UnknownPoses, calibrate, evaluate, rank,
+        KindRepeats, Moved, Object, ObjectEstimate, PlaceEstimate, Rank, RowDivision, RowError,
+        RowPlace, UnknownPoses, calibrate, evaluate, rank,
     };
 }
 
 /// Weights of poses in a calibration: outliers, losses that bound their pull, repeated readings.
 pub mod weighing {
-    pub use tau_estimation::weighing::{Loss, Outlier, Repeats, Treatment, Weighing};
+    pub use tau_estimation::weighing::{LackOfFit, Loss, Outlier, Repeats, Treatment, Weighing};
 }

@@ -477,7 +477,7 @@ fn distances_name_poses_where_each_reading_has_a_number() {
     };
     let folder = run(&simulation).folder;
     assert_eq!(folder.tcp_poses.len(), 60);
-    assert_eq!(folder.distances.len(), 20);
+    assert_eq!(folder.distances.len(), 60);
     let position = |number: u32| {
         let mut poses = folder.tcp_poses.iter();
         let pose = poses.find(|pose| pose.pose == number).unwrap();

@@ -19,7 +19,7 @@ mod reach;
 mod recognise;
 mod roots;
 mod verdict;
-mod weighing_words;
+pub(crate) mod weighing_words;
 mod words;
 
 pub use check::{Check, Checked, FileFacts, Gap, Range, Sight, check};

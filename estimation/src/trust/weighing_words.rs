@@ -1,7 +1,7 @@
 //! Outliers and repeated readings in sentences.
 
 use crate::trust::{LEVEL, general};
-use crate::weighing::{Loss, Outlier, Repeats, Weighing};
+use crate::weighing::{LackOfFit, Loss, Outlier, Repeats, Weighing};
 
 /// Outliers that are named one by one.
 const NAMED: usize = 8;
@@ -49,21 +49,50 @@ pub(super) fn outliers(weighing: &Weighing) -> Option<String> {
 
 /// Repeated readings.
 pub(super) fn repeats(repeats: &Repeats) -> String {
-    let mut said = format!(
-        "{} readings of {} poses repeat to {} µm and {} mrad (pooled standard deviation per axis, {} degrees of \
-         freedom), {} times the stated noise; poses meet the model to {} (lack of fit: F = {}, p = {}).",
-        repeats.readings,
-        repeats.visits,
-        general(1e6 * repeats.position_m, 3),
-        general(1e3 * repeats.rotation_rad, 2),
-        repeats.degrees,
-        general(repeats.within_over_noise, 3),
-        general(repeats.between_over_noise, 3),
-        general(repeats.lack_of_fit, 3),
-        general(repeats.p_value, 2),
+    let subject = format!("{} readings of {} poses", repeats.readings, repeats.visits);
+    let to = [(repeats.position_m, "m"), (repeats.rotation_rad, "rad")];
+    let to = to.map(|(sigma, unit)| deviation(sigma, unit)).join(" and ");
+    let mut said = repeat_to(
+        &subject,
+        (&to, " per axis"),
+        repeats.degrees as f64,
+        (repeats.within_over_noise, "stated"),
+        Some(("poses", &repeats.lack_of_fit)),
     );
-    if repeats.shared_over_noise > 0.0 && repeats.p_value < LEVEL {
+    if repeats.shared_over_noise > 0.0 && repeats.lack_of_fit.p_value < LEVEL {
         said += " What the readings of a pose share counts once.";
     }
     said
+}
+
+/// Repeatability and lack of fit. Readings (`subject`) repeat `to` so much with some degrees of freedom, which is so much
+/// over the noise, stated or estimated; and what they were taken of meets the model.
+pub(crate) fn repeat_to(
+    subject: &str,
+    (to, each): (&str, &str),
+    degrees: f64,
+    (within, noise): (f64, &str),
+    lack_of_fit: Option<(&str, &LackOfFit)>,
+) -> String {
+    let meet = lack_of_fit.map_or_else(String::new, |(of, test)| {
+        format!(
+            "; {of} meet the model to {} (lack of fit: F = {}, p = {})",
+            general(test.over_noise, 3),
+            general(test.f, 3),
+            general(test.p_value, 2)
+        )
+    });
+    format!(
+        "{subject} repeat to {to} (pooled standard deviation{each}, {degrees:.0} degrees of freedom), {} times the {noise} \
+         noise{meet}.",
+        general(within, 3)
+    )
+}
+
+/// A standard deviation of lengths (`m`) or angles (`rad`).
+pub(crate) fn deviation(sigma: f64, unit: &str) -> String {
+    match unit {
+        "m" => format!("{} µm", general(1e6 * sigma, 3)),
+        _ => format!("{} mrad", general(1e3 * sigma, 2)),
+    }
 }

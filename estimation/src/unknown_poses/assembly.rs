@@ -8,10 +8,10 @@ use tau_kinematics::{Machine, Pose};
 use tau_robot::measurements::{Conditions, DISTANCES, Folder, PlateKind, PlateRow, TCP_POSES};
 use tau_robot::robot_file::{RobotFile, StatedNoise};
 
-use super::kinds::{AXES, FIRST_GUESS_M, kinds_of_noise};
+use super::kinds::{FIRST_GUESS_M, kinds_of_noise};
 use super::objects::{Object, ObjectUnknown, collect_objects};
 use super::quantity::{Measured, Quantity, base};
-use super::rows::{Kind, RowPlace, Rows};
+use super::rows::{AXES, Kind, RowPlace, Rows};
 use crate::calibration::error::Error;
 use crate::numerics::parallel;
 use crate::problem::POSE_UNKNOWNS;

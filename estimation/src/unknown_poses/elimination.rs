@@ -36,7 +36,7 @@ impl Reduced {
 }
 
 /// Rows of poses that belong together, as ranges of [`Clusters`].
-struct Cluster {
+pub(super) struct Cluster {
     /// Indices of the free unknowns of its poses.
     own: Range<usize>,
     /// Block and index of each sample.
@@ -112,8 +112,8 @@ enum Place {
 
 /// Rows about a point, with what is needed to take them apart.
 pub(super) struct Elimination<'a> {
-    blocks: &'a [Rows],
-    kinds: &'a [Kind],
+    pub(super) blocks: &'a [Rows],
+    pub(super) kinds: &'a [Kind],
     /// Values of the shared unknowns.
     shared: &'a [f64],
     /// Number of unknowns of the poses.
@@ -200,7 +200,7 @@ impl<'a> Elimination<'a> {
     }
 
     /// Derivatives of a cluster's rows, the poses' part projected out of those by the shared unknowns.
-    fn fill(&self, cluster: &Cluster, dense: &mut Dense) {
+    pub(super) fn fill(&self, cluster: &Cluster, dense: &mut Dense) {
         let count = self.row_count(cluster);
         dense.clear(count, self.shared.len(), cluster.own.len());
         let Dense {
@@ -313,13 +313,17 @@ impl<'a> Elimination<'a> {
         }
     }
 
-    fn weight(&self, (block, sample, residual): RowIndex) -> f64 {
+    /// Weight of a row over that of its kind.
+    pub(super) fn weight(&self, (block, sample, residual): RowIndex) -> f64 {
         let rows = &self.blocks[block];
         rows.weights[sample * rows.kinds.len() + residual]
     }
 
     /// Results of `of_chunk` for chunks of clusters, in order.
-    fn of_chunks<T: Send>(&self, of_chunk: impl Fn(&[Cluster], &mut Dense) -> T + Sync) -> Vec<T> {
+    pub(super) fn of_chunks<T: Send>(
+        &self,
+        of_chunk: impl Fn(&[Cluster], &mut Dense) -> T + Sync,
+    ) -> Vec<T> {
         let chunks: Vec<&[Cluster]> = self.clusters.all.chunks(CHUNK).collect();
         parallel::map(&chunks, |clusters| {
             of_chunk(clusters, &mut Dense::default())
@@ -391,6 +395,7 @@ impl<'a> Elimination<'a> {
             rows: 0,
             redundancy: 0.0,
             squares: 0.0,
+            repeats: None,
         };
         let none: Vec<KindFit> = self.kinds.iter().map(none).collect();
         let parts = self.of_chunks(|clusters, dense| {

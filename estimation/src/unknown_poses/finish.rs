@@ -29,7 +29,10 @@ impl Fit<'_> {
         let variance = self.loss_variance(reduced, leverages);
         let covariance = self.covariance(&reduced.triangle, variance);
         let count = self.used.len();
-        let kinds = self.kind_fits(reduced, leverages);
+        let mut kinds = self.kind_fits(reduced, leverages);
+        for (kind, repeats) in kinds.iter_mut().zip(self.repeats(values, reduced)) {
+            kind.repeats = repeats;
+        }
         let machine = self.machine_at(values);
         let fitted = self.fitted((solution, iterations), reduced, variance)?;
         let objects: Vec<ObjectEstimate> = (self.assembly.object_unknowns().enumerate())

@@ -394,6 +394,7 @@ impl<'a> Fit<'a> {
                 rows,
                 redundancy: 0.0,
                 squares: 0.0,
+                repeats: None,
             })
             .collect();
         // Under a loss, gross residuals count as little in the noise as in the fit (P. J. Huber, 1964, proposal 2).

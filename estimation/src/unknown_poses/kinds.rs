@@ -5,16 +5,13 @@ use tau_robot::input_error::InputError;
 use tau_robot::measurements::{DISTANCES, Folder, PlateKind, TCP_POSES};
 use tau_robot::robot_file::{Noise, RobotFile, StatedNoise};
 
-use super::rows::{CART_POSES, CART_POSITIONS, DRIVES, Kind, LINKS};
+use super::rows::{AXES, CART_POSES, CART_POSITIONS, DRIVES, Kind, LINKS};
 use crate::calibration::error::Error;
 use crate::problem::{CLOSURE_SHARE, Component};
 
 /// First guess of a noise that is to be estimated (m). It weighs a kind against others in the first round alone; the
 /// estimate replaces it.
 pub(super) const FIRST_GUESS_M: f64 = 1e-4;
-
-/// Coordinates whose noise is stated by axis.
-pub(super) const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// Kinds whose noise exceeds the stated one by a factor that they share, where their misfit is significantly larger.
 pub(super) struct NoiseGroup {

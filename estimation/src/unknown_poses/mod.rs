@@ -27,6 +27,7 @@ mod objects;
 mod outcome;
 mod quantity;
 mod refusals;
+mod repeats;
 mod rows;
 mod starts;
 #[cfg(test)]
@@ -59,7 +60,7 @@ pub use gauge::Freedom;
 pub use heldout::{HeldOut, HeldOutKind};
 pub use objects::Object;
 pub use outcome::{GrossRow, ObjectEstimate, Rank, RowDivision, UnknownPoses};
-pub use rows::{Kind, KindFit, RowPlace};
+pub use rows::{Kind, KindFit, KindRepeats, RowPlace};
 pub use unsolved::Unsolved;
 
 /// Rounds of fit, weights and noise; a handful is usual. Estimated noise of kinds with little redundancy converges

@@ -2,11 +2,14 @@
 
 use std::sync::Arc;
 
+use tau_robot::measurements::TCP_POSES;
+use tau_robot::robot::Robot;
 use tau_robot::robot_file::StatedNoise;
 use tau_runtime::ResidualFamily;
 use tau_solver::{Block, Loss};
 
 use crate::problem::{Component, POSE_UNKNOWNS, Part};
+use crate::weighing::LackOfFit;
 
 pub use crate::problem::RowPlace;
 
@@ -18,6 +21,8 @@ pub(super) const ABSORBED: f64 = 0.95;
 pub(super) const CART_POSES: &str = "cart_poses.csv";
 /// Set 3.
 pub(super) const CART_POSITIONS: &str = "cart_positions.csv";
+/// Coordinates whose noise is stated by axis.
+pub(super) const AXES: [&str; 3] = ["x", "y", "z"];
 /// Name under which the residuals of links are told.
 pub(super) const DRIVES: &str = "drives";
 /// Name under which they are told where links have noise of their own.
@@ -64,6 +69,44 @@ impl Kind {
     pub fn is_exact(&self) -> bool {
         self.stated.is_none()
     }
+
+    /// Unit of the noise on a robot: that of drives is theirs, rad where all of them turn.
+    pub fn unit_on(&self, robot: &Robot) -> &'static str {
+        let turn = (0..robot.commands).all(|command| robot.is_angle(command));
+        if self.quantity == "closure" && turn {
+            "rad"
+        } else {
+            self.unit
+        }
+    }
+
+    /// The file, with the quantity where it has several.
+    pub(super) fn words(&self) -> String {
+        if AXES.contains(&self.quantity) || self.file == TCP_POSES {
+            format!("{} in {}", self.quantity, self.file)
+        } else {
+            self.file.to_owned()
+        }
+    }
+}
+
+/// Repeatability and lack of fit of a kind, from rows that measure the same.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct KindRepeats {
+    /// Number of quantities that were measured.
+    pub quantities: usize,
+    /// Number of readings of them.
+    pub readings: usize,
+    /// Degrees of freedom of the scatter of readings about their means.
+    pub degrees: f64,
+    /// Pooled standard deviation of readings of one quantity, in the unit of the kind.
+    pub sigma: f64,
+    /// Root mean square of the scatter over the noise.
+    pub within_over_noise: f64,
+    /// Root mean square of what the model misses the means by, in the unit of the kind.
+    pub missed: f64,
+    /// Test of what the model misses the means by; `None` where poses and parameters follow them.
+    pub lack_of_fit: Option<LackOfFit>,
 }
 
 /// A kind of residual, and how it is met.
@@ -77,6 +120,8 @@ pub struct KindFit {
     pub redundancy: f64,
     /// Sum of their squares over the noise.
     pub squares: f64,
+    /// Repeated readings, if there are any; of a calibration.
+    pub repeats: Option<KindRepeats>,
 }
 
 impl KindFit {
@@ -206,6 +251,12 @@ impl Rows {
     pub(super) fn poses_of(&self, sample: usize) -> Option<[usize; 2]> {
         let own = self.own_of(sample);
         Some([own.first()?, own.last()?].map(|index| index / POSE_UNKNOWNS))
+    }
+
+    /// The same in the order of their numbers: a distance is that from either end.
+    pub(super) fn ends_of(&self, sample: usize) -> Option<[usize; 2]> {
+        let [a, b] = self.poses_of(sample)?;
+        Some([a.min(b), a.max(b)])
     }
 
     /// The rows for the solver; poses' unknowns stand behind the `shared` ones.

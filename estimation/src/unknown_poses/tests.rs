@@ -1,5 +1,7 @@
 //! Elimination against the dense normal equations of everything at once.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{DMatrix, DVector};
 use tau_kinematics::{Machine, Pose};
 use tau_robot::measurements::{Distance, Folder, PlateKind, PlateRow, Split, TcpPose};
@@ -222,4 +224,154 @@ fn residuals_without_poses_have_the_derivatives_of_their_closures() {
     let [once, twice] = [1.0, 2.0].map(off);
     assert!(once < 1e-2 * predicted.norm(), "{once}");
     assert!((3.0..5.0).contains(&(twice / once)), "{once} {twice}");
+}
+
+/// Two or three readings of most quantities, with noise of their own, and drives that read a little otherwise each time.
+fn with_repeats(mut folder: Folder) -> Folder {
+    let mut random = crate::numerics::distribution::Random(5);
+    let mut off = |scale: f64| scale * (random.below(2001) as f64 - 1000.0) / 1000.0;
+    let once = std::mem::take(&mut folder.plate_rows);
+    for (index, row) in once.iter().enumerate() {
+        for reading in 0..=index % 3 {
+            let mut again = row.clone();
+            again.line = folder.plate_rows.len() + 2;
+            for (value, sigma) in again.values.iter_mut().zip(&mut again.sigmas) {
+                *value = value.map(|value| value + off(2e-5));
+                *sigma = Some(1e-5 * (1.0 + reading as f64));
+            }
+            for command in &mut again.commands_m {
+                *command += off(2e-6);
+            }
+            folder.plate_rows.push(again);
+        }
+    }
+    let once = folder.distances.clone();
+    for row in &once {
+        folder.distances.push(Distance {
+            line: folder.distances.len() + 2,
+            poses: [row.poses[1], row.poses[0]],
+            distance_m: row.distance_m + off(2e-5),
+            sigma_m: Some(2e-5),
+        });
+    }
+    folder
+}
+
+/// What is left of means of readings, and what readings scatter about them, against the hat matrix of everything at once.
+#[test]
+fn repeats_are_those_of_the_dense_hat_matrix() {
+    let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
+    let mut file = prototype::robot_file().unwrap();
+    file.measuring.drives = vec![tau_robot::robot_file::StatedNoise::Known(2e-6)];
+    let file = file.completed(&robot);
+    let folder = with_repeats(folder());
+    let division = RowDivision::of(&folder, Split::All);
+    let variant = robot.variant("Full").unwrap();
+    let fit = Fit::new(&robot, variant, &file, &folder, &division).unwrap();
+    let elimination = fit.elimination(&fit.start);
+    let reduced = elimination.reduce();
+    let found = fit.repeats(&fit.start, &reduced);
+
+    // All rows by all unknowns, those with tolerances in units of these.
+    let raw = elimination.raw_clusters();
+    let (scales, shared) = (fit.scales(), fit.shared());
+    assert!(fit.has_prior().iter().all(|has| *has));
+    let height: usize = raw.iter().map(|own| own.rows.len()).sum();
+    let width = shared + raw.iter().map(|own| own.by_own.ncols()).sum::<usize>();
+    let mut all = DMatrix::zeros(height + shared, width);
+    let (mut at, mut column, mut rows, mut residuals) = (0, shared, vec![], vec![]);
+    for own in &raw {
+        let (count, poses) = own.by_own.shape();
+        for (k, scale) in scales.iter().enumerate() {
+            let scaled = own.by_shared.column(k) * *scale;
+            all.view_mut((at, k), (count, 1)).copy_from(&scaled);
+        }
+        all.view_mut((at, column), (count, poses))
+            .copy_from(&own.by_own);
+        rows.extend(&own.rows);
+        residuals.extend(own.residuals.iter());
+        (at, column) = (at + count, column + poses);
+    }
+    all.view_mut((height, 0), (shared, shared))
+        .fill_with_identity();
+    let q = all.qr().q().rows(0, height).into_owned();
+    let left = DMatrix::identity(height, height) - &q * q.transpose();
+
+    let redundancies = fit.kind_fits(
+        &reduced,
+        &elimination.leverages(&fit.determined(&reduced.triangle, 1.0).0),
+    );
+    for (kind, (repeats, redundancy)) in found.iter().zip(&redundancies).enumerate() {
+        let of_kind = |row: &usize| {
+            let (block, _, residual) = rows[*row];
+            fit.blocks[block].kinds[residual] == kind
+        };
+        let own: Vec<usize> = (0..height).filter(of_kind).collect();
+        let is_drives = redundancy.kind.file == "drives";
+        // What a row measures, and its noise.
+        let mut groups: BTreeMap<_, Vec<(usize, f64)>> = BTreeMap::new();
+        for (index, &row) in own.iter().enumerate() {
+            let (block, sample, residual) = rows[row];
+            let place = fit.blocks[block].places[sample];
+            let (key, sigma) = if is_drives {
+                ((place.pose, 0, residual), None)
+            } else if place.file == "distances.csv" {
+                let row = &folder.distances[place.line - 2];
+                let [a, b] = row.poses;
+                ((a.min(b), a.max(b), 0), row.sigma_m)
+            } else {
+                let mut rows = folder.plate_rows.iter();
+                let of = |row: &&PlateRow| row.kind.file() == place.file && row.line == place.line;
+                (
+                    (place.pose, 0, residual),
+                    rows.find(of).unwrap().sigmas[residual],
+                )
+            };
+            groups
+                .entry(key)
+                .or_default()
+                .push((index, sigma.unwrap_or(1e-5)));
+        }
+        let mut means = DMatrix::zeros(groups.len(), own.len());
+        for (group, readings) in groups.values().enumerate() {
+            let length = readings
+                .iter()
+                .map(|own| own.1.powi(-2))
+                .sum::<f64>()
+                .sqrt();
+            for (index, sigma) in readings {
+                means[(group, *index)] = 1.0 / sigma / length;
+            }
+        }
+        let residuals = DVector::from_iterator(own.len(), own.iter().map(|&row| residuals[row]));
+        let left = left.select_rows(&own).select_columns(&own);
+        let of_means = &means * &left * means.transpose();
+        let between = (&means * &residuals).norm_squared();
+        let within = residuals.norm_squared() - between;
+        let repeats = repeats.unwrap();
+        let counts = (repeats.quantities, repeats.readings);
+        assert_eq!(counts, (groups.len(), own.len()));
+        let repeated = (own.len() - groups.len()) as f64;
+        // Three drives move six links.
+        let degrees = if is_drives { 0.5 * repeated } else { repeated };
+        assert!((repeats.degrees - degrees).abs() < 1e-9);
+        let same = |a: f64, b: f64| assert!((a / b - 1.0).abs() < 1e-6, "{kind}: {a} {b}");
+        same(repeats.within_over_noise.powi(2) * degrees, within);
+        // The fit takes nothing from the scatter of readings of one quantity.
+        let off = redundancy.redundancy - (repeated + of_means.trace());
+        // Closures at commands that differ have derivatives that differ.
+        let allowed = if is_drives { 1e-3 } else { 1e-9 };
+        assert!(off.abs() < allowed * repeated, "{kind}: {off:e}");
+        let Some(test) = repeats.lack_of_fit else {
+            assert!(is_drives);
+            continue;
+        };
+        same(test.over_noise.powi(2) * of_means.trace(), between);
+        same(
+            test.degrees.0,
+            of_means.trace().powi(2) / of_means.norm_squared(),
+        );
+        assert_eq!(test.degrees.1, repeats.degrees);
+        same(test.f, between / of_means.trace() / (within / degrees));
+    }
 }

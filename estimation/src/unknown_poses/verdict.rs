@@ -3,12 +3,15 @@
 use tau_kinematics::Sample;
 
 use super::UnknownPoses;
-use super::kinds::AXES;
-use super::rows::Kind;
+use super::outcome::SIGNIFICANT;
+use super::rows::{Kind, KindFit};
+use crate::numerics::distribution::chi2_survival;
+use crate::trust::weighing_words::{deviation, repeat_to};
 use crate::trust::{
     FileFit, LARGEST_MISFIT, LISTED, PoseFit, Pull, Status, Verdict, general, shorten,
 };
 use crate::weighing::Outlier;
+
 /// A parameter that is pulled farther than this many tolerances has a wrong tolerance, or takes up what the model
 /// lacks: of a hundred parameters, one in a hundred and fifty machines has one by chance.
 const FAR_PULL: f64 = 4.0;
@@ -25,6 +28,79 @@ impl UnknownPoses {
         length_m.unwrap_or(f64::INFINITY)
     }
 
+    /// Repeated readings of a kind.
+    fn repeatability(&self, fit: &KindFit) -> Option<String> {
+        let repeats = fit.repeats?;
+        let unit = fit.kind.unit_on(&self.calibration.machine.robot);
+        let subject = format!(
+            "Of {}, {} readings of {} values",
+            fit.kind.words(),
+            repeats.readings,
+            repeats.quantities
+        );
+        let noise = if fit.kind.is_estimated() {
+            "estimated"
+        } else {
+            "stated"
+        };
+        Some(repeat_to(
+            &subject,
+            (&deviation(repeats.sigma, unit), ""),
+            repeats.degrees,
+            (repeats.within_over_noise, noise),
+            repeats.lack_of_fit.as_ref().map(|test| ("values", test)),
+        ))
+    }
+
+    /// What makes residuals as large as they are, as far as repeated readings tell: noise that scatters more than stated,
+    /// or what the model misses; of the kinds that `takes` says.
+    fn causes(&self, takes: impl Fn(&Kind) -> bool) -> Vec<String> {
+        let robot = &self.calibration.machine.robot;
+        let noisy = || {
+            self.kinds
+                .iter()
+                .filter(|fit| fit.rows > 0 && !fit.kind.is_exact())
+        };
+        let is_too_small = |fit: &KindFit| {
+            let own = fit.repeats.filter(|_| !fit.kind.is_estimated());
+            own.is_some_and(|own| {
+                let squares = own.within_over_noise.powi(2) * own.degrees;
+                chi2_survival(squares, own.degrees) < SIGNIFICANT
+            })
+        };
+        let mut causes = vec![];
+        for fit in noisy().filter(|fit| takes(&fit.kind)) {
+            let Some(repeats) = fit.repeats else { continue };
+            let own = fit.kind.words();
+            let in_words = |sigma| deviation(sigma, fit.kind.unit_on(robot));
+            if is_too_small(fit) {
+                causes.push(format!(
+                    "The stated noise of {own} is too small: readings of one value scatter by {}.",
+                    in_words(repeats.sigma)
+                ));
+            }
+            // Noise of other kinds, which no readings confirm, moves poses and so means.
+            let others: Vec<String> = noisy()
+                .filter(|other| other.kind != fit.kind)
+                .filter(|other| other.repeats.is_none() || is_too_small(other))
+                .map(|other| other.kind.words())
+                .collect();
+            let or_noise = if others.is_empty() {
+                String::new()
+            } else {
+                format!(", or the noise of {} is larger", others.join(" and "))
+            };
+            if (repeats.lack_of_fit).is_some_and(|test| test.p_value < SIGNIFICANT) {
+                causes.push(format!(
+                    "Readings of {own} repeat to {}, the model misses their means by {}: it lacks something{or_noise}.",
+                    in_words(repeats.sigma),
+                    in_words(repeats.missed)
+                ));
+            }
+        }
+        causes
+    }
+
     /// Residuals against noise and parameters against tolerances.
     pub fn verdict(&self) -> Verdict {
         let ratio = self.residual_over_noise();
@@ -36,12 +112,20 @@ impl UnknownPoses {
                 general(ratio, 3),
                 general(self.dof, 3)
             ));
+            // Noise that was estimated from residuals holds what the model misses.
+            why.extend(self.causes(Kind::is_estimated));
         } else {
             status = Status::Inconsistent;
-            why.push(format!(
-                "Residuals are {} times the stated noise: the model lacks something, or the noise is larger.",
-                general(ratio, 3)
-            ));
+            let causes = self.causes(|_| true);
+            why.push(if causes.is_empty() {
+                format!(
+                    "Residuals are {} times the stated noise: the model lacks something, or the noise is larger.",
+                    general(ratio, 3)
+                )
+            } else {
+                format!("Residuals are {} times the stated noise.", general(ratio, 3))
+            });
+            why.extend(causes);
             if self.widened > 1.0 {
                 why.push(format!(
                     "At the stated noise the parameters do not settle: they are those at {} times that noise, where \
@@ -79,18 +163,8 @@ impl UnknownPoses {
             ));
         }
         for kind in self.kinds.iter().filter(|kind| kind.kind.is_estimated()) {
-            let Kind {
-                file,
-                quantity,
-                unit,
-                sigma,
-                ..
-            } = kind.kind;
-            let own = if AXES.contains(&quantity) {
-                format!("{quantity} in {file}")
-            } else {
-                file.to_owned()
-            };
+            let own = kind.kind.words();
+            let Kind { unit, sigma, .. } = kind.kind;
             why.push(match kind.residual_over_noise() {
                 Some(_) => format!(
                     "The noise of {own} was estimated: {} {unit}.",
@@ -115,6 +189,11 @@ impl UnknownPoses {
                 missed.join(", ")
             ));
         }
+        let repeatability = self
+            .kinds
+            .iter()
+            .filter_map(|kind| self.repeatability(kind));
+        why.extend(repeatability);
         for mistake in &self.mistakes {
             status = Status::Absurd;
             why.insert(

@@ -5,6 +5,7 @@
 //! what the largest of so many poses hardly exceeds (see [`outliers`]), at the stated noise or, where residuals are
 //! larger, at the scale that most of them have: larger noise, or an effect that the model lacks, makes no outliers.
 
+mod lack_of_fit;
 mod loss;
 mod repeats;
 
@@ -22,6 +23,8 @@ use crate::samples::outliers;
 use crate::trust::judged::Judged;
 use repeats::ByVisit;
 
+pub use lack_of_fit::LackOfFit;
+pub(crate) use lack_of_fit::{along, apart, together};
 pub use loss::Loss;
 pub use repeats::Repeats;
 

@@ -11,7 +11,8 @@ use std::collections::BTreeMap;
 use nalgebra::{DVector, Matrix3, Vector3};
 use tau_kinematics::nearest_rotation;
 
-use crate::numerics::distribution::{bisect, f_survival, log10_f_survival};
+use super::lack_of_fit::{LackOfFit, ROUNDED, along, apart, together};
+use crate::numerics::distribution::bisect;
 use crate::samples::Sample;
 
 /// Repeatability and lack of fit, from repeated readings.
@@ -29,16 +30,8 @@ pub struct Repeats {
     pub rotation_rad: f64,
     /// Root mean square of the residuals within visits, over the stated noise.
     pub within_over_noise: f64,
-    /// Root mean square of the residuals between visits, a reading's worth, over the stated noise.
-    pub between_over_noise: f64,
-    /// Squares between over squares within visits, each by its degrees of freedom: the lack-of-fit statistic, F.
-    pub lack_of_fit: f64,
-    /// Degrees of freedom between and within visits.
-    pub lack_of_fit_degrees: (f64, f64),
-    /// Chance of so large a statistic where the model lacks nothing and the machine repeats.
-    pub p_value: f64,
-    /// Its decimal logarithm, also where it is below the smallest number.
-    pub log10_p_value: f64,
+    /// Test of the residuals between visits against those within.
+    pub lack_of_fit: LackOfFit,
     /// Standard deviation of what readings of a visit share, over the stated noise.
     pub shared_over_noise: f64,
     /// Variance left between visits, over that which the fit takes it to be.
@@ -64,18 +57,15 @@ impl ByVisit {
         }
         let (mut means, mut within, mut readings) = (Vec::new(), 0.0, 0);
         for group in groups.values() {
-            let of = |&sample: &usize| residuals.rows(sample * each, each);
-            let mut mean = DVector::zeros(each);
-            for sample in group {
-                mean += of(sample);
+            let direction = together(group.iter().map(|_| 1.0));
+            let mut shared = 0.0;
+            for k in 0..each {
+                let of = group.iter().map(|sample| residuals[sample * each + k]);
+                shared += along(&direction, of.clone()).powi(2);
+                within += apart(&direction, of);
             }
-            mean /= group.len() as f64;
-            let apart = group
-                .iter()
-                .map(|sample| (of(sample) - &mean).norm_squared());
-            within += apart.sum::<f64>();
             readings += group.len();
-            means.push((group.len() as f64, mean.norm_squared()));
+            means.push((group.len() as f64, shared / group.len() as f64));
         }
         Self {
             means,
@@ -104,7 +94,7 @@ impl ByVisit {
     /// Variance of a reading within visits, in units of the stated one.
     fn pure(&self) -> f64 {
         let degrees = (self.readings - self.means.len()) as f64 * self.residuals;
-        (self.within / degrees.max(1.0)).max(1e-12)
+        (self.within / degrees.max(1.0)).max(ROUNDED)
     }
 
     /// Variance of what the readings of a visit share; `degrees` are those of the visits' means.
@@ -135,7 +125,6 @@ impl ByVisit {
     ) -> Repeats {
         let within_degrees = (self.readings - self.means.len()) as f64 * self.residuals;
         let between = plain.between(|_| 1.0) / plain_degrees;
-        let lack_of_fit = between / plain.pure();
         let left = self.between(|n| self.inflation(shared, n)) / degrees;
         Repeats {
             visits: self.means.len(),
@@ -144,11 +133,7 @@ impl ByVisit {
             position_m,
             rotation_rad,
             within_over_noise: plain.pure().sqrt(),
-            between_over_noise: between.sqrt(),
-            lack_of_fit,
-            lack_of_fit_degrees: (plain_degrees, within_degrees),
-            p_value: f_survival(lack_of_fit, plain_degrees, within_degrees),
-            log10_p_value: log10_f_survival(lack_of_fit, plain_degrees, within_degrees),
+            lack_of_fit: LackOfFit::new(between, plain.pure(), (plain_degrees, within_degrees)),
             shared_over_noise: shared.sqrt(),
             excess: left.sqrt(),
         }

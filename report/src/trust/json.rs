@@ -3,7 +3,7 @@
 use serde_json::{Map, Value, json};
 use tau::calibration::Combination;
 use tau::trust::{Check, Checked, FileFacts, Mistake, Reach, Verdict};
-use tau::weighing::{Loss, Outlier, Repeats};
+use tau::weighing::{LackOfFit, Loss, Outlier, Repeats};
 
 use crate::gauge::gauge_json;
 
@@ -52,7 +52,6 @@ pub(crate) fn outlier(outlier: &Outlier) -> Value {
 }
 
 fn repeats(repeats: &Repeats) -> Value {
-    let (between, within) = repeats.lack_of_fit_degrees;
     json!({
         "poses": repeats.visits,
         "readings": repeats.readings,
@@ -62,14 +61,19 @@ fn repeats(repeats: &Repeats) -> Value {
             "dof": repeats.degrees,
             "over_noise": repeats.within_over_noise,
         },
-        "lack_of_fit": {
-            "over_noise": repeats.between_over_noise,
-            "f": repeats.lack_of_fit,
-            "dof": [between, within],
-            "p_value": repeats.p_value,
-            "log10_p_value": repeats.log10_p_value,
-        },
+        "lack_of_fit": lack_of_fit(&repeats.lack_of_fit),
         "shared_over_noise": repeats.shared_over_noise,
+    })
+}
+
+pub(crate) fn lack_of_fit(test: &LackOfFit) -> Value {
+    let (between, within) = test.degrees;
+    json!({
+        "over_noise": test.over_noise,
+        "f": test.f,
+        "dof": [between, within],
+        "p_value": test.p_value,
+        "log10_p_value": test.log10_p_value,
     })
 }
 

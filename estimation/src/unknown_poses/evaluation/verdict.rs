@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::super::kinds::AXES;
+use super::super::rows::AXES;
 use super::super::rows::Kind;
 use super::HeldErrors;
 use crate::numerics::distribution::{chi2_survival, f_survival};

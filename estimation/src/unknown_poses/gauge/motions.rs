@@ -9,9 +9,9 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use tau_kinematics::{Machine, Pose};
 
 use super::super::assembly::UnknownPose;
-use super::super::kinds::AXES;
 use super::super::objects::Object;
 use super::super::quantity::across;
+use super::super::rows::AXES;
 use crate::implicit::Linearized;
 
 /// Share of what a motion asks of the closures that parameters may leave: rounding. A thousandth and a hundred times of it

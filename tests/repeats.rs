@@ -1,0 +1,234 @@
+//! Repeatability beside lack of fit where poses are unknown: on machines of which the truth is known.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use tau::calibration::Options;
+use tau::measurements::{Folder, PlateKind, Split};
+use tau::robot_file::RobotFile;
+use tau::simulation::{Measure, Noise, Simulation, simulate};
+use tau::unknown_poses::{KindRepeats, RowDivision, UnknownPoses, calibrate};
+use tau::weighing::Treatment;
+
+use crate::support::{Random, tau_in};
+use crate::unknown_poses::{robot, simulation};
+
+const MACHINES: u64 = 40;
+/// Standard deviations that one of twelve sums exceeds, on either side, once in a thousand runs.
+const RARE: f64 = 3.94;
+/// Noise of the measurements (m).
+const NOISE_M: f64 = 1e-5;
+/// Noise of the drives (m).
+const DRIVES_M: f64 = 2e-5;
+
+fn fit(variant: &str, file: &RobotFile, folder: &Folder) -> UnknownPoses {
+    let (robot, _) = robot("linear_delta", "");
+    let division = RowDivision::of(folder, Split::All);
+    let variant = robot.variant(variant).unwrap();
+    let options = Options {
+        treatment: Treatment {
+            loss: None,
+            keep_outliers: true,
+        },
+        ..Options::default()
+    };
+    calibrate(&robot, variant, file, folder, &division, &options).unwrap()
+}
+
+fn repeats_of(found: &UnknownPoses, file: &str) -> KindRepeats {
+    let own = found.kinds.iter().find(|fit| fit.kind.file == file);
+    own.unwrap().repeats.unwrap()
+}
+
+/// Heights and distances, three readings each.
+fn heights(more: &str, change: impl FnOnce(&mut Simulation)) -> (RobotFile, Folder) {
+    let (robot, file) = robot("linear_delta", more);
+    let measures = [Measure::Rows(PlateKind::Height), Measure::Distances];
+    let mut simulation = Simulation {
+        readings: 3,
+        ..simulation(&robot, &file, "Nominal", &measures, 25)
+    };
+    change(&mut simulation);
+    (file, simulate(&simulation).unwrap().folder)
+}
+
+/// Four readings of positions, and of drives with noise.
+fn positions(variant: &str, seed: u64) -> (RobotFile, Folder) {
+    let (robot, file) = robot("linear_delta", "");
+    let measures = [Measure::Rows(PlateKind::Position)];
+    let simulated = simulate(&Simulation {
+        seed,
+        readings: 4,
+        ..simulation(&robot, &file, variant, &measures, 20)
+    });
+    let mut folder = simulated.unwrap().folder;
+    let mut random = Random(seed);
+    for row in &mut folder.plate_rows {
+        for command in &mut row.commands_m {
+            *command += DRIVES_M * random.normal();
+        }
+    }
+    let noisy = format!("[drives]\nnoise_m = {DRIVES_M:e}\n");
+    (
+        crate::unknown_poses::robot("linear_delta", &noisy).1,
+        folder,
+    )
+}
+
+/// Pooled standard deviation of values about the means of their groups, and the number of these.
+fn pooled<K: Ord>(values: impl Iterator<Item = (K, f64)>) -> (f64, usize) {
+    let mut groups: BTreeMap<K, Vec<f64>> = BTreeMap::new();
+    values.for_each(|(key, value)| groups.entry(key).or_default().push(value));
+    let (mut squares, mut degrees) = (0.0, 0.0);
+    for own in groups.values() {
+        let mean = own.iter().sum::<f64>() / own.len() as f64;
+        squares += own.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
+        degrees += own.len() as f64 - 1.0;
+    }
+    ((squares / degrees).sqrt(), groups.len())
+}
+
+/// Under a right model p-values are evenly spread, by mean and variance, and readings scatter as simulated.
+#[test]
+fn right_models_have_even_p_values_and_the_noise_that_was_simulated() {
+    let mut by_kind: BTreeMap<&str, Vec<KindRepeats>> = BTreeMap::new();
+    for seed in 1..=MACHINES {
+        let (file, folder) = heights("", |simulation| simulation.seed = seed);
+        let found = fit("Nominal", &file, &folder);
+        for file in ["heights.csv", "distances.csv"] {
+            by_kind
+                .entry(file)
+                .or_default()
+                .push(repeats_of(&found, file));
+        }
+        let heights = folder.plate_rows.iter();
+        let distances = folder.distances.iter();
+        let by_hand = [
+            pooled(heights.map(|row| (row.pose, row.values[0].unwrap()))),
+            // A distance is that from either end.
+            pooled(distances.map(|row| (BTreeSet::from(row.poses), row.distance_m))),
+        ];
+        for (file, (sigma, quantities)) in ["heights.csv", "distances.csv"].iter().zip(by_hand) {
+            let repeats = repeats_of(&found, file);
+            assert_eq!(repeats.quantities, quantities, "{file}");
+            let ratio = repeats.sigma / sigma;
+            assert!((ratio - 1.0).abs() < 1e-6, "{file}: {ratio}");
+        }
+        let (file, folder) = positions("Nominal", seed);
+        let found = fit("Nominal", &file, &folder);
+        for file in ["tcp_positions.csv", "drives"] {
+            by_kind
+                .entry(file)
+                .or_default()
+                .push(repeats_of(&found, file));
+        }
+    }
+    for (file, all) in by_kind {
+        let noise_m = if file == "drives" { DRIVES_M } else { NOISE_M };
+        let degrees: f64 = all.iter().map(|own| own.degrees).sum();
+        let squares: f64 = all.iter().map(|own| own.degrees * own.sigma.powi(2)).sum();
+        let variance = squares / degrees / noise_m.powi(2);
+        let spread = (2.0 / degrees).sqrt();
+        assert!((variance - 1.0).abs() < RARE * spread, "{file}: {variance}");
+        let tests: Vec<f64> = (all.iter())
+            .filter_map(|own| Some(own.lack_of_fit?.p_value - 0.5))
+            .collect();
+        assert_eq!(tests.len() as u64, MACHINES, "{file}");
+        let count = tests.len() as f64;
+        // A uniform number less its mean has the variance 1/12, its square the variance 1/180.
+        let mean = tests.iter().sum::<f64>() / count;
+        assert!(mean.abs() < RARE / (12.0 * count).sqrt(), "{file}: {mean}");
+        let square = tests.iter().map(|own| own * own).sum::<f64>() / count;
+        let off = (square - 1.0 / 12.0).abs();
+        assert!(off < RARE / (180.0 * count).sqrt(), "{file}: {square}");
+    }
+}
+
+/// What the model lacks is told from noise that is larger than stated, also where noise is estimated.
+#[test]
+fn an_effect_shows_as_lack_of_fit_and_noise_as_scatter() {
+    let effect = |simulation: &mut Simulation| {
+        let text = "rack_pitch(a): sine=8e-5, period=0.0133";
+        let parsed = tau::simulation::Effect::parse(text, &simulation.robot, "effect");
+        simulation.effects = vec![parsed.unwrap()];
+    };
+    let (file, folder) = heights("", effect);
+    let found = fit("Nominal", &file, &folder);
+    let repeats = repeats_of(&found, "heights.csv");
+    // 50 degrees of freedom: four standard deviations of a standard deviation are 40 %.
+    assert!((repeats.sigma / NOISE_M - 1.0).abs() < 0.4, "{repeats:?}");
+    let test = repeats.lack_of_fit.unwrap();
+    assert!(test.p_value < 1e-6 && test.over_noise > 2.0, "{test:?}");
+    assert!(repeats.missed > NOISE_M, "{repeats:?}");
+    let why = found.verdict().why.join(" ");
+    assert!(why.contains("Readings of heights.csv repeat to"), "{why}");
+    assert!(why.contains("it lacks something."), "{why}");
+    assert!(!why.contains("too small"), "{why}");
+
+    let (file, folder) = heights("", |simulation| {
+        simulation.noise = Noise {
+            scale: [3.0; 3],
+            ..Noise::default()
+        };
+    });
+    let found = fit("Nominal", &file, &folder);
+    let test = repeats_of(&found, "heights.csv").lack_of_fit.unwrap();
+    assert!(test.p_value > 1e-3, "{test:?}");
+    let why = found.verdict().why.join(" ");
+    let expected = "The stated noise of heights.csv is too small: readings of one value scatter by";
+    assert!(why.contains(expected), "{why}");
+    assert!(!why.contains("lacks something"), "{why}");
+
+    let estimated =
+        "[noise.heights]\nheight_m = \"estimate\"\n[noise.distances]\ndistance_m = \"estimate\"\n";
+    let (file, folder) = heights(estimated, effect);
+    let found = fit("Nominal", &file, &folder);
+    let repeats = repeats_of(&found, "heights.csv");
+    assert!((repeats.sigma / NOISE_M - 1.0).abs() < 0.4, "{repeats:?}");
+    assert!(repeats.lack_of_fit.unwrap().p_value < 1e-6, "{repeats:?}");
+    let why = found.verdict().why.join(" ");
+    assert!(why.contains("it lacks something."), "{why}");
+}
+
+/// Of the six closures of a reading three tell of noise: a drive moves two links.
+#[test]
+fn links_of_one_drive_scatter_together() {
+    let (file, folder) = positions("Full", 1);
+    let repeats = repeats_of(&fit("Full", &file, &folder), "drives");
+    assert_eq!((repeats.quantities, repeats.readings), (120, 480));
+    assert!((repeats.degrees - 180.0).abs() < 1e-9, "{repeats:?}");
+    // Four standard deviations of a standard deviation are 21 %; all six would make it 29 % too small.
+    assert!((repeats.sigma / DRIVES_M - 1.0).abs() < 0.21, "{repeats:?}");
+}
+
+/// From files to the screen and the JSON.
+#[test]
+fn repeats_are_said_by_the_command() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |line: &str| tau_in(folder.path(), line);
+    let model = "--model ROBOTS/linear_delta.tau --variant Nominal";
+    for readings in [1, 3] {
+        run(&format!(
+            "tau simulate {model} --measure heights,distances --poses 60 --readings {readings} --random --track-points 0 \
+             --cart-poses 0 --out DIR/measured{readings}"
+        ))
+        .done();
+        let calibrate = format!(
+            "tau calibrate DIR/measured{readings} {model} --split all --out DIR/out{readings}"
+        );
+        let said = run(&calibrate).done();
+        let found = run(&format!("{calibrate} --json - -q")).json();
+        let kinds = found["kinds"].as_array().unwrap();
+        let heights = kinds.iter().find(|kind| kind["file"] == "heights.csv");
+        let repeats = &heights.unwrap()["repeats"];
+        assert_eq!(said.contains("repeat to"), readings > 1, "{said}");
+        assert_eq!(repeats.is_null(), readings == 1, "{repeats}");
+        if readings > 1 {
+            assert_eq!(
+                (&repeats["quantities"], &repeats["readings"]),
+                (&60.into(), &180.into())
+            );
+            assert_eq!(repeats["repeatability"]["dof"], 120.0);
+            assert!(repeats["lack_of_fit"]["p_value"].is_f64());
+        }
+    }
+}
