@@ -23,6 +23,7 @@ mod evaluate;
 mod evidence;
 mod gauge;
 mod generated_discovery;
+mod gross_rows;
 mod hand_written;
 mod hangprinter;
 mod kinematics;

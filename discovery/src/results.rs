@@ -9,6 +9,8 @@ pub use tau_codegen::language::model::{Readable, Target};
 pub use tau_codegen::language::units::Dimension;
 use tau_estimation::evaluation::Summary;
 pub use tau_estimation::samples::Treatment;
+use tau_estimation::unknown_poses;
+use tau_kinematics::Machine;
 
 mod words;
 
@@ -181,7 +183,7 @@ impl From<Summary> for Gap {
 }
 
 /// A single measurement far off the others.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GrossRow {
     /// Name of the file.
     pub file: String,
@@ -192,6 +194,21 @@ pub struct GrossRow {
     /// Name of the link, where it is the reading of its drive.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub drive: Option<String>,
+    /// Its residual over the standard deviation that noise lets expect of it.
+    pub sigmas: f64,
+}
+
+impl GrossRow {
+    /// A row of a calibration of a machine.
+    pub(super) fn of(row: &unknown_poses::GrossRow, machine: &Machine) -> Self {
+        Self {
+            file: row.place.file.to_owned(),
+            line: row.place.line,
+            pose: row.place.pose,
+            drive: row.drive(machine).map(str::to_owned),
+            sigmas: row.sigmas,
+        }
+    }
 }
 
 /// Residuals of one kind against their noise.

@@ -13,6 +13,7 @@ use tau_robot::robot::Robot;
 use tau_robot::robot_file::{RobotFile, Value};
 
 use super::constants::count;
+use super::results::GrossRow;
 use super::{
     Constants, DISCOVERED, Error, Input, Options, Outcome, remark_on_part, searched, variant_of,
 };
@@ -115,10 +116,13 @@ pub(super) fn search(
             known = Some(fitted);
             continue;
         }
-        outcome
-            .discovery
-            .remarks
-            .extend(remark.into_iter().chain(part));
+        let found = &mut outcome.discovery;
+        found.remarks.extend(remark.into_iter().chain(part));
+        let machine = &fitted.calibration.machine;
+        let gross = fitted.gross.iter().map(|row| GrossRow::of(row, machine));
+        found.gross_rows.extend(gross);
+        (found.gross_rows)
+            .sort_by(|a, b| (&a.file, a.line, &a.drive).cmp(&(&b.file, b.line, &b.drive)));
         outcome.unknown = Some(OfUnknownPoses {
             folder: estimated,
             division,

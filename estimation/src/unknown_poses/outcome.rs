@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use tau_kinematics::Machine;
 use tau_robot::measurements::{Distance, Folder, PoseCounts, Split};
 
 use super::evaluation::JudgedRows;
@@ -167,6 +168,14 @@ pub struct GrossRow {
     pub sigmas: f64,
     /// Share with which it counts under a loss; 0 where it is left out.
     pub weight: f64,
+}
+
+impl GrossRow {
+    /// Name of the link or cluster whose drive read it; `None` for what is no reading of a drive.
+    pub fn drive<'a>(&self, machine: &'a Machine) -> Option<&'a str> {
+        let closure = machine.closure_instances().nth(self.place.drive?)?;
+        Some(machine.closure_name(closure))
+    }
 }
 
 /// An unknown that is no parameter of the machine.

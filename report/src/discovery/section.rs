@@ -7,6 +7,7 @@ use super::method::{self, Setting};
 use super::{at, findings, tables};
 use crate::elements::{figure, prose, table};
 use crate::figures::Figure;
+use crate::unknown_poses::LEFT_OUT;
 
 /// A part of the evidence.
 pub(crate) struct Part {
@@ -45,6 +46,7 @@ pub(crate) fn sentences(found: &Discovery) -> Markup {
         .chain(findings::undisputed(found))
         .collect();
     let unnamed = findings::unnamed(found);
+    let gross = findings::gross_rows(found);
     html! {
         p { (findings::verdict(found)) }
         p { (findings::gap(found)) }
@@ -70,6 +72,10 @@ pub(crate) fn sentences(found: &Discovery) -> Markup {
             @for sentence in findings::remains(found) { li { (sentence) } }
             @if let Some(outliers) = findings::outliers(&found.left_out) { li { (outliers) } }
             @for blind in findings::blind(found) { li { (blind) } }
+        }
+        @if !gross.is_empty() {
+            h3 { (LEFT_OUT) }
+            ul { @for row in &gross { li { (row) } } }
         }
         @if !found.remarks.is_empty() {
             aside.remarks {
