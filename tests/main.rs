@@ -39,6 +39,7 @@ mod sensitivity;
 mod session;
 mod side_by_side;
 mod simulation;
+mod split_all;
 mod standard_robots;
 mod start;
 mod study;

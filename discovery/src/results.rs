@@ -116,7 +116,19 @@ pub struct Validation {
     pub of: ErrorOf,
 }
 
-/// Kind of the errors on poses that took no part.
+impl Validation {
+    /// Poses or measurements of which the errors are shown.
+    pub fn compared(&self) -> &'static str {
+        match (self.of, self.held_out) {
+            (ErrorOf::Position, true) => "the validation poses",
+            (ErrorOf::Position, false) => "the poses that were searched",
+            (ErrorOf::Measurements, true) => "the measurements that were held out",
+            (ErrorOf::Measurements, false) => "the measurements that were searched",
+        }
+    }
+}
+
+/// Kind of the errors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ErrorOf {
@@ -141,14 +153,6 @@ impl ErrorOf {
         match self {
             Self::Position => "error at the tool",
             Self::Measurements => "rest of a pose's measurements",
-        }
-    }
-
-    /// Measurements that took no part in the search, of which the error is shown.
-    pub fn held_out(self) -> &'static str {
-        match self {
-            Self::Position => "the validation poses",
-            Self::Measurements => "the measurements that were held out",
         }
     }
 

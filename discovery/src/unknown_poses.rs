@@ -47,6 +47,8 @@ pub(super) struct Unknown<'a> {
     pub(super) poses: EstimatedPoses<'a>,
     /// Values of the base, by name, at which they were estimated.
     pub(super) values: BTreeMap<String, f64>,
+    /// True if those that validate take no part.
+    pub(super) is_held_out: bool,
 }
 
 /// The search in a folder without poses.
@@ -93,6 +95,7 @@ pub(super) fn search(
         }
         let unknown = Unknown {
             values: values.clone(),
+            is_held_out: rows.is_disjoint(),
             poses,
         };
         let (estimated, division) = unknown.poses.folder();

@@ -48,8 +48,13 @@ pub fn terminal(found: &HeldErrors, robot: &Robot, basis: Basis, width: usize) -
         screen.say_within(
             "  ",
             &format!(
-                "{}: foretold from the drives alone to {} rms, {} at most ({} rows)",
+                "{}: {} from the drives alone to {} rms, {} at most ({} rows)",
                 own.file,
+                if basis == Basis::Calibration {
+                    "met"
+                } else {
+                    "foretold"
+                },
                 length(own.rms, "m"),
                 length(own.max, "m"),
                 own.rows

@@ -297,7 +297,7 @@ fn sensitivities(screen: &mut Screen, sensitivity: &Sensitivity, of: Architectur
         screen.gap();
     }
     screen.say(&format!(
-        "{} with steps of {} either way in each parameter, summed over {} validation poses. C is the track \
+        "{} with steps of {} either way in each parameter, summed over {} poses. C is the track \
          offset, O its direction or rotation. Implicit differentiation agrees within {} %.",
         &sensitivity.variant,
         general(sensitivity.step, 1),

@@ -113,7 +113,7 @@ impl RowDivision {
             total,
             in_range: total,
             calibration: self.calibration.len(),
-            validation: self.validation.len(),
+            validation: self.validation.difference(&self.calibration).count(),
         }
     }
 

@@ -59,11 +59,11 @@ pub(crate) fn gap(found: &Discovery) -> String {
     let (before, after) = (found.validation.before, found.validation.after);
     let um = |value: f64| general(value, 3);
     let [floor, ceiling] = [found.noise_floor_um, found.ceiling_um].map(um);
+    let of = found.validation.compared();
     let poses = if found.validation.held_out {
-        let of = found.validation.of.held_out();
         format!("On {of}, which took no part,")
     } else {
-        "On the poses that were searched, for none was kept apart,".to_owned()
+        format!("On {of}, for none were kept apart,")
     };
     let change = if is_base(found) {
         format!(

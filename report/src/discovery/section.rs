@@ -128,9 +128,9 @@ fn gap(found: &Discovery, figures: &[Figure]) -> Markup {
         p {
             "After each step the model is fitted to all measurements at once and predicts "
             @if found.validation.held_out {
-                (found.validation.of.held_out()) ", which take no part in the search."
+                (found.validation.compared()) ", which take no part in the search."
             } @else {
-                "the same poses again: none was kept apart, so part of what the model follows is their noise."
+                (found.validation.compared()) " again: none were kept apart, so part of what the model follows is their noise."
             }
             " The stated noise alone is what a perfect model would show in the mean."
         }
