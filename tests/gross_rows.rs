@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use crate::support::tau_in;
+use crate::support::{number, tau_in};
 
 /// Adds to a number of a table; `line` counts from 1 and the heading is the first.
 fn spoil(folder: &Path, file: &str, line: usize, column: &str, by: f64) {
@@ -20,9 +20,13 @@ fn spoil(folder: &Path, file: &str, line: usize, column: &str, by: f64) {
     fs::write(path, lines.join("\n") + "\n").unwrap();
 }
 
-/// Lines under a title, each a measurement.
+/// Lines under the title of rows that were left out, each a measurement.
 fn left_out(said: &str) -> Vec<&str> {
-    let lines = said.lines().skip_while(|line| *line != "Rows left out");
+    rows_under(said, "Rows left out")
+}
+
+fn rows_under<'a>(said: &'a str, title: &str) -> Vec<&'a str> {
+    let lines = said.lines().skip_while(|line| *line != title);
     let rows = lines.skip(1).take_while(|line| line.starts_with("  "));
     rows.map(str::trim).collect()
 }
@@ -111,4 +115,46 @@ fn poses_that_are_far_off_are_named() {
     assert!(said.contains("Left out as outliers: set 1: 11."), "{said}");
     assert_eq!(left_out(&said), Vec::<&str>::new());
     assert_eq!(json["outliers"], serde_json::json!([11]));
+}
+
+/// Of a reading that is 20 mm off, an ordinary fit is rid, and one with a loss nearly; one that keeps it can't be right.
+#[test]
+fn readings_alone_are_treated_as_was_asked() {
+    let work = tempfile::tempdir().unwrap();
+    let folder = work.path();
+    let line = "tau simulate --model four_belts --variant Full --measure readings --poses 60 --random \
+                --noise-drives 1e-4 --seed 5 --out DIR/measured";
+    tau_in(folder, line).done();
+    spoil(folder, "readings.csv", 22, "q2_m", 0.02);
+    let place = "readings.csv line 22, pose 21, drive of top_right: ";
+    let treated = |asked: &str, title: &str, status: &str| {
+        let line = format!(
+            "tau calibrate DIR/measured --model four_belts --variant Full --out DIR/out --json DIR/j.json {asked}"
+        );
+        let said = tau_in(folder, &line).done();
+        let rows = rows_under(&said, title);
+        assert!(
+            rows.len() == 1 && rows[0].starts_with(place),
+            "{asked}: {said}"
+        );
+        let json: Value =
+            serde_json::from_slice(&fs::read(folder.join("j.json")).unwrap()).unwrap();
+        assert_eq!(json["fit"]["status"], status, "{asked}");
+        number(&json["gross_rows"][0]["weight"])
+    };
+    assert_eq!(treated("", "Rows left out", "consistent"), 0.0);
+    let less = "Rows far off, which count less";
+    let huber = treated("--loss huber", less, "consistent");
+    let cauchy = treated("--loss cauchy", less, "consistent");
+    let tukey = treated("--loss tukey", less, "consistent");
+    assert!(huber > cauchy && cauchy > tukey && tukey == 0.0 && huber < 0.02);
+    let kept = "Rows far off, which count like the others";
+    assert_eq!(treated("--keep-outliers", kept, "inconsistent"), 1.0);
+
+    let study = "tau study DIR/measured --model four_belts --out DIR/study --json - -q";
+    let remark = "the search for effects leaves outliers out";
+    for (asked, is_said) in [("", false), ("--keep-outliers", true)] {
+        let json = tau_in(folder, &format!("{study} {asked}")).json();
+        assert_eq!(json["remarks"].to_string().contains(remark), is_said);
+    }
 }

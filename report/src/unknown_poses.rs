@@ -49,6 +49,7 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
     if !found.gross.is_empty() {
         screen.gap();
         screen.line(match found.loss {
+            None if found.left_out().is_empty() => "Rows far off, which count like the others",
             None => LEFT_OUT,
             Some(_) => "Rows far off, which count less",
         });

@@ -166,7 +166,7 @@ pub struct GrossRow {
     pub place: RowPlace,
     /// Its residual over the noise that the fit leaves of it.
     pub sigmas: f64,
-    /// Share with which it counts under a loss; 0 where it is left out.
+    /// Share with which it counts: 0 where it is left out, 1 where it is kept.
     pub weight: f64,
 }
 
@@ -277,7 +277,7 @@ pub struct UnknownPoses {
     pub kinds: Vec<KindFit>,
     /// Combinations that the measurements determine, and those they leave open.
     pub rank: Rank,
-    /// Rows that were left out, or count less under a loss, worst first.
+    /// Rows that were left out, or count less under a loss, or are kept, worst first.
     pub gross: Vec<GrossRow>,
     /// Fit of rows that took no part; `None` where all did.
     pub held_out: Option<HeldOut>,

@@ -11,6 +11,7 @@ use tau_estimation::numerics::parallel;
 use tau_estimation::sensitivity;
 use tau_estimation::trust::{self, of_calibration_knowing};
 use tau_estimation::uncertainty::Uncertainty;
+use tau_estimation::weighing::Treatment;
 use tau_kinematics::{Layout, Pose};
 use tau_robot::effects::CATALOGUE;
 use tau_robot::measurements::{Folder, Poses};
@@ -171,6 +172,11 @@ pub fn search<R>(study: &mut Study, session: &Session<R>, progress: &mut (dyn Fn
         study.remarks.push(remark.to_owned());
         return;
     };
+    if session.options().treatment != Treatment::default() {
+        let remark = "the treatment of outliers that was asked for is that of the calibrations: the search for effects \
+                      leaves outliers out";
+        study.remarks.push(remark.to_owned());
+    }
     let options = discovery::Options::default();
     match session.discover_with(base.name.as_str(), &options, progress) {
         Ok(outcome) => study.discovery = Some(outcome.discovery),
