@@ -1,5 +1,6 @@
 //! Whole-program, snapshot and property tests, one module a theme.
 
+mod absurd;
 mod assembly;
 mod bad_input;
 mod belts;
