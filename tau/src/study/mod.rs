@@ -190,10 +190,7 @@ pub fn search<R>(study: &mut Study, session: &Session<R>, progress: &mut (dyn Fn
 /// The variant that discovery starts from unless told otherwise: `Full`, or else the last with all links
 /// and without effects.
 pub fn base(robot: &Robot) -> Option<&Variant> {
-    robot.variant("Full").or_else(|| {
-        let is_plain = |variant: &&Variant| variant.arm == Arm::Full && variant.effects.is_empty();
-        robot.variants.iter().rfind(is_plain)
-    })
+    robot.base()
 }
 
 /// Every variant without effects that the folder's sets allow.
