@@ -1,5 +1,6 @@
 //! Whole-program, snapshot and property tests, one module a theme.
 
+mod absurd;
 mod assembly;
 mod bad_input;
 mod belts;
@@ -24,6 +25,7 @@ mod evaluate;
 mod evidence;
 mod gauge;
 mod generated_discovery;
+mod gross_rows;
 mod hand_written;
 mod hangprinter;
 mod kinematics;
@@ -40,6 +42,7 @@ mod sensitivity;
 mod session;
 mod side_by_side;
 mod simulation;
+mod split_all;
 mod standard_robots;
 mod start;
 mod study;

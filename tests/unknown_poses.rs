@@ -2,7 +2,7 @@
 
 use nalgebra::{Rotation3, Vector3};
 use tau::Robot;
-use tau::calibration::{self, Options};
+use tau::calibration::{self, Options, ParameterEstimate};
 use tau::kinematics::Pose;
 use tau::measurements::{Conditions, Folder, PlateKind, Split, TcpPose};
 use tau::robot_file::{RobotFile, Value};
@@ -62,9 +62,15 @@ fn simulated(
     simulate(&simulation(robot, file, variant, measures, poses)).unwrap()
 }
 
+/// A number of a machine, and its size: its own, or that of the vector that it is of where it is zero.
+struct TrueValue {
+    value: f64,
+    size: f64,
+}
+
 /// Poses of a hexapod with commands by the definition of a length, and nominal values off by a millimetre, which tolerances
 /// do not hold back.
-fn hexapod(poses: usize, noise_m: f64) -> (Robot, RobotFile, Folder, Vec<f64>) {
+fn hexapod(poses: usize, noise_m: f64) -> (Robot, RobotFile, Folder, Vec<TrueValue>) {
     let (robot, truth) = robot("stewart", "");
     let mut random = Random(7);
     let tcp_poses = (0..poses).map(|index| {
@@ -115,8 +121,16 @@ fn hexapod(poses: usize, noise_m: f64) -> (Robot, RobotFile, Folder, Vec<f64>) {
         .into_iter()
         .flatten()
         {
+            let norm = value.value.iter().map(|own| own * own).sum::<f64>().sqrt();
             for component in &mut value.value {
-                values.push(*component);
+                values.push(TrueValue {
+                    value: *component,
+                    size: if *component == 0.0 {
+                        norm
+                    } else {
+                        component.abs()
+                    },
+                });
                 *component += 1e-3 * random.uniform();
             }
             value.tol = 1e3;
@@ -125,24 +139,22 @@ fn hexapod(poses: usize, noise_m: f64) -> (Robot, RobotFile, Folder, Vec<f64>) {
     (robot, file, folder, values)
 }
 
-fn largest_difference(values: &[f64], truth: &[f64]) -> f64 {
-    assert_eq!(values.len(), truth.len());
-    let pairs = values.iter().zip(truth);
-    pairs.fold(0.0, |most, (value, truth)| most.max((value - truth).abs()))
+/// Largest error of parameters, each over its own size.
+fn largest_relative_error(found: &[ParameterEstimate], truth: &[TrueValue]) -> f64 {
+    assert_eq!(found.len(), truth.len());
+    let pairs = found.iter().zip(truth);
+    pairs.fold(0.0, |most, (found, truth)| {
+        most.max((found.value - truth.value).abs() / truth.size)
+    })
 }
 
 #[test]
 fn the_42_parameters_of_a_hexapod_follow_from_18_exact_poses() {
     let (robot, file, folder, truth) = hexapod(18, 0.0);
+    assert_eq!(truth.len(), 42);
     let found = fit(&robot, "Full", &file, &folder);
-    let values: Vec<f64> = found
-        .calibration
-        .parameters
-        .iter()
-        .map(|own| own.value)
-        .collect();
-    assert_eq!(values.len(), 42);
-    assert!(largest_difference(&values, &truth) < 1e-9);
+    let off = largest_relative_error(&found.calibration.parameters, &truth);
+    assert!(off < 1e-9, "{off:e}");
 
     // So does the fit of the closures.
     let poses: Vec<usize> = (0..18).collect();
@@ -150,8 +162,8 @@ fn the_42_parameters_of_a_hexapod_follow_from_18_exact_poses() {
     let closures =
         calibration::calibrate(&robot, variant, &file, &folder, &poses, &Options::default())
             .unwrap();
-    let values: Vec<f64> = closures.parameters.iter().map(|own| own.value).collect();
-    assert!(largest_difference(&values, &truth) < 1e-9);
+    let off = largest_relative_error(&closures.parameters, &truth);
+    assert!(off < 1e-9, "{off:e}");
 }
 
 /// Where poses are measured fully and drives are exact, the fit of the closures each for itself is another estimate from

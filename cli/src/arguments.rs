@@ -283,7 +283,8 @@ pub(super) struct Simulate {
     /// Gantry-Tau
     #[arg(long, value_name = "ROBOT.toml")]
     pub(super) robot: Option<PathBuf>,
-    /// Variant whose simplifications the machine keeps, such as straight tracks
+    /// Variant whose simplifications the machine keeps: what it holds is as in robot.toml, and not drawn. Without it, that
+    /// of `Full`, or else of the last variant with all links and without effects
     #[arg(long, value_name = "NAME")]
     pub(super) variant: Option<String>,
     /// Physical error, `NAME(PLACE): PARAMETER=VALUE, …` in SI units; may be given several times

@@ -100,9 +100,6 @@ pub(super) fn run(
         } else {
             "calibration"
         });
-        if !is_held_out {
-            statistics["poses"]["validation"] = json!(0);
-        }
         statistics["cost"] = json!(found.cost);
         let mut summary = format!("{robot}, {variant}, {}\n\n", folder.name);
         let architecture = session.robot().architecture();

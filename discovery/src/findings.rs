@@ -94,7 +94,9 @@ pub(super) fn finish(
         validation: Validation {
             before,
             after,
-            held_out: search.input.division.is_disjoint(),
+            held_out: input
+                .unknown
+                .map_or_else(|| division.is_disjoint(), |unknown| unknown.is_held_out),
             of: match input.unknown {
                 Some(_) => ErrorOf::Measurements,
                 None => ErrorOf::Position,

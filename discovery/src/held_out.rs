@@ -54,21 +54,13 @@ pub(super) fn floor(input: &Input<'_>, fit: &Fit) -> Result<Floor, Error> {
     })
 }
 
-/// Single measurements that are left out, where poses are unknown.
+/// Single measurements that are left out there, where poses are unknown.
 pub(super) fn gross_rows(input: &Input<'_>, fit: &Fit) -> Result<Vec<GrossRow>, Error> {
     let Some(unknown) = input.unknown else {
         return Ok(vec![]);
     };
-    let mut rows: Vec<_> = unknown.poses.left_out().iter().copied().collect();
-    rows.extend(of_unknown(input, unknown, fit)?.gross);
-    rows.sort_unstable();
-    let links = &input.robot.links;
-    let rows = rows.into_iter().map(|place| GrossRow {
-        file: place.file.to_owned(),
-        line: place.line,
-        pose: place.pose,
-        drive: place.drive.map(|link| links[link].name.clone()),
-    });
+    let rows = of_unknown(input, unknown, fit)?.gross;
+    let rows = rows.iter().map(|row| GrossRow::of(row, &fit.joint.machine));
     Ok(rows.collect())
 }
 

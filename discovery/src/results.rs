@@ -9,6 +9,8 @@ pub use tau_codegen::language::model::{Readable, Target};
 pub use tau_codegen::language::units::Dimension;
 use tau_estimation::evaluation::Summary;
 pub use tau_estimation::samples::Treatment;
+use tau_estimation::unknown_poses;
+use tau_kinematics::Machine;
 
 mod words;
 
@@ -114,7 +116,19 @@ pub struct Validation {
     pub of: ErrorOf,
 }
 
-/// Kind of the errors on poses that took no part.
+impl Validation {
+    /// Poses or measurements of which the errors are shown.
+    pub fn compared(&self) -> &'static str {
+        match (self.of, self.held_out) {
+            (ErrorOf::Position, true) => "the validation poses",
+            (ErrorOf::Position, false) => "the poses that were searched",
+            (ErrorOf::Measurements, true) => "the measurements that were held out",
+            (ErrorOf::Measurements, false) => "the measurements that were searched",
+        }
+    }
+}
+
+/// Kind of the errors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ErrorOf {
@@ -139,14 +153,6 @@ impl ErrorOf {
         match self {
             Self::Position => "error at the tool",
             Self::Measurements => "rest of a pose's measurements",
-        }
-    }
-
-    /// Measurements that took no part in the search, of which the error is shown.
-    pub fn held_out(self) -> &'static str {
-        match self {
-            Self::Position => "the validation poses",
-            Self::Measurements => "the measurements that were held out",
         }
     }
 
@@ -181,7 +187,7 @@ impl From<Summary> for Gap {
 }
 
 /// A single measurement far off the others.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GrossRow {
     /// Name of the file.
     pub file: String,
@@ -192,6 +198,21 @@ pub struct GrossRow {
     /// Name of the link, where it is the reading of its drive.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub drive: Option<String>,
+    /// Its residual over the standard deviation that noise lets expect of it.
+    pub sigmas: f64,
+}
+
+impl GrossRow {
+    /// A row of a calibration of a machine.
+    pub(super) fn of(row: &unknown_poses::GrossRow, machine: &Machine) -> Self {
+        Self {
+            file: row.place.file.to_owned(),
+            line: row.place.line,
+            pose: row.place.pose,
+            drive: row.drive(machine).map(str::to_owned),
+            sigmas: row.sigmas,
+        }
+    }
 }
 
 /// Residuals of one kind against their noise.

@@ -13,6 +13,7 @@ use tau_robot::robot::Robot;
 use tau_robot::robot_file::{RobotFile, Value};
 
 use super::constants::count;
+use super::results::GrossRow;
 use super::{
     Constants, DISCOVERED, Error, Input, Options, Outcome, remark_on_part, searched, variant_of,
 };
@@ -46,6 +47,8 @@ pub(super) struct Unknown<'a> {
     pub(super) poses: EstimatedPoses<'a>,
     /// Values of the base, by name, at which they were estimated.
     pub(super) values: BTreeMap<String, f64>,
+    /// True if those that validate take no part.
+    pub(super) is_held_out: bool,
 }
 
 /// The search in a folder without poses.
@@ -92,6 +95,7 @@ pub(super) fn search(
         }
         let unknown = Unknown {
             values: values.clone(),
+            is_held_out: rows.is_disjoint(),
             poses,
         };
         let (estimated, division) = unknown.poses.folder();
@@ -115,10 +119,13 @@ pub(super) fn search(
             known = Some(fitted);
             continue;
         }
-        outcome
-            .discovery
-            .remarks
-            .extend(remark.into_iter().chain(part));
+        let found = &mut outcome.discovery;
+        found.remarks.extend(remark.into_iter().chain(part));
+        let machine = &fitted.calibration.machine;
+        let gross = fitted.gross.iter().map(|row| GrossRow::of(row, machine));
+        found.gross_rows.extend(gross);
+        (found.gross_rows)
+            .sort_by(|a, b| (&a.file, a.line, &a.drive).cmp(&(&b.file, b.line, &b.drive)));
         outcome.unknown = Some(OfUnknownPoses {
             folder: estimated,
             division,

@@ -72,13 +72,13 @@ pub(super) fn poses(poses: PoseCounts, has_cart_poses: bool, of: Architecture) -
             poses.total, poses.in_range
         ),
     };
-    let division = if held_out(poses) {
-        "no pose does both"
-    } else {
-        "some do both, so the errors below are partly those of the fit"
-    };
+    if !held_out(poses) {
+        return format!(
+            "{selection}. All of these calibrate, and the errors below are those of the fit."
+        );
+    }
     format!(
-        "{selection}. {} calibrate and {} validate; {division}.",
+        "{selection}. {} calibrate and {} validate; no pose does both.",
         poses.calibration, poses.validation
     )
 }
@@ -101,9 +101,28 @@ pub(super) fn has_piecewise(study: &Study) -> bool {
     links.any(|link| link.track_rotation_rad.is_some())
 }
 
-/// True if the validation poses took no part in calibration.
+/// True if there are poses that took no part in calibration.
 pub(super) fn held_out(poses: PoseCounts) -> bool {
-    poses.calibration + poses.validation <= poses.in_range
+    poses.validation > 0
+}
+
+/// Number of poses whose errors are shown, and what they are to the calibration: those that calibrated, where none were
+/// held out.
+pub(super) fn compared(poses: PoseCounts) -> (usize, &'static str) {
+    if held_out(poses) {
+        (poses.validation, "validation poses")
+    } else {
+        (poses.calibration, "poses that calibrated")
+    }
+}
+
+/// Measurements whose errors are shown, where poses were not measured.
+pub(super) fn compared_rows(rows: &RowDivision) -> &'static str {
+    if rows.is_disjoint() {
+        "were held out"
+    } else {
+        "calibrated"
+    }
 }
 
 /// Division of measurements that tell no poses.
@@ -141,10 +160,12 @@ pub(super) fn noise((position, rotation): (f64, f64)) -> String {
 /// The best variant, against the first one.
 pub(super) fn comparison(study: &Study) -> Option<String> {
     let best = best(study)?;
-    let (error, of) = if study.rows.is_some() {
-        ("error of lengths that were held out", "row")
-    } else {
-        ("position error", "pose")
+    let (error, of) = match &study.rows {
+        Some(rows) => (
+            format!("error of lengths that {}", compared_rows(rows)),
+            "row",
+        ),
+        None => ("position error".to_owned(), "pose"),
     };
     let first = study.variants.first()?;
     if study.variants.len() == 1 {

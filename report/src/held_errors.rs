@@ -10,7 +10,7 @@ use crate::number::general;
 use crate::screen::Screen;
 use crate::table::{self, Cell, Table, columns, text};
 use crate::trust;
-use crate::unknown_poses::length;
+use crate::unknown_poses::{self, LEFT_OUT, far_off, length};
 
 /// Rows listed in the terminal.
 const LISTED: usize = 5;
@@ -48,8 +48,13 @@ pub fn terminal(found: &HeldErrors, robot: &Robot, basis: Basis, width: usize) -
         screen.say_within(
             "  ",
             &format!(
-                "{}: foretold from the drives alone to {} rms, {} at most ({} rows)",
+                "{}: {} from the drives alone to {} rms, {} at most ({} rows)",
                 own.file,
+                if basis == Basis::Calibration {
+                    "met"
+                } else {
+                    "foretold"
+                },
                 length(own.rms, "m"),
                 length(own.max, "m"),
                 own.rows
@@ -74,12 +79,11 @@ pub fn terminal(found: &HeldErrors, robot: &Robot, basis: Basis, width: usize) -
     }
     if !found.gross.is_empty() {
         screen.gap();
-        screen.line("Rows left out");
+        screen.line(LEFT_OUT);
     }
     for row in &found.gross {
         let place = at(found, &row.place, None);
-        let sigmas = general(row.sigmas, 3);
-        screen.say_within("  ", &format!("{place}: {sigmas} times its noise"));
+        screen.say_within("  ", &far_off(&place, row.sigmas));
     }
     for place in &found.places {
         screen.line(&format!(
@@ -126,10 +130,9 @@ fn link<'a>(found: &'a HeldErrors, place: &RowPlace) -> Option<&'a str> {
 }
 
 fn at(found: &HeldErrors, place: &RowPlace, coordinate: Option<&str>) -> String {
-    let link = link(found, place).map_or_else(String::new, |link| format!(", drive of {link}"));
     let coordinate = coordinate.map_or_else(String::new, |axis| format!(", {axis}"));
-    let (file, line, pose) = (place.file, place.line, place.pose);
-    format!("{file} line {line}, pose {pose}{link}{coordinate}")
+    let row = (place.file, place.line, place.pose);
+    unknown_poses::place(row, link(found, place)) + &coordinate
 }
 
 /// Errors of measurements that were held out, by variant and kind.

@@ -19,6 +19,7 @@ use tau::session::Basis;
 use tau::study::results::Study;
 use tau::trust::Verdict;
 
+use super::findings::held_out;
 use super::held_errors;
 use super::trust::json as trust;
 
@@ -94,6 +95,7 @@ pub struct Results<'a> {
     assumptions: AssumptionFields<'a>,
     check: Option<Value>,
     discovery: Option<Value>,
+    evaluated_on: &'static str,
     fit: Option<Value>,
     folder: &'a str,
     noise: Value,
@@ -129,11 +131,27 @@ impl Results<'_> {
 /// `discovery` is `null` where the search for effects was left out, or failed; then a remark says why.
 pub fn study(study: &Study) -> Results<'_> {
     let variants = study.variants.iter();
+    let is_held_out = match &study.rows {
+        Some(rows) => rows.is_disjoint(),
+        None => held_out(study.poses),
+    };
+    let fields = |own| {
+        let mut fields = VariantFields::from(own);
+        if !is_held_out {
+            fields.errors_of_fit = fields.held_out.take();
+        }
+        fields
+    };
     let (position_m, rotation_rad) = study.noise;
     Results {
         assumptions: assumptions(&study.assumptions),
         check: study.check.as_ref().map(trust::check),
         discovery: study.discovery.as_ref().map(discovery),
+        evaluated_on: basis(if is_held_out {
+            Basis::HeldOut
+        } else {
+            Basis::Calibration
+        }),
         fit: study.fit().map(|(_, verdict)| trust::verdict(verdict)),
         folder: &study.folder,
         noise: json!({ "position_m": position_m, "rotation_rad": rotation_rad }),
@@ -149,7 +167,7 @@ pub fn study(study: &Study) -> Results<'_> {
         sensitivity: study.sensitivity.as_ref().map(sensitivity),
         variant_order: variants.clone().map(|own| own.name.as_str()).collect(),
         variants: variants
-            .map(|own| (own.name.as_str(), VariantFields::from(own)))
+            .map(|own| (own.name.as_str(), fields(own)))
             .collect(),
     }
 }
@@ -213,6 +231,8 @@ pub fn variant(variant: &VariantResult) -> Value {
 #[derive(Debug, Serialize)]
 struct VariantFields<'a> {
     correlations: Vec<Value>,
+    /// Those of measurements that calibrated, where none were held out.
+    errors_of_fit: Option<Value>,
     fit: Option<Value>,
     held_out: Option<Value>,
     iterations: usize,
@@ -238,6 +258,7 @@ impl<'a> From<&'a VariantResult> for VariantFields<'a> {
             correlations: correlations
                 .map(|(one, other, value)| json!({ "parameters": [one, other], "value": value }))
                 .collect(),
+            errors_of_fit: None,
             fit: variant.fit.as_ref().map(trust::verdict),
             held_out: variant.held.as_ref().map(held_errors::of_variant),
             iterations: variant.iterations,

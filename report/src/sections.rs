@@ -25,10 +25,10 @@ pub(super) fn of_study(
 ) -> (Vec<Section>, Vec<Section>) {
     let mut evidence = vec![Section::new(
         "errors",
-        if study.rows.is_some() {
-            "Errors of what was held out"
-        } else {
-            "Errors at the validation poses"
+        match &study.rows {
+            Some(rows) if rows.is_disjoint() => "Errors of what was held out",
+            None if findings::held_out(study.poses) => "Errors at the validation poses",
+            _ => "Errors of the fit",
         },
         errors(study, figures),
     )];
@@ -80,9 +80,9 @@ fn errors(study: &Study, figures: &[Figure]) -> Markup {
         }
         @if study.variants.is_empty() {
             p { "No variant was calibrated." }
-        } @else if study.rows.is_some() {
+        } @else if let Some(rows) = &study.rows {
             p {
-                "Each calibrated model, its parameters held, is compared with the measurements that were held out; poses follow \
+                "Each calibrated model, its parameters held, is compared with the measurements that " (findings::compared_rows(rows)) "; poses follow \
                  the drives and these measurements, and so do places of targets, surfaces and balls as far as the robot file \
                  leaves them open. What is expected follows from the noise and from the covariance of the parameters. What \
                  poses and places follow whatever the machine is can't be judged, and is left out."
@@ -91,8 +91,7 @@ fn errors(study: &Study, figures: &[Figure]) -> Markup {
             (table(&tables::errors(study), "wide"))
         } @else {
             p {
-                "Each calibrated model predicts the pose of the plate from the commands of a validation pose; the error \
-                 is predicted minus measured. Position errors are lengths of the three-dimensional difference."
+                "Each calibrated model predicts the pose of the plate from the commands; the error is predicted minus measured. Position errors are lengths of the three-dimensional difference."
                 @if findings::has_reduced(study) { " A reduced arm predicts no orientation." }
                 @if study.architecture.is_gantry_tau {
                     " Tables I to III and the numbered figures follow those of Dressler, Brogårdh and Robertsson, A Kinematic \
@@ -249,8 +248,12 @@ fn method(study: &Study) -> Markup {
             ". Nominal values and tolerances (one standard deviation) are those of the robot file."
         }
         p {
-            "Of the poses in range, in the order of the file, the split decides which calibrate and which validate: here "
-            (study.poses.calibration) " and " (study.poses.validation)
+            @if findings::held_out(study.poses) {
+                "Of the poses in range, in the order of the file, the split decides which calibrate and which validate: here "
+                (study.poses.calibration) " and " (study.poses.validation)
+            } @else {
+                "All poses in range calibrate, and none are held out"
+            }
             ". Standard deviations and correlations come from the inverse of the normal matrix of \
              data and priors at the optimum."
         }
@@ -307,7 +310,7 @@ fn sensitivity(study: &Study, figures: &[Figure]) -> Markup {
     html! {
         p {
             "Each parameter of each link of " (found.variant) " is changed by ±" (number_markup(&general(found.step, 1)))
-            " in its SI unit, and the pose predicted anew at " (found.poses) " validation poses. The tables hold sums over the poses \
+            " in its SI unit, and the pose predicted anew at " (found.poses) " poses. The tables hold sums over the poses \
              and both signs. Implicit differentiation of the residuals gives the same within "
             (number_markup(&general(100.0 * found.disagreement, 2))) " %. C is "
             @if study.architecture.carts > 0 {

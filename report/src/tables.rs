@@ -56,7 +56,7 @@ pub(super) fn errors(study: &Study) -> Table {
     Table {
         title: numbered(
             "Table I",
-            "Errors at the validation poses",
+            &format!("Errors at the {}", findings::compared(study.poses).1),
             study.architecture,
         ),
         columns: columns(&[

@@ -15,6 +15,7 @@ use super::number::general;
 use super::screen::Screen;
 use super::tables;
 use super::trust::terminal as trust;
+use super::unknown_poses::LEFT_OUT;
 
 /// Combinations and correlations of a variant that are shown.
 const SHOWN: usize = 3;
@@ -122,6 +123,14 @@ fn discovered(screen: &mut Screen, found: &Discovery) {
         screen.gap();
         screen.line("What could hardly be told apart");
         screen.say_within("  ", &pairs);
+    }
+    let gross = findings::gross_rows(found);
+    if !gross.is_empty() {
+        screen.gap();
+        screen.line(LEFT_OUT);
+    }
+    for row in &gross {
+        screen.say_within("  ", row);
     }
     let outliers = findings::outliers(&found.left_out);
     if outliers.is_some() || !found.remarks.is_empty() {
@@ -288,7 +297,7 @@ fn sensitivities(screen: &mut Screen, sensitivity: &Sensitivity, of: Architectur
         screen.gap();
     }
     screen.say(&format!(
-        "{} with steps of {} either way in each parameter, summed over {} validation poses. C is the track \
+        "{} with steps of {} either way in each parameter, summed over {} poses. C is the track \
          offset, O its direction or rotation. Implicit differentiation agrees within {} %.",
         &sensitivity.variant,
         general(sensitivity.step, 1),

@@ -1,7 +1,7 @@
 //! Calibrations from poses that are unknown, in words and as JSON.
 
 use serde_json::{Value, json};
-use tau::unknown_poses::{GrossRow, KindRepeats, Rank, RowDivision, UnknownPoses};
+use tau::unknown_poses::{GrossRow, KindRepeats, Rank, RowDivision, RowPlace, UnknownPoses};
 
 use crate::gauge::{gauge_json, open};
 use crate::number::general;
@@ -10,6 +10,8 @@ use crate::trust;
 
 /// Parameters and rows listed in the terminal.
 const LISTED: usize = 12;
+/// Title of measurements that took no part, being far off the others.
+pub(crate) const LEFT_OUT: &str = "Rows left out";
 
 /// Result of a calibration, for the terminal.
 pub fn terminal(found: &UnknownPoses, width: usize) -> String {
@@ -46,22 +48,17 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
     if !found.gross.is_empty() {
         screen.gap();
         screen.line(match found.loss {
-            None => "Rows left out",
+            None if found.left_out().is_empty() => "Rows far off, which count like the others",
+            None => LEFT_OUT,
             Some(_) => "Rows far off, which count less",
         });
     }
     for row in found.gross.iter().take(LISTED) {
-        screen.say_within(
-            "  ",
-            &format!(
-                "{} line {}, pose {}{}: {} times its noise",
-                row.place.file,
-                row.place.line,
-                row.place.pose,
-                link(found, row).map_or_else(String::new, |link| format!(", drive of {link}")),
-                general(row.sigmas, 3)
-            ),
-        );
+        let RowPlace {
+            file, line, pose, ..
+        } = row.place;
+        let place = place((file, line, pose), link(found, row));
+        screen.say_within("  ", &far_off(&place, row.sigmas));
     }
     let mut moved: Vec<_> = found.calibration.parameters.iter().collect();
     if !moved.is_empty() {
@@ -119,10 +116,19 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
 }
 
 /// Name of the link whose drive read grossly.
-fn link(found: &UnknownPoses, row: &GrossRow) -> Option<String> {
-    let machine = &found.calibration.machine;
-    let closure = machine.closure_instances().nth(row.place.drive?)?;
-    Some(machine.closure_name(closure).to_owned())
+fn link<'a>(found: &'a UnknownPoses, row: &GrossRow) -> Option<&'a str> {
+    row.drive(&found.calibration.machine)
+}
+
+/// Place of a measurement: file, line, number of the pose, and link where it is the reading of its drive.
+pub(crate) fn place((file, line, pose): (&str, usize, u32), link: Option<&str>) -> String {
+    let link = link.map_or_else(String::new, |link| format!(", drive of {link}"));
+    format!("{file} line {line}, pose {pose}{link}")
+}
+
+/// A measurement far off the others.
+pub(crate) fn far_off(place: &str, sigmas: f64) -> String {
+    format!("{place}: {} times its noise", general(sigmas, 3))
 }
 
 pub(crate) fn length(value: f64, unit: &str) -> String {

@@ -204,6 +204,16 @@ impl Robot {
         self.variants.iter().find(|variant| variant.name == name)
     }
 
+    /// The ordinary variant: `Full`, or else the last with all links and without effects. A discovery starts from it unless
+    /// told otherwise, and a simulated machine is one that it can describe.
+    pub fn base(&self) -> Option<&Variant> {
+        self.variant("Full").or_else(|| {
+            let is_plain =
+                |variant: &&Variant| variant.arm == Arm::Full && variant.effects.is_empty();
+            self.variants.iter().rfind(is_plain)
+        })
+    }
+
     /// The variant of a name that was given in `source`, a file or an option.
     ///
     /// # Errors

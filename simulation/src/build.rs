@@ -18,7 +18,7 @@ pub enum Build {
     /// Carts are rigid: what the joints of a cart have in common is drawn from the tolerances of the
     /// tracks, each joint's own error on its cart from that of the plate joints, and the cart turns by
     /// some 100 µrad a metre. Formulas follow from what they read; what is exact, or held by the variant whose
-    /// simplifications the machine keeps, is as drawn.
+    /// simplifications the machine keeps, or else by the [ordinary one](tau_robot::robot::Robot::base), is as drawn.
     Drawn {
         /// Share of the tolerance of lengths and joints, of cranks, pulls and parameters of the machine.
         links: f64,

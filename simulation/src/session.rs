@@ -59,9 +59,13 @@ impl<'a> Session<'a> {
                 "compare lengths, joints and the reference with the drawing: in metres, and of the assembly that was built",
             ));
         };
-        if let Some(name) = &simulation.variant {
-            robot.find(name, "--variant")?;
-            drawing.hold(name);
+        // What the ordinary variant can't describe, such as a scale that it holds, would be an error that nobody asked for.
+        let variant = match &simulation.variant {
+            Some(name) => Some(robot.find(name, "--variant")?),
+            None => robot.base(),
+        };
+        if let Some(variant) = variant {
+            drawing.hold(&variant.name);
         }
         let mut machine = match simulation.build {
             Build::Exact => drawing.nominal.clone(),
@@ -69,8 +73,7 @@ impl<'a> Session<'a> {
         };
         let nominal = drawing.nominal;
         machine.effects.clone_from(&simulation.effects);
-        if let Some(name) = &simulation.variant {
-            let variant = robot.find(name, "--variant")?;
+        if let Some(variant) = variant {
             build::simplify(&mut machine, robot, variant, home.pose);
             for (effect, places) in &variant.effects {
                 let key = format!("{effect}({})", places.join(", "));

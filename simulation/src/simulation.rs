@@ -17,7 +17,8 @@ pub struct Simulation {
     /// Drawings, tolerances, stated noise and payload; written as the folder's `robot.toml`.
     pub file: RobotFile,
     /// Name of the variant whose simplifications the true machine keeps: with a reduced arm, parallel
-    /// links; without paths per link, carts that do not turn. `None`: none of them.
+    /// links; without paths per link, carts that do not turn. What it holds is as drawn. `None`: those of the
+    /// [ordinary variant](Robot::base).
     pub variant: Option<String>,
     /// Differences of the true machine from its drawings.
     pub build: Build,

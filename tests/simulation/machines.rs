@@ -177,12 +177,13 @@ fn rods_of_a_servo_hexapod_turn_about_axes_of_their_own() {
 
 #[test]
 fn what_is_exact_or_held_is_as_drawn() {
-    let free = standard("linear_delta", None);
-    let held = Simulation {
-        variant: Some("Basic".to_owned()),
-        ..free.clone()
-    };
-    let [free, held] = [free, held].map(|simulation| Built::of(&run(&simulation)));
+    let [free, held] = ["Scaled", "Basic"].map(|variant| {
+        let simulation = Simulation {
+            variant: Some(variant.to_owned()),
+            ..standard("linear_delta", None)
+        };
+        Built::of(&run(&simulation))
+    });
     for (name, nominal) in [("scale", 0.0), ("arm_a", 0.333), ("arm_c", 0.333)] {
         assert!(free.parameter(name) != nominal, "{name}");
         assert_eq!(held.parameter(name), nominal, "{name}");

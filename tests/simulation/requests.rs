@@ -1,9 +1,13 @@
 //! Requests as they are typed, and what is wrong with them.
 
+use std::fs;
+
+use serde_json::Value;
 use tau::InputError;
 use tau::simulation::{Effect, Request};
 
 use super::drawings;
+use crate::support::tau_in;
 
 /// Message and help of the one mistake in an effect, with what is marked.
 fn mistake(text: &str) -> (String, String, String) {
@@ -377,4 +381,42 @@ fn what_has_no_noise_is_not_measured() {
         error.contains("--noise-position") && error.contains("has no `position_m`"),
         "{error}"
     );
+}
+
+/// Without a variant the machine is one of the ordinary variant: what `Full` holds is as in the description, all else is drawn,
+/// and a search finds nothing missing. These seeds, with the scale drawn, had a `tracker_scale` named.
+#[test]
+fn without_a_variant_the_machine_is_that_of_the_ordinary_one() {
+    for (model, seed) in [("linear_delta", 1), ("four_belts", 3)] {
+        let work = tempfile::tempdir().unwrap();
+        let simulated = |folder: &str, variant: &str| {
+            let line = format!(
+                "tau simulate --model {model} {variant} --poses 40 --random --seed {seed} --out DIR/{folder}"
+            );
+            tau_in(work.path(), &line).done();
+            let read =
+                |file: &str| fs::read_to_string(work.path().join(folder).join(file)).unwrap();
+            let truth: Value = serde_json::from_str(&read("truth.json")).unwrap();
+            (truth["parameters"].clone(), read("tcp_poses.csv"))
+        };
+        let plain = simulated("plain", "");
+        // As a condition, since folders are long to print.
+        assert!(plain == simulated("full", "--variant Full"), "{model}");
+        let free = simulated("free", "--variant Scaled").0;
+        let names = plain.0.as_object().unwrap().keys();
+        let held: Vec<&String> = names.filter(|name| plain.0[*name] != free[*name]).collect();
+        assert_eq!(held, ["scale"], "{model}");
+        assert_eq!(
+            (&plain.0["scale"], &free["scale"] == 0.0),
+            (&0.0.into(), false)
+        );
+
+        let line = format!("tau discover DIR/plain --model {model} --out DIR/out --json -");
+        let found = tau_in(work.path(), &line).json();
+        assert_eq!(
+            found["status"], "nothing_missing",
+            "{model}: {}",
+            found["effects"]
+        );
+    }
 }

@@ -11,7 +11,7 @@ use crate::calibration::error::Error;
 use crate::calibration::nominal::Nominal;
 use crate::numerics::distribution::chi2_survival;
 use crate::samples::Sample;
-use crate::unknown_poses::{EstimatedPoses, Placed, Side};
+use crate::unknown_poses::{EstimatedPoses, GrossRow, Placed, Side};
 
 /// Rounds of fits, each about the poses of the one before; two or three are usual.
 const ROUNDS: usize = 8;
@@ -146,7 +146,7 @@ pub struct HeldOut {
     /// Share by which the mean of such an error is less than its root mean square.
     pub narrower: Vec<f64>,
     /// Measurements far off all others, which are left out.
-    pub gross: Vec<RowPlace>,
+    pub gross: Vec<GrossRow>,
 }
 
 /// Chance that one of all held-out measurements is taken for a gross one though none is.
@@ -170,7 +170,7 @@ impl Fit {
         noise: Noise,
     ) -> Result<HeldOut, Error> {
         let mut poses = poses.clone();
-        let mut gross: Vec<RowPlace> = vec![];
+        let mut gross: Vec<GrossRow> = vec![];
         loop {
             let groups = self.groups_held_out(&poses, samples, noise)?;
             // A pose's gross measurement makes its others look as bad, so that the worst goes first.
@@ -181,7 +181,11 @@ impl Fit {
             let scale = self.scales[Component::Closure as usize].max(1.0);
             match worst {
                 Some((place, square)) if chance(square / scale.powi(2)) < LEVEL => {
-                    gross.push(place);
+                    gross.push(GrossRow {
+                        place,
+                        sigmas: square.sqrt(),
+                        weight: 0.0,
+                    });
                     poses.leave_out(place);
                 }
                 _ => {

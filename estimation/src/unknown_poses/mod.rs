@@ -36,6 +36,8 @@ mod unsolved;
 mod verdict;
 mod widened;
 
+use std::collections::BTreeSet;
+
 use tau_kinematics::Machine;
 use tau_robot::measurements::Folder;
 use tau_robot::robot::{Robot, Variant};
@@ -169,12 +171,18 @@ fn fitted(mut fit: Fit<'_>, options: &calibration::Options) -> Result<UnknownPos
     fit.refuse_units(&reduced)?;
     let rank = fit.rank(&reduced, &fit.machine);
     fit.refuse_rank(&rank, options.free_scale)?;
+    fit.refuse_treatment(options.treatment)?;
     let mistakes = fit.exchanged_distances();
     let mut settled = fit.settled(options)?;
     fit.narrow(&mut settled);
     let loss = options.treatment.loss;
-    if loss.is_some() {
+    if loss.is_some() || options.treatment.keep_outliers {
         fit.gross = fit.gross_rows(&settled.reduced, &settled.leverages);
+    }
+    if options.treatment.keep_outliers {
+        // One that pulls as much as the others makes all of its pose look as bad.
+        let mut seen = BTreeSet::new();
+        fit.gross.retain(|row| seen.insert(row.place.pose));
     }
     let machine = fit.machine_at(&settled.solution.parameters);
     let rank = fit.rank(&settled.reduced, &machine);

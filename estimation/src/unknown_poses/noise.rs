@@ -126,7 +126,7 @@ impl Fit<'_> {
                         ..rows.places[k / each]
                     },
                     sigmas: residual.abs() / left.sqrt(),
-                    weight: tuned.map_or(0.0, |tuned| tuned.weight(residual.abs())),
+                    weight: tuned.map_or(1.0, |tuned| tuned.weight(residual.abs())),
                 }
             })
             .collect();

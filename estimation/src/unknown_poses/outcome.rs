@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use tau_kinematics::Machine;
 use tau_robot::measurements::{Distance, Folder, PoseCounts, Split};
 
 use super::evaluation::JudgedRows;
@@ -112,7 +113,7 @@ impl RowDivision {
             total,
             in_range: total,
             calibration: self.calibration.len(),
-            validation: self.validation.len(),
+            validation: self.validation.difference(&self.calibration).count(),
         }
     }
 
@@ -165,8 +166,16 @@ pub struct GrossRow {
     pub place: RowPlace,
     /// Its residual over the noise that the fit leaves of it.
     pub sigmas: f64,
-    /// Share with which it counts under a loss; 0 where it is left out.
+    /// Share with which it counts: 0 where it is left out, 1 where it is kept.
     pub weight: f64,
+}
+
+impl GrossRow {
+    /// Name of the link or cluster whose drive read it; `None` for what is no reading of a drive.
+    pub fn drive<'a>(&self, machine: &'a Machine) -> Option<&'a str> {
+        let closure = machine.closure_instances().nth(self.place.drive?)?;
+        Some(machine.closure_name(closure))
+    }
 }
 
 /// An unknown that is no parameter of the machine.
@@ -268,7 +277,7 @@ pub struct UnknownPoses {
     pub kinds: Vec<KindFit>,
     /// Combinations that the measurements determine, and those they leave open.
     pub rank: Rank,
-    /// Rows that were left out, or count less under a loss, worst first.
+    /// Rows that were left out, or count less under a loss, or are kept, worst first.
     pub gross: Vec<GrossRow>,
     /// Fit of rows that took no part; `None` where all did.
     pub held_out: Option<HeldOut>,

@@ -9,6 +9,7 @@ use super::Rank;
 use super::elimination::Reduced;
 use super::fit::Fit;
 use crate::calibration::Error;
+use crate::weighing::Treatment;
 
 /// Lengths that are farther off than this (m) by half of their rows are no measurement of a machine whose drawing is
 /// known to centimetres.
@@ -36,6 +37,19 @@ impl Fit<'_> {
         } else {
             "measure a distance, or take a variant that holds what lengths are counted by, such as radii of drums; `--free-scale` fits it all the same, with the size of the tolerances".to_owned()
         };
+        Err(InputError::whole(&self.folder.name, why).help(help).into())
+    }
+
+    /// Refuses a treatment of gross measurements where none can be told to be one, so that it would change nothing.
+    pub(super) fn refuse_treatment(&self, treatment: Treatment) -> Result<(), Error> {
+        let can_be_told = (0..self.blocks.len()).any(|block| self.can_be_gross(block));
+        if can_be_told || treatment == Treatment::default() {
+            return Ok(());
+        }
+        let why = "no single reading can be told to be off: a drive moves several links at once, and nothing but drives was \
+                   measured";
+        let help = "state what links scatter by under `[noise.links]`, or leave out `--loss` and `--keep-outliers`, which would \
+                    change nothing";
         Err(InputError::whole(&self.folder.name, why).help(help).into())
     }
 

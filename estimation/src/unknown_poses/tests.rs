@@ -7,6 +7,7 @@ use tau_kinematics::{Machine, Pose};
 use tau_robot::measurements::{Distance, Folder, PlateKind, PlateRow, Split, TcpPose};
 use tau_robot::prototype;
 use tau_robot::robot::Robot;
+use tau_robot::robot_file::StatedNoise;
 
 use super::elimination::Reduced;
 use super::fit::Fit;
@@ -17,6 +18,7 @@ use crate::joint::unknown::closure_derivatives;
 use crate::problem::Eliminated;
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
+use crate::weighing::{Loss, Treatment};
 
 /// Positions, heights and distances at some of the prototype's poses.
 fn folder() -> Folder {
@@ -61,11 +63,49 @@ fn of_poses(mut folder: Folder, poses: &[TcpPose]) -> Folder {
     folder
 }
 
+/// Drives that move two or three links each read alone: a link that is off is no reading that is.
+#[test]
+fn treatments_of_readings_that_can_not_be_told_are_refused() {
+    let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
+    let variant = robot.variant("Full").unwrap();
+    let mut file = prototype::robot_file().unwrap();
+    file.measuring.drives = vec![StatedNoise::Known(2e-6)];
+    let file = file.completed(&robot);
+    let measured = folder();
+    let mut readings = measured.clone();
+    readings.distances.clear();
+    for row in &mut readings.plate_rows {
+        (row.kind, row.values) = (PlateKind::Reading, [None; 3]);
+    }
+    let kept = Treatment {
+        keep_outliers: true,
+        ..Treatment::default()
+    };
+    let bounded = Treatment {
+        loss: Some(Loss::Huber),
+        ..Treatment::default()
+    };
+    for (folder, is_told) in [(&readings, false), (&measured, true)] {
+        let division = RowDivision::of(folder, Split::All);
+        let fit = Fit::new(&robot, variant, &file, folder, &division).unwrap();
+        assert!(fit.refuse_treatment(Treatment::default()).is_ok());
+        for treatment in [kept, bounded] {
+            match fit.refuse_treatment(treatment) {
+                Ok(()) => assert!(is_told),
+                Err(error) => {
+                    let error = error.to_string();
+                    assert!(!is_told && error.contains("no single reading"), "{error}");
+                }
+            }
+        }
+    }
+}
+
 #[test]
 fn elimination_gives_the_covariance_of_the_dense_normal_equations() {
     let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
     let mut file = prototype::robot_file().unwrap();
-    file.measuring.drives = vec![tau_robot::robot_file::StatedNoise::Known(2e-6)];
+    file.measuring.drives = vec![StatedNoise::Known(2e-6)];
     let file = file.completed(&robot);
     let folder = folder();
     let division = RowDivision::of(&folder, Split::All);
@@ -119,7 +159,7 @@ fn least_squares(fit: &Fit<'_>, reduced: &Reduced) -> f64 {
 fn exchanged_distances_leave_what_all_rows_leave_when_exchanged() {
     let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
     let mut file = prototype::robot_file().unwrap();
-    file.measuring.drives = vec![tau_robot::robot_file::StatedNoise::Known(2e-6)];
+    file.measuring.drives = vec![StatedNoise::Known(2e-6)];
     let file = file.completed(&robot);
     let variant = robot.variant("Full").unwrap();
     let left = |folder: &Folder| {
@@ -152,7 +192,7 @@ fn residuals_without_poses_have_the_derivatives_of_their_closures() {
     let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
     let variant = robot.variant("Full").unwrap();
     let mut file = prototype::robot_file().unwrap();
-    file.measuring.drives = vec![tau_robot::robot_file::StatedNoise::Known(2e-6)];
+    file.measuring.drives = vec![StatedNoise::Known(2e-6)];
     let file = file.completed(&robot);
     // Measurements that nominal values explain, so that residuals are zero there.
     let mut folder = prototype::folder().unwrap();

@@ -1,8 +1,8 @@
 //! Findings of discovery, in plain sentences.
 
 use tau::discovery::results::{
-    ErrorOf, FoundEffect, LeftOut, Model, Motion, Place, Quantity, Readable, Reason, Target,
-    Unnamed,
+    ErrorOf, FoundEffect, GrossRow, LeftOut, Model, Motion, Place, Quantity, Readable, Reason,
+    Target, Unnamed,
 };
 use tau::discovery::{Discovery, Status};
 
@@ -10,6 +10,7 @@ use super::words::{self, capital, part, probability};
 use super::{at, chance, listed, readable};
 use crate::figures::typographic;
 use crate::number::{fixed, general, largest};
+use crate::unknown_poses;
 
 /// The verdict.
 pub(crate) fn verdict(found: &Discovery) -> String {
@@ -58,11 +59,11 @@ pub(crate) fn gap(found: &Discovery) -> String {
     let (before, after) = (found.validation.before, found.validation.after);
     let um = |value: f64| general(value, 3);
     let [floor, ceiling] = [found.noise_floor_um, found.ceiling_um].map(um);
+    let of = found.validation.compared();
     let poses = if found.validation.held_out {
-        let of = found.validation.of.held_out();
         format!("On {of}, which took no part,")
     } else {
-        "On the poses that were searched, for none was kept apart,".to_owned()
+        format!("On {of}, for none were kept apart,")
     };
     let change = if is_base(found) {
         format!(
@@ -437,6 +438,17 @@ pub(crate) fn outliers(left_out: &[LeftOut]) -> Option<String> {
         .map(|(name, numbers)| format!("{name}: {}", numbers.join(", ")))
         .collect();
     Some(format!("Left out as outliers: {}.", groups.join("; ")))
+}
+
+/// Single measurements that were left out, worst first.
+pub(crate) fn gross_rows(found: &Discovery) -> Vec<String> {
+    let mut rows: Vec<&GrossRow> = found.gross_rows.iter().collect();
+    rows.sort_by(|a, b| b.sigmas.total_cmp(&a.sigmas));
+    let words = rows.into_iter().map(|row| {
+        let place = unknown_poses::place((&row.file, row.line, row.pose), row.drive.as_deref());
+        unknown_poses::far_off(&place, row.sigmas)
+    });
+    words.collect()
 }
 
 /// Names of effects, each with its places.

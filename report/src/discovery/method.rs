@@ -58,12 +58,15 @@ pub(crate) fn obtained(found: &Discovery, setting: &Setting) -> Markup {
         p {
             @if let Some(rows) = &setting.rows {
                 (findings::rows(rows))
-                " What calibrates takes part in the search; what validates takes part in nothing and shows the "
             } @else {
                 (findings::poses(setting.poses, setting.has_cart_poses, setting.architecture)) " " (findings::noise(setting.noise))
-                " Poses that calibrate take part in the search; those that validate take part in nothing and show the "
             }
-            (found.validation.of.short()) "."
+            @if found.validation.held_out {
+                " What calibrates takes part in the search; what validates takes part in nothing and shows the "
+                (found.validation.of.short()) "."
+            } @else {
+                " All of it takes part in the search."
+            }
         }
         ol.steps {
             li {

@@ -7,6 +7,7 @@ use super::method::{self, Setting};
 use super::{at, findings, tables};
 use crate::elements::{figure, prose, table};
 use crate::figures::Figure;
+use crate::unknown_poses::LEFT_OUT;
 
 /// A part of the evidence.
 pub(crate) struct Part {
@@ -45,6 +46,7 @@ pub(crate) fn sentences(found: &Discovery) -> Markup {
         .chain(findings::undisputed(found))
         .collect();
     let unnamed = findings::unnamed(found);
+    let gross = findings::gross_rows(found);
     html! {
         p { (findings::verdict(found)) }
         p { (findings::gap(found)) }
@@ -70,6 +72,10 @@ pub(crate) fn sentences(found: &Discovery) -> Markup {
             @for sentence in findings::remains(found) { li { (sentence) } }
             @if let Some(outliers) = findings::outliers(&found.left_out) { li { (outliers) } }
             @for blind in findings::blind(found) { li { (blind) } }
+        }
+        @if !gross.is_empty() {
+            h3 { (LEFT_OUT) }
+            ul { @for row in &gross { li { (row) } } }
         }
         @if !found.remarks.is_empty() {
             aside.remarks {
@@ -122,9 +128,9 @@ fn gap(found: &Discovery, figures: &[Figure]) -> Markup {
         p {
             "After each step the model is fitted to all measurements at once and predicts "
             @if found.validation.held_out {
-                (found.validation.of.held_out()) ", which take no part in the search."
+                (found.validation.compared()) ", which take no part in the search."
             } @else {
-                "the same poses again: none was kept apart, so part of what the model follows is their noise."
+                (found.validation.compared()) " again: none were kept apart, so part of what the model follows is their noise."
             }
             " The stated noise alone is what a perfect model would show in the mean."
         }

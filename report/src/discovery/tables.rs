@@ -84,8 +84,10 @@ pub(crate) fn steps(found: &Discovery) -> Table {
     ]);
     Table {
         title: match found.validation.of {
-            ErrorOf::Position => "Error at the validation poses, step by step".to_owned(),
-            of @ ErrorOf::Measurements => format!("Error of {}, step by step", of.held_out()),
+            ErrorOf::Position => format!("Error at {}, step by step", found.validation.compared()),
+            ErrorOf::Measurements => {
+                format!("Error of {}, step by step", found.validation.compared())
+            }
         },
         columns: columns(&[
             ("", &["Model"]),

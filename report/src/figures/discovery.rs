@@ -26,7 +26,7 @@ pub fn gap_by_step(found: &Discovery) -> Option<Figure> {
     let title = &format!("{} by step", found.validation.of.title());
     let subtitle = &format!(
         "Mean and largest error on {}; the line marks the mean of the stated noise alone",
-        found.validation.of.held_out()
+        found.validation.compared()
     );
     let errors = steps.iter().map(|step| [step.gap.mean_um, step.gap.max_um]);
     let rows: Vec<_> = tables::labels(found).into_iter().zip(errors).collect();
@@ -38,11 +38,7 @@ pub fn gap_by_step(found: &Discovery) -> Option<Figure> {
         caption: format!(
             "How the {} shrinks as effects are added to the model, in this order, on {}.",
             found.validation.of.short(),
-            if found.validation.held_out {
-                "poses that took no part in the search"
-            } else {
-                "the poses that were searched"
-            }
+            found.validation.compared()
         ),
         svg: drawn.svg,
     })

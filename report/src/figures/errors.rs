@@ -6,7 +6,7 @@ use tau::study::results::Study;
 use super::axis::Axis;
 use super::chart::{self, ACCENT, Grid, PALE, STRONG, Show, series};
 use super::{Figure, bars, length_unit};
-use crate::findings::{has_reduced, held_out};
+use crate::findings::{compared, has_reduced, held_out};
 use crate::number::{fixed, largest, shared_decimals};
 
 /// Table I as bars: mean and largest position error of each variant.
@@ -21,10 +21,8 @@ pub fn error_by_variant(study: &Study) -> Option<Figure> {
     } else {
         ""
     };
-    let subtitle = format!(
-        "Mean and largest error at {} validation poses{division}",
-        study.poses.validation
-    );
+    let (count, poses) = compared(study.poses);
+    let subtitle = format!("Mean and largest error at {count} {poses}{division}");
     let errors = |variant: &VariantResult| [variant.position_um.mean, variant.position_um.max];
     let rows = variants
         .iter()
@@ -76,10 +74,10 @@ pub fn error_by_pose(study: &Study) -> Option<Figure> {
     let title = "Position error by pose";
     let size = group_size(variants.iter().map(|variant| variant.pose_errors.len()));
     let subtitle = if size == 1 {
-        "Each bar is a validation pose; the line marks the mean".to_owned()
+        "Each bar is a pose; the line marks the mean".to_owned()
     } else {
         format!(
-            "Each bar is {size} validation poses in turn: their mean (dark) and largest error (pale); the line marks the mean"
+            "Each bar is {size} poses in turn: their mean (dark) and largest error (pale); the line marks the mean"
         )
     };
     let errors = || variants.iter().flat_map(|variant| &variant.pose_errors);
@@ -191,7 +189,7 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
     };
     // As in Table I.
     let (factor, unit) = (1e3, "mrad");
-    let title = "Orientation errors at the validation poses";
+    let title = &format!("Orientation errors at the {}", compared(study.poses).1);
     let size = group_size(variants.iter().map(|variant| variant.pose_errors.len()));
     let subtitle = if size == 1 {
         "Rotation vector from the measured to the predicted plate".to_owned()

@@ -117,7 +117,7 @@ fn two_values(evidence: &Evidence) -> &'static str {
     let has_two = |pattern: &Pattern| pattern.bins.len() == 2;
     if evidence.residuals.iter().any(has_two) {
         " Where a quantity has two values, the effect can always take up the difference of their means: that they are \
-         zero on the right is so by construction; what it brings shows in the scatter and in what was held out."
+         zero on the right is so by construction; what it brings shows in the scatter."
     } else {
         ""
     }

@@ -71,7 +71,7 @@ fn draw(
     }
     let step = typographic(&general(sensitivity.step, 1));
     let subtitle = format!(
-        "Effect of a step of +{step} (SI units) in each parameter at {} validation poses: mean (disc) and range (bar)",
+        "Effect of a step of +{step} (SI units) in each parameter at {} poses: mean (disc) and range (bar)",
         sensitivity.poses
     );
     let columns = links.len().clamp(1, 3);

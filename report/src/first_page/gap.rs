@@ -6,7 +6,7 @@ use tau::discovery::results::ErrorOf;
 use tau::study::results::Study;
 
 use crate::discovery::findings::is_base;
-use crate::findings::{best, held_out};
+use crate::findings::{best, compared, held_out};
 use crate::number::{fixed, general, largest, shared_decimals};
 
 /// Variants of a study that are shown, at most.
@@ -24,7 +24,7 @@ struct Row {
 /// Before and after the search, or the variants where there was none.
 pub(super) fn of_study(study: &Study) -> Markup {
     if let Some(found) = &study.discovery {
-        return of_discovery(found, study.poses.validation);
+        return of_discovery(found, compared(study.poses).0);
     }
     let best = best(study).map(|variant| variant.name.as_str());
     let mut variants: Vec<_> = study.variants.iter().collect();
@@ -55,7 +55,7 @@ pub(super) fn of_study(study: &Study) -> Markup {
         ),
         None => bars(
             (AT_THE_TOOL, &rows),
-            &poses(study.poses.validation, held_out(study.poses)),
+            &poses(compared(study.poses).0, held_out(study.poses)),
         ),
     }
 }

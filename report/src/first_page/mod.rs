@@ -19,6 +19,7 @@ use crate::discovery::findings as discovered;
 use crate::discovery::method::Setting;
 use crate::discovery::words::rest_or_error;
 use crate::elements::prose;
+use crate::findings::compared;
 use crate::machine::{self, Drawing, Errors, Pin, Scene};
 
 /// The first page of a study.
@@ -48,7 +49,7 @@ pub(crate) fn of_discovery(found: &Discovery, setting: &Setting, robot: &str) ->
     html! {
         section.front aria-label="Summary" {
             (verdict::of_discovery(found))
-            (middle(drawing.as_ref(), &gap::of_discovery(found, setting.poses.validation), Some(found)))
+            (middle(drawing.as_ref(), &gap::of_discovery(found, compared(setting.poses).0), Some(found)))
             (steps(&next::of_discovery(found)))
             (record::table(&setting.record, setting.poses, setting.rows.as_ref()))
         }

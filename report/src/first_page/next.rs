@@ -156,6 +156,15 @@ fn after_search(found: &Discovery) -> Vec<String> {
             "{outliers} See whether they were misread, or measure them again."
         ));
     }
+    if let Some(worst) = findings::gross_rows(found).first() {
+        let others = match found.gross_rows.len() {
+            1 => String::new(),
+            rows => format!(", the worst of {rows} rows that were left out"),
+        };
+        steps.push(format!(
+            "{worst}{others}. See whether it was misread, or measure it again."
+        ));
+    }
     steps.extend(heaviest(found));
     steps.extend(found.effects.iter().filter_map(decide));
     steps.extend(found.effects.iter().filter_map(|effect| {

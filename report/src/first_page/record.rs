@@ -17,12 +17,17 @@ pub(super) fn table(record: &Record, poses: PoseCounts, rows: Option<&RowDivisio
                     dd {
                         code { (record.split) }
                         @if let Some(rows) = rows {
-                            ": rows of " (rows.calibration.len()) " poses calibrate, of " (rows.validation.len()) " validate"
-                            @if !rows.distances.is_empty() {
+                            ": rows of " (rows.calibration.len()) " poses calibrate"
+                            @if !rows.is_disjoint() {
+                                ", none are held out"
+                            } @else {
+                                ", of " (rows.validation.len()) " validate"
+                            }
+                            @if !rows.distances.is_empty() && rows.is_disjoint() {
                                 "; " (rows.distances.len()) " distances calibrate, " (rows.held_out_distances.len()) " validate"
                             }
                         } @else {
-                            ": " (poses.calibration) " poses calibrate, " (poses.validation) " validate"
+                            ": " (poses.calibration) " poses calibrate, " (match poses.validation { 0 => "none are held out".to_owned(), count => format!("{count} validate") })
                         }
                     }
                 }

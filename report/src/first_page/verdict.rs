@@ -8,6 +8,7 @@ use tau::trust::{Status, Verdict};
 use crate::discovery::findings;
 use crate::discovery::words::capital;
 use crate::elements::prose;
+use crate::findings::compared_rows;
 use crate::trust;
 
 /// Of a study: that on the best fit, and what the search adds.
@@ -38,7 +39,7 @@ pub(super) fn of_study(study: &Study) -> Markup {
             p {
                 b { (variant.name) }
                 @if study.variants.len() > 1 {
-                    @if study.rows.is_some() { ", the variant with the smallest errors of what was held out" }
+                    @if let Some(rows) = &study.rows { ", the variant with the smallest errors of measurements that " (compared_rows(rows)) }
                     @else { ", the variant that comes nearest to the noise" }
                 }
                 ": "

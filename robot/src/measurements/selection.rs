@@ -223,7 +223,7 @@ pub struct PoseCounts {
     pub in_range: usize,
     /// Used for calibration.
     pub calibration: usize,
-    /// Held out for validation.
+    /// Held out for validation: 0 where all calibrate.
     pub validation: usize,
 }
 
@@ -253,7 +253,11 @@ impl Poses {
             total: folder.tcp_poses.len(),
             in_range: in_range.len(),
             calibration: division.calibration.len(),
-            validation: division.validation.len(),
+            validation: if division.is_disjoint() {
+                division.validation.len()
+            } else {
+                0
+            },
         };
         if folder.tcp_poses.is_empty() {
             let message = "found no poses of the plate, which this command compares: `tcp_poses.csv` is missing";

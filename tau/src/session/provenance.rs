@@ -144,6 +144,7 @@ impl<R> Session<R> {
             (None, Some(_)) => in_range.clone(),
         };
         let basis = match (record, own) {
+            (None, _) if asked.unwrap_or(self.split) == Split::All => Basis::NewFolder,
             (None, _) => Basis::Split,
             (Some(_), None) => Basis::NewFolder,
             (Some(_), Some(own)) => {
@@ -185,6 +186,7 @@ impl<R> Session<R> {
             (None, Some(_)) => held_out(Split::All),
         };
         let basis = match record {
+            None if asked.unwrap_or(self.split) == Split::All => Basis::NewFolder,
             None => Basis::Split,
             Some(own) if own.folder.is_empty() || own.folder != self.folder.fingerprint => {
                 Basis::NewFolder

@@ -11,6 +11,7 @@ use tau_estimation::numerics::parallel;
 use tau_estimation::sensitivity;
 use tau_estimation::trust::{self, of_calibration_knowing};
 use tau_estimation::uncertainty::Uncertainty;
+use tau_estimation::weighing::Treatment;
 use tau_kinematics::{Layout, Pose};
 use tau_robot::effects::CATALOGUE;
 use tau_robot::measurements::{Folder, Poses};
@@ -171,6 +172,11 @@ pub fn search<R>(study: &mut Study, session: &Session<R>, progress: &mut (dyn Fn
         study.remarks.push(remark.to_owned());
         return;
     };
+    if session.options().treatment != Treatment::default() {
+        let remark = "the treatment of outliers that was asked for is that of the calibrations: the search for effects \
+                      leaves outliers out";
+        study.remarks.push(remark.to_owned());
+    }
     let options = discovery::Options::default();
     match session.discover_with(base.name.as_str(), &options, progress) {
         Ok(outcome) => study.discovery = Some(outcome.discovery),
@@ -184,10 +190,7 @@ pub fn search<R>(study: &mut Study, session: &Session<R>, progress: &mut (dyn Fn
 /// The variant that discovery starts from unless told otherwise: `Full`, or else the last with all links
 /// and without effects.
 pub fn base(robot: &Robot) -> Option<&Variant> {
-    robot.variant("Full").or_else(|| {
-        let is_plain = |variant: &&Variant| variant.arm == Arm::Full && variant.effects.is_empty();
-        robot.variants.iter().rfind(is_plain)
-    })
+    robot.base()
 }
 
 /// Every variant without effects that the folder's sets allow.

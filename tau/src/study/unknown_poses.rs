@@ -117,7 +117,7 @@ fn of_variant<R>(
         undetermined: calibration.undetermined.clone(),
         iterations: calibration.iterations,
         termination: calibration.termination.clone(),
-        fit: Some(verdict(&found, &held)),
+        fit: Some(verdict(&found, &held, division.is_disjoint())),
         validation_outliers: vec![],
         held: Some(held),
     };
@@ -132,13 +132,18 @@ fn without_cost(link: &LinkResult) -> LinkResult {
     }
 }
 
-/// The verdict on the fit, no better than that on what was held out.
-fn verdict(found: &UnknownPoses, held: &HeldErrors) -> Verdict {
+/// The verdict on the fit, no better than that on the measurements with the parameters held, which were held out unless all
+/// calibrate.
+fn verdict(found: &UnknownPoses, held: &HeldErrors, is_held_out: bool) -> Verdict {
     let (mut verdict, of_held) = (found.verdict(), held.verdict());
     if of_held.status > Status::Consistent {
         verdict.status = verdict.status.max(of_held.status);
         let why = of_held.why.join(" ");
-        verdict.why.push(format!("Of what was held out: {why}"));
+        verdict.why.push(if is_held_out {
+            format!("Of what was held out: {why}")
+        } else {
+            why
+        });
     }
     verdict
 }

@@ -203,6 +203,7 @@ fn evaluated(
         fit.loosen();
     }
     fit.refuse_units(&fit.elimination(&fit.start).reduce())?;
+    fit.refuse_treatment(options.treatment)?;
     let mistakes = fit.exchanged_distances();
     let known = Known::new(&fit, of_parameters.as_ref());
     let is_known = fit.take_noise_of_calibration(options)?;

@@ -1,0 +1,160 @@
+//! Measurements that someone spoiled: what leaves them out says which they are.
+
+use std::fs;
+use std::path::Path;
+
+use serde_json::Value;
+
+use crate::support::{number, tau_in};
+
+/// Adds to a number of a table; `line` counts from 1 and the heading is the first.
+fn spoil(folder: &Path, file: &str, line: usize, column: &str, by: f64) {
+    let path = folder.join("measured").join(file);
+    let text = fs::read_to_string(&path).unwrap();
+    let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+    let index = lines[0].split(',').position(|name| name == column).unwrap();
+    let mut cells: Vec<String> = lines[line - 1].split(',').map(str::to_owned).collect();
+    let value: f64 = cells[index].parse().unwrap();
+    cells[index] = (value + by).to_string();
+    lines[line - 1] = cells.join(",");
+    fs::write(path, lines.join("\n") + "\n").unwrap();
+}
+
+/// Lines under the title of rows that were left out, each a measurement.
+fn left_out(said: &str) -> Vec<&str> {
+    rows_under(said, "Rows left out")
+}
+
+fn rows_under<'a>(said: &'a str, title: &str) -> Vec<&'a str> {
+    let lines = said.lines().skip_while(|line| *line != title);
+    let rows = lines.skip(1).take_while(|line| line.starts_with("  "));
+    rows.map(str::trim).collect()
+}
+
+/// What `tau discover` says, its page and its JSON.
+fn discovered(folder: &Path, model: &str) -> (String, String, Value) {
+    let line = format!("tau discover DIR/measured --model {model} --out DIR/out --json DIR/f.json");
+    let said = tau_in(folder, &line).done();
+    let page = fs::read_to_string(folder.join("out/report.html")).unwrap();
+    let json = fs::read(folder.join("f.json")).unwrap();
+    (said, page, serde_json::from_slice(&json).unwrap())
+}
+
+/// A reading that calibrates and one that is held out, 20 mm off at a noise of 0.1 mm.
+#[test]
+fn readings_that_are_far_off_are_named_with_their_drives() {
+    let work = tempfile::tempdir().unwrap();
+    let folder = work.path();
+    let line = "tau simulate --model four_belts --variant Full --measure readings --poses 60 --random \
+                --noise-drives 1e-4 --seed 5 --out DIR/measured";
+    tau_in(folder, line).done();
+    spoil(folder, "readings.csv", 21, "q2_m", 0.02);
+    spoil(folder, "readings.csv", 22, "q4_m", -0.02);
+
+    let (said, page, json) = discovered(folder, "four_belts");
+    let named = left_out(&said);
+    // Two readings of four tell where the sled is: what the other two leave of an error is some of it.
+    let named_with = |place: &str| {
+        let own = named.iter().find_map(|row| row.strip_prefix(place));
+        let sigmas = own.and_then(|own| own.strip_suffix(" times its noise"));
+        let sigmas: f64 = sigmas.expect(place).parse().unwrap();
+        assert!((50.0..=200.0).contains(&sigmas), "{named:?}");
+    };
+    named_with("readings.csv line 21, pose 20, drive of top_right: ");
+    named_with("readings.csv line 22, pose 21, drive of bottom_right: ");
+    assert_eq!(named.len(), 2, "{named:?}");
+    for row in &named {
+        assert!(page.contains(&format!("<li>{row}</li>")), "{row}");
+    }
+    let rows = json["gross_rows"].as_array().unwrap();
+    let places = rows
+        .iter()
+        .map(|row| (row["line"].as_u64().unwrap(), row["drive"].as_str()));
+    let expected = [(21, Some("top_right")), (22, Some("bottom_right"))];
+    assert!(places.eq(expected), "{rows:?}");
+
+    // The calibration of the same model names the one that it has, in the same words.
+    let line = "tau calibrate DIR/measured --model four_belts --variant Full --out DIR/calibrated";
+    let calibrated = tau_in(folder, line).done();
+    let rows = left_out(&calibrated);
+    assert!(
+        rows.len() == 1 && named.contains(&rows[0]),
+        "{rows:?} {named:?}"
+    );
+}
+
+/// A height that is 3 mm off has a line and a pose, and no drive.
+#[test]
+fn heights_that_are_far_off_are_named() {
+    let work = tempfile::tempdir().unwrap();
+    let folder = work.path();
+    let line = "tau simulate --model linear_delta --variant Full --measure heights,distances --poses 60 --random \
+                --seed 5 --out DIR/measured";
+    tau_in(folder, line).done();
+    spoil(folder, "heights.csv", 12, "height_m", 0.003);
+    let (said, _, json) = discovered(folder, "linear_delta");
+    let named = left_out(&said);
+    assert_eq!(named.len(), 1, "{said}");
+    assert!(
+        named[0].starts_with("heights.csv line 12, pose 11: "),
+        "{named:?}"
+    );
+    assert_eq!(json["gross_rows"].as_array().unwrap().len(), 1);
+}
+
+/// Poses that a tracker measured are outliers, by their numbers.
+#[test]
+fn poses_that_are_far_off_are_named() {
+    let work = tempfile::tempdir().unwrap();
+    let folder = work.path();
+    let line = "tau simulate --model linear_delta --variant Full --poses 40 --random --seed 5 \
+                --out DIR/measured";
+    tau_in(folder, line).done();
+    spoil(folder, "tcp_poses.csv", 12, "x_m", 0.003);
+    let (said, _, json) = discovered(folder, "linear_delta");
+    assert!(said.contains("Left out as outliers: set 1: 11."), "{said}");
+    assert_eq!(left_out(&said), Vec::<&str>::new());
+    assert_eq!(json["outliers"], serde_json::json!([11]));
+}
+
+/// Of a reading that is 20 mm off, an ordinary fit is rid, and one with a loss nearly; one that keeps it can't be right.
+#[test]
+fn readings_alone_are_treated_as_was_asked() {
+    let work = tempfile::tempdir().unwrap();
+    let folder = work.path();
+    let line = "tau simulate --model four_belts --variant Full --measure readings --poses 60 --random \
+                --noise-drives 1e-4 --seed 5 --out DIR/measured";
+    tau_in(folder, line).done();
+    spoil(folder, "readings.csv", 22, "q2_m", 0.02);
+    let place = "readings.csv line 22, pose 21, drive of top_right: ";
+    let treated = |asked: &str, title: &str, status: &str| {
+        let line = format!(
+            "tau calibrate DIR/measured --model four_belts --variant Full --out DIR/out --json DIR/j.json {asked}"
+        );
+        let said = tau_in(folder, &line).done();
+        let rows = rows_under(&said, title);
+        assert!(
+            rows.len() == 1 && rows[0].starts_with(place),
+            "{asked}: {said}"
+        );
+        let json: Value =
+            serde_json::from_slice(&fs::read(folder.join("j.json")).unwrap()).unwrap();
+        assert_eq!(json["fit"]["status"], status, "{asked}");
+        number(&json["gross_rows"][0]["weight"])
+    };
+    assert_eq!(treated("", "Rows left out", "consistent"), 0.0);
+    let less = "Rows far off, which count less";
+    let huber = treated("--loss huber", less, "consistent");
+    let cauchy = treated("--loss cauchy", less, "consistent");
+    let tukey = treated("--loss tukey", less, "consistent");
+    assert!(huber > cauchy && cauchy > tukey && tukey == 0.0 && huber < 0.02);
+    let kept = "Rows far off, which count like the others";
+    assert_eq!(treated("--keep-outliers", kept, "inconsistent"), 1.0);
+
+    let study = "tau study DIR/measured --model four_belts --out DIR/study --json - -q";
+    let remark = "the search for effects leaves outliers out";
+    for (asked, is_said) in [("", false), ("--keep-outliers", true)] {
+        let json = tau_in(folder, &format!("{study} {asked}")).json();
+        assert_eq!(json["remarks"].to_string().contains(remark), is_said);
+    }
+}
