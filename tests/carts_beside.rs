@@ -118,3 +118,30 @@ fn carts_that_a_variant_misses_count_less() {
     let ratio = own["rms"].as_f64().unwrap() / own["expected_rms"].as_f64().unwrap();
     assert!(ratio > 1.5, "{own}");
 }
+
+/// One gross row, and tracks that the variant misses: noise is taken for as large as the misfit of all others makes it, not
+/// for the seventeen times that the row would.
+#[test]
+fn a_gross_row_widens_no_noise() {
+    let folder = tempfile::tempdir().unwrap();
+    let effect = "--effect straightness(two):vertical2=3e-4";
+    let line = format!(
+        "tau simulate --out DIR/measured --variant Full --measure positions --random --poses 40 --seed 3 {effect}"
+    );
+    tau_in(folder.path(), &line).done();
+    let path = folder.path().join("measured/tcp_positions.csv");
+    let text = fs::read_to_string(&path).unwrap();
+    let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+    let column = lines[0].split(',').position(|name| name == "z_m").unwrap();
+    let mut cells: Vec<String> = lines[11].split(',').map(str::to_owned).collect();
+    let z_m: f64 = cells[column].parse().unwrap();
+    cells[column] = (z_m + 2e-3).to_string();
+    lines[11] = cells.join(",");
+    fs::write(&path, lines.join("\n")).unwrap();
+    let line = "tau calibrate DIR/measured --variant Full --split all --out DIR/out --json -";
+    let found = tau_in(folder.path(), line).json();
+    let gross = found["gross_rows"].as_array().unwrap();
+    assert_eq!((gross.len(), &gross[0]["line"]), (1, &Value::from(12)));
+    let widened = found["noise_factor"].as_f64().unwrap();
+    assert!(widened < 2.0, "{widened}");
+}

@@ -87,11 +87,12 @@ fn take_part(variant: &Variant, file: &RobotFile, folder: &Folder) -> bool {
     are_measured && have_noise && tracks.all(|track| track.shape != TrackShape::Piecewise)
 }
 
-/// A calibration of the plate, carts beside it. Where a variant misses them significantly, they count as if their noise
-/// were as large as the misfit: they never overrule the plate by what the variant lacks on tracks.
+/// A calibration of the plate, carts beside it if they take part and lead anywhere. Where a variant misses them significantly,
+/// they count as if their noise were as large as the misfit: they never overrule the plate by what the variant lacks on
+/// tracks.
 ///
 /// # Errors
-/// As [`super::calibrate`].
+/// Columns that the variant needs are missing.
 pub(super) fn beside(
     mut plate: UnknownPoses,
     (robot, variant): (&Robot, &Variant),
@@ -103,11 +104,24 @@ pub(super) fn beside(
     if plate.widened > 1.0 || !take_part(variant, file, folder) {
         return Ok(plate);
     }
-    let near = &plate.calibration;
-    if let Some(mistake) = numbering::mistake(&near.machine, folder) {
+    if let Some(mistake) = numbering::mistake(&plate.calibration.machine, folder) {
         plate.mistakes.push(mistake);
         return Ok(plate);
     }
+    match joined(&plate, (robot, variant), (file, folder), division, options) {
+        Err(Error::NotConverged { .. } | Error::Kinematics { .. }) => Ok(plate),
+        joined => joined,
+    }
+}
+
+fn joined(
+    plate: &UnknownPoses,
+    (robot, variant): (&Robot, &Variant),
+    (file, folder): (&RobotFile, &Folder),
+    division: &RowDivision,
+    options: &calibration::Options,
+) -> Result<UnknownPoses, Error> {
+    let near = &plate.calibration;
     let mut fit = all_sets(robot, variant, file, folder, division, near)?;
     fit.groups = NoiseGroup::all(&fit.assembly.kinds);
     (fit.groups).retain(|group| group.group != Component::Closure);
@@ -129,11 +143,10 @@ pub(super) fn beside(
     let joined = fit.finish(
         values,
         (&settled.reduced, &leverages),
-        plate.rank,
+        plate.rank.clone(),
         (&settled.solution, near.iterations + settled.iterations),
     )?;
     Ok(UnknownPoses {
-        mistakes: plate.mistakes,
         loss: plate.loss,
         ..joined
     })

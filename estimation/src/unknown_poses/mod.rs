@@ -125,7 +125,7 @@ pub fn calibrate(
     let prepared = Prepared::new(robot, variant, file, Some(folder), &all)?;
     refuse_commands(&prepared.machine, folder)?;
     let sketch_m = starts::sketched(&prepared);
-    let fitted = |machine: Machine, division: &RowDivision, search: Search| {
+    let without = |gross: &[GrossRow], machine: Machine, division: &RowDivision, search: Search| {
         let options = calibration::Options {
             solver: search.options(&options.solver, division.calibration.len()),
             ..options.clone()
@@ -137,22 +137,26 @@ pub fn calibrate(
             if is_loose {
                 fit.loosen();
             }
+            fit.start_without(gross)?;
             if search == Search::Widened {
                 fit.widen(&options)?;
             }
-            fitted(fit, &options)
+            let found = fitted(fit, &options)?;
+            Ok(found.beside_gross(gross))
         };
         match tried(false) {
             Ok(found) if found.kinds.iter().any(KindFit::is_missed) => tried(true),
             found => found,
         }
     };
+    let fitted = |machine, division: &RowDivision, search| without(&[], machine, division, search);
+    let nominal = || prepared.machine.clone();
+    let widened = || widened::best(|gross| without(gross, nominal(), division, Search::Widened));
     let of_plate = match sketch_m {
         Some(length_m) => starts::best(&prepared, length_m, division, fitted),
-        None => match fitted(prepared.machine.clone(), division, Search::Stated) {
-            Err(Error::NotConverged { .. } | Error::Kinematics { .. }) => {
-                fitted(prepared.machine.clone(), division, Search::Widened)
-            }
+        None => match fitted(nominal(), division, Search::Stated) {
+            Ok(found) if found.outweighs_tolerances() => widened().or(Ok(found)),
+            Err(Error::NotConverged { .. } | Error::Kinematics { .. }) => widened(),
             found => found,
         },
     };

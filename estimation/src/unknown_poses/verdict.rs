@@ -101,6 +101,22 @@ impl UnknownPoses {
         causes
     }
 
+    /// Parameters by how far they lie off their nominal values, in tolerances.
+    fn pulls(&self) -> impl Iterator<Item = Pull> {
+        self.calibration.parameters.iter().filter_map(|parameter| {
+            let tolerance = parameter.tolerance?;
+            Some(Pull {
+                parameter: parameter.name.clone(),
+                tolerances: (parameter.value - parameter.nominal) / tolerance,
+            })
+        })
+    }
+
+    /// True if what the model lacks, in units of the stated noise, outweighs tolerances: it drives a parameter far off.
+    pub(super) fn outweighs_tolerances(&self) -> bool {
+        !self.is_consistent() && self.pulls().any(|pull| pull.tolerances.abs() > FAR_PULL)
+    }
+
     /// Residuals against noise and parameters against tolerances.
     pub fn verdict(&self) -> Verdict {
         let ratio = self.residual_over_noise();
@@ -128,9 +144,9 @@ impl UnknownPoses {
             why.extend(causes);
             if self.widened > 1.0 {
                 why.push(format!(
-                    "At the stated noise the parameters do not settle: they are those at {} times that noise, where \
-                     tolerances hold them.",
-                    general(self.widened, 2)
+                    "At that noise what is missed would drive parameters beyond their tolerances: they are those at {} times \
+                     that noise, where tolerances hold them.",
+                    general(self.widened, 3)
                 ));
             }
             if self.rank.net_rows() == self.rank.factors() + 1 {
@@ -141,15 +157,7 @@ impl UnknownPoses {
                 );
             }
         }
-        let mut pulls: Vec<Pull> = (self.calibration.parameters.iter())
-            .filter_map(|parameter| {
-                let tolerance = parameter.tolerance?;
-                Some(Pull {
-                    parameter: parameter.name.clone(),
-                    tolerances: (parameter.value - parameter.nominal) / tolerance,
-                })
-            })
-            .collect();
+        let mut pulls: Vec<Pull> = self.pulls().collect();
         shorten(&mut pulls);
         if let Some(pull) = pulls
             .first()

@@ -7,11 +7,50 @@
 use tau_robot::robot_file::StatedNoise;
 
 use super::fit::Fit;
-use super::{ROUGH_COST, ROUGH_NOISE, ROUNDS, Settled};
+use super::{GrossRow, ROUGH_COST, ROUGH_NOISE, ROUNDS, Settled, UnknownPoses};
 use crate::calibration::{self, Error};
+use crate::numerics::order::largest_first;
 use crate::problem::CLOSURE_SHARE;
 
+/// The fit at the noise that the misfit of all but gross rows suggests. These are known only once noise is as large as
+/// they make it.
+///
+/// # Errors
+/// Of the first fit, which leaves out nothing.
+pub(super) fn best(
+    fitted: impl Fn(&[GrossRow]) -> Result<UnknownPoses, Error>,
+) -> Result<UnknownPoses, Error> {
+    let found = fitted(&[])?;
+    if found.left_out().is_empty() {
+        return Ok(found);
+    }
+    fitted(&found.gross).or(Ok(found))
+}
+
+impl UnknownPoses {
+    /// The same with rows that were known to be gross before.
+    pub(super) fn beside_gross(mut self, known: &[GrossRow]) -> Self {
+        self.gross.extend_from_slice(known);
+        largest_first(&mut self.gross, |row| row.sigmas);
+        self
+    }
+}
+
 impl Fit<'_> {
+    /// Leaves rows out from the start.
+    ///
+    /// # Errors
+    /// A row lacks what its residuals read.
+    pub(super) fn start_without(&mut self, gross: &[GrossRow]) -> Result<(), Error> {
+        if !gross.is_empty() {
+            self.left_out = gross.iter().map(|row| row.place).collect();
+            let mut start = std::mem::take(&mut self.start);
+            self.rebuild(&mut start)?;
+            self.start = start;
+        }
+        Ok(())
+    }
+
     /// Takes closures of exact drives for as noisy as what was measured. Where the model lacks something, redundant drives
     /// contradict each other, and parameters that would reconcile them at any price miss the measurements.
     pub(super) fn loosen(&mut self) {
