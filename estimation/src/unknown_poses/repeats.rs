@@ -157,10 +157,11 @@ impl Sums {
 }
 
 impl Fit<'_> {
-    /// Repeated readings of each kind, at the values that a fit found. Rows that are far off don't count, and under a loss
-    /// the others count in full.
+    /// Repeated readings of each kind, at the values that a fit found. Rows that are far off don't count unless they are kept,
+    /// and under a loss the others count in full.
     pub(super) fn repeats(&self, values: &[f64], reduced: &Reduced) -> Vec<Option<KindRepeats>> {
-        let far: BTreeSet<RowPlace> = self.gross.iter().map(|row| row.place).collect();
+        let far = self.gross.iter().filter(|row| row.weight < 1.0);
+        let far: BTreeSet<RowPlace> = far.map(|row| row.place).collect();
         let takes = |(block, sample, residual): RowIndex| {
             let place = RowPlace {
                 drive: (block == 0).then_some(residual),
