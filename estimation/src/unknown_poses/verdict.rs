@@ -112,9 +112,12 @@ impl UnknownPoses {
         })
     }
 
-    /// True if what the model lacks, in units of the stated noise, outweighs tolerances: it drives a parameter far off.
+    /// True if what the model lacks, in units of the stated noise, outweighs tolerances: it drives a parameter far off, and no
+    /// mistake is known to be the reason.
     pub(super) fn outweighs_tolerances(&self) -> bool {
-        !self.is_consistent() && self.pulls().any(|pull| pull.tolerances.abs() > FAR_PULL)
+        !self.is_consistent()
+            && self.mistakes.is_empty()
+            && self.pulls().any(|pull| pull.tolerances.abs() > FAR_PULL)
     }
 
     /// Residuals against noise and parameters against tolerances.
