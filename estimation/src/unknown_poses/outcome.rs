@@ -291,8 +291,8 @@ pub struct UnknownPoses {
     pub mistakes: Vec<Mistake>,
     /// Loss of the fit, if it is not least squares.
     pub loss: Option<Loss>,
-    /// Noise at which the parameters were found over the stated one: more than 1 where the model misses so much that they
-    /// don't settle at that.
+    /// Noise at which the parameters were found over the stated one: more than 1 where at that what the model misses would
+    /// drive them beyond their tolerances.
     pub widened: f64,
     /// Lowest and highest value of each command among the poses (m or rad).
     pub commands_m: Vec<[f64; 2]>,

@@ -1,4 +1,5 @@
-//! Fits at the noise that the misfit suggests, where a model misses so much that none settles at the stated one.
+//! Fits at the noise that the misfit suggests, where a model misses so much that those at the stated one lead beyond the
+//! tolerances or nowhere.
 //!
 //! Residuals of many standard deviations outweigh all tolerances: what the model lacks drives parameters that are hardly
 //! determined far from what is plausible, along valleys without an end, or to a machine that does not reach its poses.
