@@ -5,20 +5,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use crate::support::{number, tau_in};
-
-/// Adds to a number of a table; `line` counts from 1 and the heading is the first.
-fn spoil(folder: &Path, file: &str, line: usize, column: &str, by: f64) {
-    let path = folder.join("measured").join(file);
-    let text = fs::read_to_string(&path).unwrap();
-    let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
-    let index = lines[0].split(',').position(|name| name == column).unwrap();
-    let mut cells: Vec<String> = lines[line - 1].split(',').map(str::to_owned).collect();
-    let value: f64 = cells[index].parse().unwrap();
-    cells[index] = (value + by).to_string();
-    lines[line - 1] = cells.join(",");
-    fs::write(path, lines.join("\n") + "\n").unwrap();
-}
+use crate::support::{number, spoil, tau_in};
 
 /// Lines under the title of rows that were left out, each a measurement.
 fn left_out(said: &str) -> Vec<&str> {
@@ -31,7 +18,7 @@ fn rows_under<'a>(said: &'a str, title: &str) -> Vec<&'a str> {
     rows.map(str::trim).collect()
 }
 
-/// What `tau discover` says, its page and its JSON.
+/// Screen, page and JSON of `tau discover`.
 fn discovered(folder: &Path, model: &str) -> (String, String, Value) {
     let line = format!("tau discover DIR/measured --model {model} --out DIR/out --json DIR/f.json");
     let said = tau_in(folder, &line).done();

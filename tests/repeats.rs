@@ -143,7 +143,7 @@ fn right_models_have_even_p_values_and_the_noise_that_was_simulated() {
     }
 }
 
-/// What the model lacks is told from noise that is larger than stated, also where noise is estimated.
+/// A misfit of the model is told from noise that is larger than stated, also where noise is estimated.
 #[test]
 fn an_effect_shows_as_lack_of_fit_and_noise_as_scatter() {
     let effect = |simulation: &mut Simulation| {

@@ -38,7 +38,7 @@ fn claims(text: &str) -> Vec<&'static str> {
         .collect()
 }
 
-/// What a command says, writes as a page, and returns.
+/// Screen, page and JSON of a command.
 fn ran(folder: &Path, command: &str, model: &str, split: &str) -> (String, String, Value) {
     let more = match command {
         "calibrate" => "--variant Full --out DIR/calibrate",

@@ -145,3 +145,16 @@ pub(crate) fn fields<const N: usize>(value: &Value, names: [&str; N]) {
 pub(crate) fn number(value: &Value) -> f64 {
     value.as_f64().expect("a number")
 }
+
+/// Adds to a number of a table in `measured`; `line` counts from 1 and the heading is the first.
+pub(crate) fn spoil(folder: &Path, file: &str, line: usize, column: &str, by: f64) {
+    let path = folder.join("measured").join(file);
+    let text = fs::read_to_string(&path).unwrap();
+    let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+    let index = lines[0].split(',').position(|name| name == column).unwrap();
+    let mut cells: Vec<String> = lines[line - 1].split(',').map(str::to_owned).collect();
+    let value: f64 = cells[index].parse().unwrap();
+    cells[index] = (value + by).to_string();
+    lines[line - 1] = cells.join(",");
+    fs::write(path, lines.join("\n") + "\n").unwrap();
+}

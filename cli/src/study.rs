@@ -26,7 +26,7 @@ pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result
 
     let bar = Bar::new(console);
     let ran = study::run(&session, &mut |progress| bar.show(progress));
-    let mut results = ran.map_err(|error| match study::base(session.robot()) {
+    let mut results = ran.map_err(|error| match session.robot().base() {
         Some(base) => trust::explained(&session, &base.name, error),
         None => error.into(),
     })?;

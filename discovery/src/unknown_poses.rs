@@ -70,6 +70,9 @@ pub(super) fn search(
     let fit = calibration::Options::default();
     let variant = variant_of(robot, base)?;
     let of_base = unknown_poses::calibrate(robot, variant, file, folder, &rows, &fit)?;
+    if let Some(mistake) = of_base.mistakes.first() {
+        return Err(mistake.clone().into());
+    }
     let machine = &of_base.calibration.machine;
     let names = machine
         .variant

@@ -59,7 +59,7 @@ impl<'a> Session<'a> {
                 "compare lengths, joints and the reference with the drawing: in metres, and of the assembly that was built",
             ));
         };
-        // What the ordinary variant can't describe, such as a scale that it holds, would be an error that nobody asked for.
+        // A scale that the ordinary variant holds, or what else it can't describe, would be an error that nobody asked for.
         let variant = match &simulation.variant {
             Some(name) => Some(robot.find(name, "--variant")?),
             None => robot.base(),

@@ -5,7 +5,7 @@
 //! else that the fit leaves, whatever the model. Only closures at commands that differ by the noise of the drives have
 //! slightly different derivatives, by as much as these commands over the lengths of the links.
 //!
-//! What is left of the means of a kind has the covariance N, the block of those means in 1 − H, with H the hat matrix of all
+//! Residuals of the means of a kind have the covariance N, the block of those means in 1 − H, with H the hat matrix of all
 //! kinds and tolerances. Other kinds share the poses, so N is no projection: the sum of squares has the expectation tr N,
 //! but is distributed as tr N²/tr N·χ² with (tr N)²/tr N² degrees of freedom (F. E. Satterthwaite, Biometrics Bulletin 2,
 //! 1946), which are tr N where N is a projection.

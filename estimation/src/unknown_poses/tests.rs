@@ -297,7 +297,7 @@ fn with_repeats(mut folder: Folder) -> Folder {
     folder
 }
 
-/// What is left of means of readings, and what readings scatter about them, against the hat matrix of everything at once.
+/// Residuals of means of readings, and the scatter of readings about them, against the hat matrix of everything at once.
 #[test]
 fn repeats_are_those_of_the_dense_hat_matrix() {
     let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
@@ -348,7 +348,7 @@ fn repeats_are_those_of_the_dense_hat_matrix() {
         };
         let own: Vec<usize> = (0..height).filter(of_kind).collect();
         let is_drives = redundancy.kind.file == "drives";
-        // What a row measures, and its noise.
+        // Quantity and noise of each row.
         let mut groups: BTreeMap<_, Vec<(usize, f64)>> = BTreeMap::new();
         for (index, &row) in own.iter().enumerate() {
             let (block, sample, residual) = rows[row];

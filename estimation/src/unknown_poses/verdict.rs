@@ -52,8 +52,8 @@ impl UnknownPoses {
         ))
     }
 
-    /// What makes residuals as large as they are, as far as repeated readings tell: noise that scatters more than stated,
-    /// or what the model misses; of the kinds that `takes` says.
+    /// Reasons for the size of the residuals, as far as repeated readings tell: noise that scatters more than stated, or a
+    /// misfit of the model; of the kinds that `takes` says.
     fn causes(&self, takes: impl Fn(&Kind) -> bool) -> Vec<String> {
         let robot = &self.calibration.machine.robot;
         let noisy = || {

@@ -153,6 +153,35 @@ fn steps_follow_a_curved_valley() {
     }
 }
 
+/// Where bounds hold all parameters at the end of a step, no correction is sought for what the wall takes of it.
+#[test]
+fn steps_end_where_bounds_hold_all() {
+    let family = Family::new(Ring);
+    for power in 8..40 {
+        let high = 2.0_f64.powf(-0.5 * f64::from(power));
+        let mut problem = problem(&family, &[], &[1.0, 0.0]);
+        for (parameter, (low, high)) in
+            (problem.parameters.iter_mut()).zip([(1.0, 2.0), (-1.0, high)])
+        {
+            *parameter = parameter.clone().with_bounds(low, high);
+        }
+        let solution = solve(&problem, &Options::default()).unwrap();
+        assert!(solution.converged(), "{high}");
+        // With x = 1 the slope of the cost by y is 2e8 y³ + 0.01 (y - 0.8).
+        let slope = |y: f64| 2e8 * y.powi(3) + 0.01 * (y - 0.8);
+        let [x, y] = [solution.parameters[0], solution.parameters[1]];
+        assert!((x - 1.0).abs() < f64::MIN_POSITIVE, "{x}");
+        assert!(
+            if y < high {
+                slope(y).abs() < 1e-8
+            } else {
+                slope(y) <= 0.0
+            },
+            "{high} {y}"
+        );
+    }
+}
+
 #[test]
 fn curved_valley_stops_at_its_bound() {
     let family = Family::new(Valley);

@@ -11,7 +11,6 @@ use tau_robot::input_error::{self, InputError, Source, both};
 use tau_robot::robot::{Robot, Variant};
 
 use super::{Calibrated, Described, Session, VariantKey};
-use crate::study;
 
 /// Effects to search for.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -29,7 +28,7 @@ impl<R> Session<R> {
     /// # Errors
     /// There is none.
     pub fn base(&self) -> Result<&Variant, InputError> {
-        study::base(&self.robot).ok_or_else(|| {
+        self.robot.base().ok_or_else(|| {
             InputError::whole(
                 &self.robot.name,
                 "there is no variant with all links and without effects to start from",

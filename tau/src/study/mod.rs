@@ -167,7 +167,7 @@ pub fn layout(calibration: &Calibration, folder: &Folder) -> Option<Layout> {
 ///
 /// A step of its own, because it takes many times as long as all the rest.
 pub fn search<R>(study: &mut Study, session: &Session<R>, progress: &mut (dyn FnMut(&str) + Send)) {
-    let Some(base) = base(session.robot()) else {
+    let Some(base) = session.robot().base() else {
         let remark = "nothing was searched for: no variant has all links and no effects";
         study.remarks.push(remark.to_owned());
         return;
@@ -185,12 +185,6 @@ pub fn search<R>(study: &mut Study, session: &Session<R>, progress: &mut (dyn Fn
             study.remarks.push(remark);
         }
     }
-}
-
-/// The variant that discovery starts from unless told otherwise: `Full`, or else the last with all links
-/// and without effects.
-pub fn base(robot: &Robot) -> Option<&Variant> {
-    robot.base()
 }
 
 /// Every variant without effects that the folder's sets allow.
