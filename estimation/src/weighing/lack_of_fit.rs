@@ -58,23 +58,22 @@ pub(crate) fn along(direction: &[f64], readings: impl Iterator<Item = f64>) -> f
 pub(crate) fn apart(direction: &[f64], readings: impl Iterator<Item = f64> + Clone) -> f64 {
     let shared = along(direction, readings.clone());
     let off = direction.iter().zip(readings);
-    off.map(|(along, reading)| (reading - along * shared).powi(2))
-        .sum()
+    off.map(|(along, reading)| (reading - along * shared).powi(2)).sum()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Readings 1, 2, 6 with noise 1, 1, 2 have the weighted mean (1 + 2 + 6/4)/(9/4) = 2, about which they scatter by
-    /// 1 + 0 + (4/2)² = 5.
+    /// Readings 1 and 6 with noise 1 and 1/2 have the weighted mean (1 + 4·6)/5 = 5, about which they scatter by
+    /// 4² + (1/(1/2))² = 20.
     #[test]
     fn readings_scatter_about_their_weighted_mean() {
-        let direction = together([1.0, 1.0, 0.5].into_iter());
-        let readings = [1.0, 2.0, 3.0];
+        let direction = together([1.0, 2.0].into_iter());
+        let readings = [1.0, 12.0];
         let shared = along(&direction, readings.into_iter());
-        assert!((shared - 2.0 * 2.25_f64.sqrt()).abs() < 1e-14);
-        assert!((apart(&direction, readings.into_iter()) - 5.0).abs() < 1e-14);
+        assert!((shared - 5.0 * 5.0_f64.sqrt()).abs() < 1e-13);
+        assert!((apart(&direction, readings.into_iter()) - 20.0).abs() < 1e-13);
     }
 
     /// With two degrees of freedom between, P(F > f) = (1 + 2f/m)^(−m/2).
