@@ -58,7 +58,8 @@ pub(crate) fn along(direction: &[f64], readings: impl Iterator<Item = f64>) -> f
 pub(crate) fn apart(direction: &[f64], readings: impl Iterator<Item = f64> + Clone) -> f64 {
     let shared = along(direction, readings.clone());
     let off = direction.iter().zip(readings);
-    off.map(|(along, reading)| (reading - along * shared).powi(2)).sum()
+    off.map(|(along, reading)| (reading - along * shared).powi(2))
+        .sum()
 }
 
 #[cfg(test)]
