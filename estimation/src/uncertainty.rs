@@ -19,16 +19,20 @@ use crate::numerics::parallel;
 
 /// Poses at which the largest standard deviation is looked for: more tell nothing else.
 const MOST_POSES: usize = 4000;
+/// Blocks of columns that are summed side by side: enough that additions do not wait for each other.
+const STRIP: usize = 4;
 
 /// Uncertainty of a machine's parameters.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Uncertainty {
     /// Row of each of the variant's parameters in [`Self::factor`]; `None` where the parameter is known exactly.
     rows: Vec<Option<usize>>,
-    /// F: one row after the other, each in as many blocks of columns.
+    /// F: one row after the other, each in as many strips of columns.
     factor: Vec<Lanes>,
-    /// Number of blocks of a row.
-    blocks: usize,
+    /// Number of strips of each row of F before those that are zero: F is triangular.
+    filled: Vec<usize>,
+    /// Number of strips of a row.
+    strips: usize,
     /// Standard deviation of each coordinate of the points that piecewise tracks pass through (m).
     points_m: f64,
 }
@@ -73,18 +77,23 @@ impl Uncertainty {
     fn by_rows(rows: Vec<Option<usize>>, factor: &[Vec<f64>]) -> Self {
         // One at least, so that there are rows where nothing is uncertain.
         let columns = factor.iter().map(Vec::len).fold(1, usize::max);
-        let blocks = block_count(columns);
-        let of_row = |row: &Vec<f64>| {
-            let mut lanes = vec![Lanes::ZERO; blocks];
+        let strips = block_count(columns).div_ceil(STRIP);
+        let mut lanes = vec![Lanes::ZERO; factor.len() * strips * STRIP];
+        let rows_of_lanes = lanes.chunks_exact_mut(strips * STRIP);
+        for (lanes, row) in rows_of_lanes.zip(factor) {
             for (column, entry) in row.iter().enumerate() {
                 lanes[column / LANES][column % LANES] = *entry;
             }
-            lanes
+        }
+        let filled = |row: &Vec<f64>| {
+            let last = row.iter().rposition(|entry| *entry != 0.0);
+            last.map_or(0, |last| last / (STRIP * LANES) + 1)
         };
         Self {
             rows,
-            factor: factor.iter().flat_map(of_row).collect(),
-            blocks,
+            factor: lanes,
+            filled: factor.iter().map(filled).collect(),
+            strips,
             points_m: 0.0,
         }
     }
@@ -140,10 +149,11 @@ impl Uncertainty {
 
     /// Rows of F of some parameters, given by index; zero where one is known exactly.
     pub(crate) fn factor_of(&self, parameters: &[usize]) -> DMatrix<f64> {
-        let mut factor = DMatrix::zeros(parameters.len(), LANES * self.blocks);
+        let blocks = self.blocks();
+        let mut factor = DMatrix::zeros(parameters.len(), LANES * blocks);
         for (row, &index) in parameters.iter().enumerate() {
             if let Some(own) = self.rows.get(index).copied().flatten() {
-                let own = &self.factor[own * self.blocks..][..self.blocks];
+                let own = &self.factor[own * blocks..][..blocks];
                 for (column, entry) in own.iter().flat_map(|lanes| lanes.0).enumerate() {
                     factor[(row, column)] = entry;
                 }
@@ -249,10 +259,9 @@ impl Uncertainty {
             closures: &closures.by_parameters,
             known: self,
         };
-        let mut motion = vec![Lanes::ZERO; unknowns.len() * self.blocks];
-        let mut by_factor = vec![Lanes::ZERO; self.blocks];
+        let mut motion = vec![Lanes::ZERO; unknowns.len() * self.blocks()];
         let numbers = response.as_slice();
-        vectorized(product, &self.factor, numbers, &mut motion, &mut by_factor);
+        vectorized(product, &self.factor, numbers, &mut motion, &mut []);
         let by_paths = response * self.by_paths(machine, sample, &closures);
         Ok((motion, by_paths))
     }
@@ -293,9 +302,14 @@ impl Uncertainty {
         DMatrix::from_columns(&columns)
     }
 
+    /// Number of blocks of a row.
+    fn blocks(&self) -> usize {
+        self.strips * STRIP
+    }
+
     /// Rows that are given one after the other.
     fn rows_of<'a>(&self, lanes: &'a [Lanes]) -> impl Iterator<Item = &'a [Lanes]> + use<'a> {
-        lanes.chunks_exact(self.blocks)
+        lanes.chunks_exact(self.blocks())
     }
 }
 
@@ -314,25 +328,30 @@ impl Kernel for Motion<'_> {
         reason = "compiled for the instruction set of its caller"
     )]
     #[inline(always)]
-    fn run(
-        self,
-        factor: &[Lanes],
-        response: &[f64],
-        motion: &mut [Lanes],
-        by_factor: &mut [Lanes],
-    ) {
-        let Uncertainty { rows, blocks, .. } = self.known;
-        let unknowns = response.len() / self.closures.len().max(1);
-        let response = response.chunks_exact(unknowns.max(1));
-        for (entries, response) in self.closures.iter().zip(response) {
-            by_factor.fill(Lanes::ZERO);
-            for &(parameter, entry) in entries {
-                if let Some(row) = rows.get(parameter).copied().flatten() {
-                    add(by_factor, entry, &factor[row * blocks..]);
+    fn run(self, factor: &[Lanes], response: &[f64], motion: &mut [Lanes], _: &mut [Lanes]) {
+        let Uncertainty {
+            rows,
+            filled,
+            strips,
+            ..
+        } = self.known;
+        let unknowns = (response.len() / self.closures.len().max(1)).max(1);
+        for strip in 0..*strips {
+            let responses = response.chunks_exact(unknowns);
+            for (entries, responses) in self.closures.iter().zip(responses) {
+                // By the factor: sums that stay in registers.
+                let mut sums = [Lanes::ZERO; STRIP];
+                for &(parameter, entry) in entries {
+                    if let Some(row) = rows.get(parameter).copied().flatten()
+                        && strip < filled[row]
+                    {
+                        add(&mut sums, entry, &factor[(row * strips + strip) * STRIP..]);
+                    }
                 }
-            }
-            for (row, &entry) in motion.chunks_exact_mut(*blocks).zip(response) {
-                add(row, entry, by_factor);
+                let motion = motion.chunks_exact_mut(strips * STRIP);
+                for (row, &entry) in motion.zip(responses) {
+                    add(&mut row[strip * STRIP..], entry, &sums);
+                }
             }
         }
     }
@@ -345,7 +364,7 @@ impl Kernel for Motion<'_> {
 )]
 #[inline(always)]
 fn add(sums: &mut [Lanes], factor: f64, values: &[Lanes]) {
-    for (sum, value) in sums.iter_mut().zip(values) {
+    for (sum, value) in sums[..STRIP].iter_mut().zip(&values[..STRIP]) {
         for lane in 0..LANES {
             sum[lane] += factor * value[lane];
         }

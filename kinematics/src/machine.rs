@@ -71,8 +71,15 @@ impl Closures {
             self.slopes = DVector::zeros(count);
             self.jacobian = DMatrix::zeros(count, POSE_COLUMNS + commands);
         }
+        // Data of all closures, for which forces are found once.
+        let mut data = std::mem::take(&mut scratch.data);
+        data.clear();
+        machine.fill_kind(ResidualKind::ClosureByPose, sample, &mut data)?;
+        let mut rest = data.as_slice();
         for (row, instance) in machine.closure_instances().enumerate() {
-            let residual = scratch.linearize(machine, instance, sample)?;
+            let own;
+            (own, rest) = rest.split_at(instance.family.shape().data);
+            let residual = scratch.linearize_filled(machine, instance, own)?;
             let pattern = instance.family.pattern();
             let entries = || pattern.columns.iter().zip(&scratch.jacobian);
             let by_position = entries().filter(|&(&column, _)| column < 3);
@@ -87,6 +94,7 @@ impl Closures {
                 self.jacobian[(row, column)] = entry * scale;
             }
         }
+        scratch.data = data;
         Ok(())
     }
 }
@@ -165,7 +173,17 @@ impl Machine {
     /// # Errors
     /// As [`Self::fill`], of the first closure that lacks something.
     pub fn fill_closures(&self, sample: &Sample<'_>, data: &mut Vec<f64>) -> Result<(), Error> {
-        let closures = || self.variant.instances_of(ResidualKind::Closure);
+        self.fill_kind(ResidualKind::Closure, sample, data)
+    }
+
+    /// The same of the instances of a kind.
+    fn fill_kind(
+        &self,
+        kind: ResidualKind,
+        sample: &Sample<'_>,
+        data: &mut Vec<f64>,
+    ) -> Result<(), Error> {
+        let closures = || self.variant.instances_of(kind);
         let inputs = closures().map(|closure| closure.inputs.as_slice());
         if self.surroundings.fill_all(inputs, sample, data).is_ok() {
             return Ok(());
@@ -344,10 +362,22 @@ impl Scratch {
         instance: &Instance,
         sample: &Sample<'_>,
     ) -> Result<f64, Error> {
+        let mut data = std::mem::take(&mut self.data);
+        data.clear();
+        machine.fill(instance, sample, &mut data)?;
+        let residual = self.linearize_filled(machine, instance, &data);
+        self.data = data;
+        residual
+    }
+
+    /// The same with the data of the closure at hand.
+    fn linearize_filled(
+        &mut self,
+        machine: &Machine,
+        instance: &Instance,
+        data: &[f64],
+    ) -> Result<f64, Error> {
         let family = &instance.family;
-        let shape = family.shape();
-        self.data.clear();
-        machine.fill(instance, sample, &mut self.data)?;
         self.parameters.clear();
         self.parameters.extend(
             instance
@@ -355,8 +385,8 @@ impl Scratch {
                 .iter()
                 .map(|&index| machine.values[index]),
         );
-        self.prepared.resize(shape.prepared, 0.0);
-        family.prepare(&self.data, &mut self.prepared);
+        self.prepared.resize(family.shape().prepared, 0.0);
+        family.prepare(data, &mut self.prepared);
         self.jacobian.resize(family.pattern().len(), 0.0);
         let mut residual = [0.0];
         family.linearize(
