@@ -11,28 +11,22 @@ use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot::{Parameter, ResidualKind, Variant};
 use tau_robot::robot_file::RobotFile;
 use tau_robot::robot_file::keys::WIDE;
-use tau_runtime::{Kernel, LANES, Lanes, block_count, vectorized};
 
 use crate::calibration::{Calibration, Prepared};
 use crate::implicit::Linearized;
+use crate::numerics::factor::Factor;
 use crate::numerics::parallel;
 
 /// Poses at which the largest standard deviation is looked for: more tell nothing else.
 const MOST_POSES: usize = 4000;
-/// Blocks of columns that are summed side by side: enough that additions do not wait for each other.
-const STRIP: usize = 4;
 
 /// Uncertainty of a machine's parameters.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Uncertainty {
-    /// Row of each of the variant's parameters in [`Self::factor`]; `None` where the parameter is known exactly.
+    /// Row of each of the variant's parameters in F; `None` where the parameter is known exactly.
     rows: Vec<Option<usize>>,
-    /// F: one row after the other, each in as many strips of columns.
-    factor: Vec<Lanes>,
-    /// Number of strips of each row of F before those that are zero: F is triangular.
-    filled: Vec<usize>,
-    /// Number of strips of a row.
-    strips: usize,
+    /// F of their covariance F·Fᵀ.
+    factor: Factor,
     /// Standard deviation of each coordinate of the points that piecewise tracks pass through (m).
     points_m: f64,
 }
@@ -75,25 +69,9 @@ impl Uncertainty {
 
     /// Of parameters by their rows of F, where zeros at their ends may be left out.
     fn by_rows(rows: Vec<Option<usize>>, factor: &[Vec<f64>]) -> Self {
-        // One at least, so that there are rows where nothing is uncertain.
-        let columns = factor.iter().map(Vec::len).fold(1, usize::max);
-        let strips = block_count(columns).div_ceil(STRIP);
-        let mut lanes = vec![Lanes::ZERO; factor.len() * strips * STRIP];
-        let rows_of_lanes = lanes.chunks_exact_mut(strips * STRIP);
-        for (lanes, row) in rows_of_lanes.zip(factor) {
-            for (column, entry) in row.iter().enumerate() {
-                lanes[column / LANES][column % LANES] = *entry;
-            }
-        }
-        let filled = |row: &Vec<f64>| {
-            let last = row.iter().rposition(|entry| *entry != 0.0);
-            last.map_or(0, |last| last / (STRIP * LANES) + 1)
-        };
         Self {
             rows,
-            factor: lanes,
-            filled: factor.iter().map(filled).collect(),
-            strips,
+            factor: Factor::new(factor),
             points_m: 0.0,
         }
     }
@@ -149,12 +127,10 @@ impl Uncertainty {
 
     /// Rows of F of some parameters, given by index; zero where one is known exactly.
     pub(crate) fn factor_of(&self, parameters: &[usize]) -> DMatrix<f64> {
-        let blocks = self.blocks();
-        let mut factor = DMatrix::zeros(parameters.len(), LANES * blocks);
+        let mut factor = DMatrix::zeros(parameters.len(), self.factor.columns());
         for (row, &index) in parameters.iter().enumerate() {
             if let Some(own) = self.rows.get(index).copied().flatten() {
-                let own = &self.factor[own * blocks..][..blocks];
-                for (column, entry) in own.iter().flat_map(|lanes| lanes.0).enumerate() {
+                for (column, entry) in self.factor.row(own).enumerate() {
                     factor[(row, column)] = entry;
                 }
             }
@@ -190,8 +166,7 @@ impl Uncertainty {
     /// The same with standard deviations so many times as large.
     #[must_use]
     pub fn widened(mut self, by: f64) -> Self {
-        let entries = self.factor.iter_mut().flat_map(|lanes| &mut lanes.0);
-        entries.for_each(|entry| *entry *= by);
+        self.factor.scale(by);
         self.points_m *= by;
         self
     }
@@ -202,20 +177,12 @@ impl Uncertainty {
     /// Data that the sample lacks; derivatives that are not finite.
     pub fn pose(&self, machine: &Machine, sample: &Sample<'_>) -> Result<PoseUncertainty, Error> {
         let unknowns = machine.pose_unknowns();
-        let (motion, by_paths) = self.motion(machine, sample, unknowns)?;
+        let known = self.motion(machine, sample, unknowns)?;
         let mut covariance = Matrix6::zeros();
-        let rows = || self.rows_of(&motion).zip(unknowns);
-        for (index, (row, &unknown)) in rows().enumerate() {
-            for (other, &with) in rows().take(index + 1) {
-                let product = dot(row, other);
-                (covariance[(unknown, with)], covariance[(with, unknown)]) = (product, product);
-            }
-        }
-        for by_path in by_paths.column_iter() {
-            for (own, &unknown) in by_path.iter().zip(unknowns) {
-                for (other, &with) in by_path.iter().zip(unknowns) {
-                    covariance[(unknown, with)] += own * other;
-                }
+        for (row, &unknown) in unknowns.iter().enumerate() {
+            for (column, &with) in unknowns.iter().enumerate() {
+                // Symmetric to the last digit.
+                covariance[(unknown, with)] = known[(row.max(column), row.min(column))];
             }
         }
         Ok(PoseUncertainty { covariance })
@@ -235,35 +202,34 @@ impl Uncertainty {
         };
         let first = turning.len();
         let unknowns: Vec<usize> = turning.chain(commands).collect();
-        let (motion, by_paths) = self.motion(machine, sample, &unknowns)?;
-        let rows = self.rows_of(&motion).zip(by_paths.row_iter());
-        let variances = rows.map(|(row, by_paths)| dot(row, row) + by_paths.norm_squared());
-        Ok(variances.skip(first).map(f64::sqrt).collect())
+        let known = self.motion(machine, sample, &unknowns)?;
+        let variances = known.diagonal();
+        let sigmas = variances.iter().map(|variance| variance.max(0.0).sqrt());
+        Ok(sigmas.skip(first).collect())
     }
 
-    /// S·F: one row per unknown after the other; and the motions by a standard deviation of the carts on measured paths
-    /// along each axis, one column each.
+    /// Covariance of unknowns that follow the closures.
     fn motion(
         &self,
         machine: &Machine,
         sample: &Sample<'_>,
         unknowns: &[usize],
-    ) -> Result<(Vec<Lanes>, DMatrix<f64>), Error> {
+    ) -> Result<DMatrix<f64>, Error> {
         let closures = Linearized::new(machine, sample)?;
         let not_finite = || Error::NotFinite {
             closure: machine.variant.name.clone(),
             effects: Vec::new(),
         };
         let response = closures.response(unknowns).ok_or_else(not_finite)?;
-        let product = Motion {
-            closures: &closures.by_parameters,
-            known: self,
-        };
-        let mut motion = vec![Lanes::ZERO; unknowns.len() * self.blocks()];
-        let numbers = response.as_slice();
-        vectorized(product, &self.factor, numbers, &mut motion, &mut []);
-        let by_paths = response * self.by_paths(machine, sample, &closures);
-        Ok((motion, by_paths))
+        let by_paths = &response * self.by_paths(machine, sample, &closures);
+        let of_parameters = (closures.by_parameters.into_iter()).map(|entries| {
+            let own = |(parameter, entry): (usize, f64)| Some((self.rows[parameter]?, entry));
+            entries.into_iter().filter_map(own).collect()
+        });
+        let of_closures = self
+            .factor
+            .covariance_of(&of_parameters.collect::<Vec<_>>());
+        Ok(&response * of_closures * response.transpose() + &by_paths * by_paths.transpose())
     }
 
     /// Derivatives of the closures by a standard deviation of the carts on measured paths along each axis.
@@ -301,82 +267,4 @@ impl Uncertainty {
         }
         DMatrix::from_columns(&columns)
     }
-
-    /// Number of blocks of a row.
-    fn blocks(&self) -> usize {
-        self.strips * STRIP
-    }
-
-    /// Rows that are given one after the other.
-    fn rows_of<'a>(&self, lanes: &'a [Lanes]) -> impl Iterator<Item = &'a [Lanes]> + use<'a> {
-        lanes.chunks_exact(self.blocks())
-    }
-}
-
-/// The product S·F, closure by closure.
-#[derive(Clone, Copy)]
-struct Motion<'a> {
-    /// Derivatives of each by parameters, given by index.
-    closures: &'a [Vec<(usize, f64)>],
-    known: &'a Uncertainty,
-}
-
-impl Kernel for Motion<'_> {
-    /// From F and from how the unknowns follow the closures, by columns.
-    #[allow(
-        clippy::inline_always,
-        reason = "compiled for the instruction set of its caller"
-    )]
-    #[inline(always)]
-    fn run(self, factor: &[Lanes], response: &[f64], motion: &mut [Lanes], _: &mut [Lanes]) {
-        let Uncertainty {
-            rows,
-            filled,
-            strips,
-            ..
-        } = self.known;
-        let unknowns = (response.len() / self.closures.len().max(1)).max(1);
-        for strip in 0..*strips {
-            let responses = response.chunks_exact(unknowns);
-            for (entries, responses) in self.closures.iter().zip(responses) {
-                // By the factor: sums that stay in registers.
-                let mut sums = [Lanes::ZERO; STRIP];
-                for &(parameter, entry) in entries {
-                    if let Some(row) = rows.get(parameter).copied().flatten()
-                        && strip < filled[row]
-                    {
-                        add(&mut sums, entry, &factor[(row * strips + strip) * STRIP..]);
-                    }
-                }
-                let motion = motion.chunks_exact_mut(strips * STRIP);
-                for (row, &entry) in motion.zip(responses) {
-                    add(&mut row[strip * STRIP..], entry, &sums);
-                }
-            }
-        }
-    }
-}
-
-/// Adds a multiple of some numbers to as many others.
-#[allow(
-    clippy::inline_always,
-    reason = "compiled for the instruction set of its caller"
-)]
-#[inline(always)]
-fn add(sums: &mut [Lanes], factor: f64, values: &[Lanes]) {
-    for (sum, value) in sums[..STRIP].iter_mut().zip(&values[..STRIP]) {
-        for lane in 0..LANES {
-            sum[lane] += factor * value[lane];
-        }
-    }
-}
-
-fn dot(a: &[Lanes], b: &[Lanes]) -> f64 {
-    let mut sums = Lanes::ZERO;
-    for (a, b) in a.iter().zip(b) {
-        for lane in 0..LANES {
-            sums[lane] += a[lane] * b[lane];
-        }
-    }
-    sums.sum()
 }

@@ -6,10 +6,12 @@
 //! are traces of them with the covariance. Products are made when they are asked for, and anew where entries change.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::numerics::factor::Row;
 use crate::numerics::parallel;
 use crate::numerics::products::{transposed_times, transposed_times_columns};
 
@@ -396,6 +398,22 @@ impl Grouped {
         traces
     }
 
+    /// Entries of some rows, by column.
+    pub(crate) fn rows(&self, rows: Range<usize>) -> Vec<Row> {
+        let row = |row: usize| {
+            let Some((group, place)) = self.groups.places[row] else {
+                return vec![];
+            };
+            let (pattern, block) = (&self.groups.patterns[group], &self.blocks[group]);
+            let entries = block.entries.row(place);
+            let entries = pattern.columns.iter().zip(entries.iter());
+            entries
+                .map(|(&column, entry)| (column, block.factor * entry))
+                .collect()
+        };
+        rows.map(row).collect()
+    }
+
     /// `J·R`.
     pub fn times(&self, right: &DMatrix<f64>) -> DMatrix<f64> {
         let mut product = DMatrix::zeros(self.groups.rows, right.ncols());
@@ -445,6 +463,8 @@ impl Grouped {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::RowDVector;
+
     use super::*;
     use crate::numerics::distribution::Random;
 
@@ -500,6 +520,11 @@ mod tests {
             assert!((grouped.dense() - &matrix).amax() < 1e-12);
             let product = &matrix * &right;
             assert!((grouped.times(&right) - &product).amax() < 1e-12);
+            for (row, entries) in grouped.rows(0..200).into_iter().enumerate() {
+                let mut own = RowDVector::zeros(70);
+                (entries.into_iter()).for_each(|(column, entry)| own[column] += entry);
+                assert!((own - matrix.row(row)).amax() < 1e-15);
+            }
             assert!((grouped.gram() - matrix.tr_mul(&matrix)).amax() < 1e-12);
             assert!((grouped.gradient(&residuals) - matrix.tr_mul(&residuals)).amax() < 1e-12);
             let step = right.column(0).into_owned();

@@ -1,6 +1,7 @@
 //! Linear algebra, distributions and parallel loops of the joint fit and of discovery.
 
 pub mod distribution;
+pub(crate) mod factor;
 pub mod grouped;
 pub mod order;
 pub mod products;

@@ -8,6 +8,7 @@ use crate::calibration::prepared::Prepared;
 use crate::joint::descent::{Descent, not_converged};
 use crate::joint::exact::descent as closures_descent;
 use crate::joint::{Component, Joint};
+use crate::numerics::factor::Factor;
 use crate::numerics::projection::inverse_factor;
 use crate::samples::Sample;
 
@@ -275,11 +276,11 @@ pub(crate) fn sums_of(
     let (each, noisy) = (joint.rows.len() / samples.max(1), joint.noisy_closures());
     let factors = joint.factors(&[1.0; 4], &vec![1.0; samples]);
     let linear = joint.linearize(fitted, &factors);
-    let spread = linear.jacobian.times(&known.factor);
+    let factor = Factor::of(&known.factor);
     let of_sample = |sample: usize| {
         let own = linear.residuals.rows(sample * each, each).into_owned();
-        let spread = spread.rows(sample * each, each);
-        let covariance = DMatrix::identity(each, each) + spread * spread.transpose();
+        let rows = linear.jacobian.rows(sample * each..(sample + 1) * each);
+        let covariance = DMatrix::identity(each, each) + factor.covariance_of(&rows);
         let sum = covariance
             .cholesky()
             .map_or_else(|| own.norm_squared(), |c| own.dot(&c.solve(&own)));

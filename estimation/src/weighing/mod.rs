@@ -17,6 +17,7 @@ use crate::calibration::error::Error;
 use crate::calibration::prepared::Prepared;
 use crate::joint::descent::{Descent, not_converged};
 use crate::joint::{Component, Joint, exact};
+use crate::numerics::factor::Factor;
 use crate::numerics::parallel;
 use crate::samples::Sample;
 use crate::samples::outliers;
@@ -577,13 +578,13 @@ fn deleted(descent: &Descent, factor: &DMatrix<f64>) -> Vec<(f64, f64)> {
         plain = joint.linearize(&descent.fitted, &ones);
         (&plain.residuals, &plain.jacobian)
     };
-    let spread = jacobian.times(factor);
+    let factor = Factor::of(factor);
     let one = DMatrix::identity(residuals, residuals);
     let of_pose = |(pose, weight): (usize, &f64)| {
         let plain = if is_whole { weight.recip() } else { 1.0 };
         let own = all.rows(pose * residuals, residuals) * plain;
-        let spread = spread.rows(pose * residuals, residuals);
-        let open = spread * spread.transpose() * plain.powi(2);
+        let rows = jacobian.rows(pose * residuals..(pose + 1) * residuals);
+        let open = factor.covariance_of(&rows) * plain.powi(2);
         let missed = (&one - &open * weight.powi(2))
             .cholesky()
             .and_then(|others| {
