@@ -41,8 +41,8 @@ pub struct PoseError {
     pub sigma: Option<ErrorSigma>,
 }
 
-/// Standard deviations of an error of prediction: of the parameters and the measurement together, under the stated
-/// noise.
+/// Standard deviations of an error of prediction: of the parameters, of drives and links, and of the measurement together,
+/// under the stated noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ErrorSigma {
     /// Of the position, one per axis (µm).
@@ -226,7 +226,8 @@ pub fn evaluate_knowing(
         let fail = |error| Error::at_pose(measured.pose, machine.explained(error, &sample));
         let predicted = reached.map_err(fail)?.pose;
         let sigma = known.map(|(uncertainty, noise)| {
-            let of_pose = uncertainty.pose(machine, &sample.at(predicted))?;
+            let sample = sample.at(predicted);
+            let of_pose = uncertainty.pose_with_length_noise(machine, &sample)?;
             Ok(ErrorSigma::new(&of_pose, noise, machine))
         });
         let sigma = sigma.transpose().map_err(fail)?;

@@ -14,7 +14,7 @@ use tau_robot::robot_file::keys::WIDE;
 
 use crate::calibration::{Calibration, Prepared};
 use crate::implicit::Linearized;
-use crate::numerics::factor::Factor;
+use crate::numerics::factor::{Factor, Row};
 use crate::numerics::parallel;
 
 /// Poses at which the largest standard deviation is looked for: more tell nothing else.
@@ -176,8 +176,29 @@ impl Uncertainty {
     /// # Errors
     /// Data that the sample lacks; derivatives that are not finite.
     pub fn pose(&self, machine: &Machine, sample: &Sample<'_>) -> Result<PoseUncertainty, Error> {
+        self.of_pose(machine, sample, false)
+    }
+
+    /// The same with the noise of drives and links, by which the plate is off where it is measured.
+    ///
+    /// # Errors
+    /// As [`Self::pose`].
+    pub fn pose_with_length_noise(
+        &self,
+        machine: &Machine,
+        sample: &Sample<'_>,
+    ) -> Result<PoseUncertainty, Error> {
+        self.of_pose(machine, sample, true)
+    }
+
+    fn of_pose(
+        &self,
+        machine: &Machine,
+        sample: &Sample<'_>,
+        with_length_noise: bool,
+    ) -> Result<PoseUncertainty, Error> {
         let unknowns = machine.pose_unknowns();
-        let known = self.motion(machine, sample, unknowns)?;
+        let known = self.motion(machine, sample, unknowns, with_length_noise)?;
         let mut covariance = Matrix6::zeros();
         for (row, &unknown) in unknowns.iter().enumerate() {
             for (column, &with) in unknowns.iter().enumerate() {
@@ -202,7 +223,7 @@ impl Uncertainty {
         };
         let first = turning.len();
         let unknowns: Vec<usize> = turning.chain(commands).collect();
-        let known = self.motion(machine, sample, &unknowns)?;
+        let known = self.motion(machine, sample, &unknowns, false)?;
         let variances = known.diagonal();
         let sigmas = variances.iter().map(|variance| variance.max(0.0).sqrt());
         Ok(sigmas.skip(first).collect())
@@ -214,6 +235,7 @@ impl Uncertainty {
         machine: &Machine,
         sample: &Sample<'_>,
         unknowns: &[usize],
+        with_length_noise: bool,
     ) -> Result<DMatrix<f64>, Error> {
         let closures = Linearized::new(machine, sample)?;
         let not_finite = || Error::NotFinite {
@@ -221,15 +243,19 @@ impl Uncertainty {
             effects: Vec::new(),
         };
         let response = closures.response(unknowns).ok_or_else(not_finite)?;
-        let by_paths = &response * self.by_paths(machine, sample, &closures);
+        let by_paths = self.by_paths(machine, sample, &closures);
         let of_parameters = (closures.by_parameters.into_iter()).map(|entries| {
             let own = |(parameter, entry): (usize, f64)| Some((self.rows[parameter]?, entry));
             entries.into_iter().filter_map(own).collect()
         });
-        let of_closures = self
-            .factor
-            .covariance_of(&of_parameters.collect::<Vec<_>>());
-        Ok(&response * of_closures * response.transpose() + &by_paths * by_paths.transpose())
+        let of_parameters: Vec<Row> = of_parameters.collect();
+        let mut of_closures =
+            self.factor.covariance_of(&of_parameters) + &by_paths * by_paths.transpose();
+        if with_length_noise {
+            let scatter = machine.surroundings.length_noise.scatter(&closures.by_pose);
+            of_closures += &scatter * scatter.transpose();
+        }
+        Ok(&response * of_closures * response.transpose())
     }
 
     /// Derivatives of the closures by a standard deviation of the carts on measured paths along each axis.

@@ -3,11 +3,13 @@
 use std::cell::LazyCell;
 use std::fmt;
 
+use nalgebra::DMatrix;
 use tau_robot::measurements::{Conditions, TcpPose};
 use tau_robot::robot::Input;
 use tau_robot::robot_file::Reference;
 
 use super::Pose;
+use super::machine::POSE_COLUMNS;
 use super::paths::{Path, Segment};
 use super::statics::{Forces, Statics};
 
@@ -39,6 +41,25 @@ impl LengthNoise {
     /// True if lengths scatter.
     pub fn is_any(&self) -> bool {
         self.links_m > 0.0 || self.commands.iter().any(|&sigma| sigma > 0.0)
+    }
+
+    /// Scatter (m) of closures with derivatives as of [`Closures::jacobian`](crate::Closures): closures × independent
+    /// deviations. By a length a closure changes as by the distance of its joints, whose derivative is that by the plate's
+    /// position.
+    pub fn scatter(&self, jacobian: &DMatrix<f64>) -> DMatrix<f64> {
+        let (rows, commands) = (jacobian.nrows(), self.commands.len());
+        if !self.is_any() {
+            return DMatrix::zeros(rows, 0);
+        }
+        DMatrix::from_fn(rows, commands + rows, |row, column| {
+            if column < commands {
+                jacobian[(row, POSE_COLUMNS + column)] * self.commands[column]
+            } else if column - commands == row {
+                self.links_m
+            } else {
+                0.0
+            }
+        })
     }
 }
 

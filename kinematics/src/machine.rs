@@ -232,8 +232,7 @@ impl Machine {
     }
 
     /// Scatter of the closures (m²) from the noise of drives and links: closures × independent deviations, so that the
-    /// product with its transpose is their covariance. No columns where nothing scatters. By a length a closure changes as
-    /// by the distance of its joints, whose derivative is that by the plate's position.
+    /// product with its transpose is their covariance. No columns where nothing scatters.
     ///
     /// # Errors
     /// As [`Self::closures`].
@@ -242,21 +241,12 @@ impl Machine {
         if !noise.is_any() {
             return Ok(DMatrix::zeros(self.closure_count(), 0));
         }
-        let Closures {
-            jacobian, slopes, ..
-        } = self.closures(sample)?;
-        let (rows, commands) = (slopes.len(), noise.commands.len());
-        Ok(DMatrix::from_fn(rows, commands + rows, |row, column| {
-            // Derivatives come divided by that by the distance.
-            let by_length = if column < commands {
-                jacobian[(row, POSE_COLUMNS + column)] * noise.commands[column]
-            } else if column - commands == row {
-                noise.links_m
-            } else {
-                0.0
-            };
-            slopes[row] * by_length
-        }))
+        let closures = self.closures(sample)?;
+        let mut scatter = noise.scatter(&closures.jacobian);
+        for (mut row, slope) in scatter.row_iter_mut().zip(closures.slopes.iter()) {
+            row *= *slope;
+        }
+        Ok(scatter)
     }
 
     /// An error at a sample, with the effects that are at fault where a number is not finite.
