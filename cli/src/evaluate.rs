@@ -26,9 +26,9 @@ pub(super) fn run(
     if session.has_no_poses() {
         return unknown_poses(arguments, &session, target, console);
     }
-    let counts = session.poses()?.counts;
     let asked = resolve::asked_split(&arguments.input)?;
     let (poses, basis) = session.unseen(asked)?;
+    let counts = session.counts_of(&poses, basis)?;
     let variant = arguments.variant.name.as_str();
     let machine = session.machine(variant)?;
     let uncertainty = session.uncertainty(variant)?;
@@ -37,7 +37,13 @@ pub(super) fn run(
     let widening = session.robot_file().widening();
     let found = evaluate_knowing(&machine, known, session.folder(), &poses);
     let found = found.map_err(|error| trust::explained(&session, variant, error))?;
-    let verdict = session.verdict_on_prediction(&machine, poses.clone())?;
+    // Where other measurements or redundant drives say something of the poses, they are judged together.
+    let verdict = if session.has_unknown_poses() {
+        let (rows, _) = session.unseen_rows(asked)?;
+        session.evaluate_unknown_poses(variant, &rows)?.verdict()
+    } else {
+        session.verdict_on_prediction(&machine, poses.clone())?
+    };
     let (robot, folder) = (&session.robot().name, &session.folder().name);
     let title = format!("{robot}, {variant}, {folder}");
     let without = without_outliers(&found.errors, &verdict.outliers);

@@ -5,10 +5,9 @@ use tau_robot::robot_file::Noise;
 
 use crate::calibration::error::Error;
 use crate::calibration::prepared::Prepared;
+use crate::joint::Component;
 use crate::joint::descent::{Descent, not_converged};
 use crate::joint::exact::descent as closures_descent;
-use crate::joint::{Component, Joint};
-use crate::numerics::factor::Factor;
 use crate::numerics::projection::inverse_factor;
 use crate::samples::Sample;
 
@@ -235,13 +234,6 @@ impl Judged {
         ((found / closures).sqrt(), (left * noise / closures).sqrt())
     }
 
-    /// Sums of squares of each sample's residuals in the noise and in what another fit, with the same unknowns, leaves
-    /// open of them, and their numbers: `rᵀ(1 + J·C·Jᵀ)⁻¹r`.
-    pub(crate) fn sums_under(&self, known: &Self, samples: usize) -> Vec<(f64, f64)> {
-        let joint = &self.descent.joint;
-        sums_of(joint, &self.descent.fitted, known, samples)
-    }
-
     /// The residuals and their derivatives, priors last.
     pub(crate) fn into_descent(self) -> Descent {
         self.descent
@@ -263,28 +255,4 @@ fn log_determinant(matrix: &DMatrix<f64>) -> Option<f64> {
     let factor = Cholesky::new(matrix.clone())?;
     let diagonal = factor.l_dirty().diagonal();
     Some(2.0 * diagonal.iter().map(|entry| entry.ln()).sum::<f64>())
-}
-
-/// The same of samples that need no fit of their own, at values of theirs.
-pub(crate) fn sums_of(
-    joint: &Joint,
-    fitted: &[f64],
-    known: &Judged,
-    samples: usize,
-) -> Vec<(f64, f64)> {
-    let joint = &joint.clone().like(&known.descent.joint);
-    let (each, noisy) = (joint.rows.len() / samples.max(1), joint.noisy_closures());
-    let factors = joint.factors(&[1.0; 4], &vec![1.0; samples]);
-    let linear = joint.linearize(fitted, &factors);
-    let factor = Factor::of(&known.factor);
-    let of_sample = |sample: usize| {
-        let own = linear.residuals.rows(sample * each, each).into_owned();
-        let rows = linear.jacobian.rows(sample * each..(sample + 1) * each);
-        let covariance = DMatrix::identity(each, each) + factor.covariance_of(&rows);
-        let sum = covariance
-            .cholesky()
-            .map_or_else(|| own.norm_squared(), |c| own.dot(&c.solve(&own)));
-        (sum, noisy as f64)
-    };
-    (0..samples).map(of_sample).collect()
 }

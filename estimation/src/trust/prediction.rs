@@ -7,21 +7,20 @@ use tau_robot::robot_file::RobotFile;
 
 use crate::calibration::{Calibration, Error};
 use crate::joint::Joint;
-use crate::joint::descent::Descent;
-use crate::numerics::projection::inverse_factor;
+use crate::numerics::factor::Factor;
 use crate::numerics::spread::spread;
-use crate::samples::Sample;
-use crate::trust::judged::{Judged, Misfit, sums_of};
+use crate::trust::hypothesis::Case;
+use crate::trust::judged::{Judged, Misfit};
 use crate::trust::recognise::{self, ITERATIONS};
 use crate::trust::verdict::{Pull, Status, Verdict, case, measured, mistakes, shorten};
+use crate::uncertainty::Uncertainty;
 use crate::weighing::MOST_POSES;
 use crate::weighing::{Outlier, Treatment, Weighing, weigh};
 
 /// The verdict on the prediction of the poses that validate, with the parameters of a robot file.
 ///
-/// Where the file states standard deviations, they are those of parameters that were calibrated, correlated as the poses
-/// that calibrate and the tolerances make them; else the tolerances are. Residuals are judged against the noise and
-/// against what such parameters may do to them. Outliers among the poses are listed, and left out unless they are kept.
+/// Where the file holds the covariance of calibrated parameters, residuals are judged against the noise and against what
+/// such parameters may do to them; else parameters are fitted within their tolerances. Outliers among the poses are listed, and left out unless they are kept.
 ///
 /// # Errors
 /// Data that the variant takes are missing.
@@ -33,24 +32,11 @@ pub fn of_prediction(
     treatment: Treatment,
 ) -> Result<Verdict, Error> {
     let (robot, variant) = (&machine.robot, &machine.variant);
-    let of = |poses: &[usize]| case(robot, variant, file, folder, poses).thinned(MOST_POSES);
-    let all = of(&division.validation);
+    let all = case(robot, variant, file, folder, &division.validation).thinned(MOST_POSES);
     let samples = all.samples();
     let noise = all.file.noise;
-    let known = if stated_sigmas(file) == 0 {
-        None
-    } else {
-        let before = of(&division.calibration);
-        let (prepared, samples) = (before.prepared()?, before.samples());
-        let inflation = if Sample::units(&samples) < samples.len() {
-            weigh(&prepared, &machine.values, &samples, noise, treatment)?.inflation
-        } else {
-            vec![1.0; samples.len()]
-        };
-        let values = &machine.values;
-        let known = Judged::new(&prepared, values, &samples, noise, (&inflation, 0))?;
-        Some(known)
-    };
+    let known = (file.covariance.as_ref())
+        .and_then(|_| Uncertainty::of_prepared(&all.prepared().ok()?, file));
     let weighing = match &known {
         None => weigh(
             &all.prepared()?,
@@ -59,11 +45,11 @@ pub fn of_prediction(
             noise,
             treatment,
         )?,
-        Some(known) => {
-            let judged = recognise::judged(&all, &all.prepared()?, &machine.values, 0)?;
-            let sums = judged.sums_under(known, samples.len());
-            Weighing::of_predicted(&sums, &samples, treatment)
-        }
+        Some(known) => Weighing::of_predicted(
+            &sums_under(known, &all, &machine.values)?,
+            &samples,
+            treatment,
+        ),
     };
     let kept: Vec<usize> = (0..samples.len())
         .filter(|&index| weighing.judged[index])
@@ -74,7 +60,7 @@ pub fn of_prediction(
         let judged = recognise::judged(&case, &prepared, &machine.values, 0)?;
         let mut verdict = measured(&case, &judged, vec![]);
         verdict.know(&weighing);
-        let misfit = predicted(judged, known);
+        let misfit = predicted(judged, &known);
         verdict.chi2 = misfit.chi2;
         verdict.dof = misfit.dof;
         verdict.residual_over_noise = misfit.ratio();
@@ -126,86 +112,63 @@ pub fn outliers_of_validation(
     }
     let machine = &calibration.machine;
     let (robot, variant) = (&machine.robot, &machine.variant);
-    let case = |poses: &[usize]| case(robot, variant, file, folder, poses).thinned(MOST_POSES);
-    let calibrating: Vec<usize> = (calibration.weighing)
-        .taking_part(&division.calibration)
-        .collect();
-    let own;
-    let known = match calibration.judged() {
-        Some(known) => known,
-        None => {
-            let case = case(&calibrating);
-            own = recognise::judged(&case, &case.prepared()?, &machine.values, 0)?;
-            &own
-        }
+    let case = case(robot, variant, file, folder, &division.validation).thinned(MOST_POSES);
+    let Some(known) = Uncertainty::of_calibration(calibration) else {
+        return Ok(vec![]);
     };
-    let validating = case(&division.validation);
-    let (prepared, samples) = (validating.prepared()?, validating.samples());
-    let noise = validating.file.noise;
+    let sums = sums_under(&known, &case, &machine.values)?;
+    Ok(Weighing::of_predicted(&sums, &case.samples(), Treatment::default()).outliers)
+}
+
+/// Sums of squares of the closures of each pose at some values of the variant, in the noise and in what is not known of
+/// the values, and their numbers: `rᵀ(1 + J·C·Jᵀ)⁻¹r`.
+fn sums_under(
+    known: &Uncertainty,
+    case: &Case<'_>,
+    values: &[f64],
+) -> Result<Vec<(f64, f64)>, Error> {
+    let (prepared, samples) = (case.prepared()?, case.samples());
+    let noise = case.file.noise;
     let joint = Joint::of_residuals(prepared.machine, &prepared.nominal, &samples, noise)?;
     let joint = joint.with_path_noise(&samples, noise.position_m);
-    let sums = sums_of(&joint, &joint.fitted(&machine.values), known, samples.len());
-    Ok(Weighing::of_predicted(&sums, &samples, Treatment::default()).outliers)
-}
-
-/// Number of standard deviations that a robot file states.
-fn stated_sigmas(file: &RobotFile) -> usize {
-    let sections = [&file.links, &file.clusters, &file.tracks];
-    let of_links = sections
-        .into_iter()
-        .flat_map(|section| section.values())
-        .flat_map(|values| {
-            [
-                &values.length,
-                &values.plate_joint,
-                &values.track_offset,
-                &values.track_direction,
-                &values.track_rotation,
-            ]
-        });
-    let stated = of_links.flatten().filter_map(|value| value.sigma.as_ref());
-    stated.map(Vec::len).sum()
-}
-
-/// χ² of residuals at known values under the noise and what the uncertainty of the values does to them:
-/// `rᵀ(1 + J·C·Jᵀ)⁻¹r = rᵀr − gᵀ(JᵀJ + C⁻¹)⁻¹g` with `g = Jᵀr`, in units of the noise.
-fn predicted(judged: Judged, known: Judged) -> Misfit {
-    let (own, known) = (judged.into_descent(), known.into_descent());
-    let joint = own.joint.clone();
-    let data = |descent: Descent| {
-        let rows = descent.joint.rows.len();
-        let residuals = descent.residuals.clone();
-        let jacobian = descent.normal.into_jacobian().dense();
-        (
-            jacobian.rows(0, rows).into_owned(),
-            residuals.rows(0, rows).into_owned(),
-            jacobian,
-        )
+    let each = joint.rows.len() / samples.len().max(1);
+    let factors = joint.factors(&[1.0; 4], &vec![1.0; samples.len()]);
+    let linear = joint.linearize(&joint.fitted(values), &factors);
+    let factor = Factor::of(&known.factor_of(&joint.used));
+    let of_sample = |sample: usize| {
+        let own = linear.residuals.rows(sample * each, each).into_owned();
+        let rows = linear.jacobian.rows(sample * each..(sample + 1) * each);
+        let covariance = DMatrix::identity(each, each) + factor.covariance_of(&rows);
+        let sum = covariance
+            .cholesky()
+            .map_or_else(|| own.norm_squared(), |c| own.dot(&c.solve(&own)));
+        (sum, joint.noisy_closures() as f64)
     };
-    let (jacobian, residuals, _) = data(own);
-    let (.., information) = data(known);
-    let information: DMatrix<f64> = information.tr_mul(&information);
-    let gradient = jacobian.tr_mul(&residuals);
-    let scale = information
-        .diagonal()
-        .map(|d| if d > 0.0 { d.sqrt().recip() } else { 1.0 });
-    let gram = jacobian.tr_mul(&jacobian) + &information;
-    let scaled = DMatrix::from_fn(gram.nrows(), gram.ncols(), |i, j| {
-        gram[(i, j)] * scale[i] * scale[j]
-    });
-    let step = inverse_factor(scaled).map_or_else(
-        || gradient.scale(0.0),
-        |factor| {
-            let step = &factor * factor.tr_mul(&gradient.component_mul(&scale));
-            step.component_mul(&scale)
-        },
-    );
-    // Residuals where the values go as far as their uncertainty lets them.
-    let left = &residuals - jacobian * &step;
-    let of_values = step.dot(&(information * &step));
+    Ok((0..samples.len()).map(of_sample).collect())
+}
+
+/// χ² of residuals at known values under the noise and what is not known of the values: with S = J·F for their covariance
+/// F·Fᵀ, `rᵀ(1 + S·Sᵀ)⁻¹r = ‖r − S·z‖² + ‖z‖²`, where `(1 + Sᵀ·S)·z = Sᵀ·r`.
+fn predicted(judged: Judged, known: &Uncertainty) -> Misfit {
+    let descent = judged.into_descent();
+    let joint = descent.joint;
+    let rows = joint.rows.len();
+    let residuals = descent.residuals.rows(0, rows).into_owned();
+    let factor = known.factor_of(&joint.used);
+    let factor = factor.resize_vertically(descent.fitted.len(), 0.0);
+    let spread = descent.normal.into_jacobian().times(&factor);
+    let spread = spread.rows(0, rows);
+    let columns = spread.ncols();
+    let gram = DMatrix::identity(columns, columns) + spread.tr_mul(&spread);
+    let along = spread.tr_mul(&residuals);
+    // The matrix is no smaller than one: it has a factor unless numbers are not finite.
+    let moved = gram
+        .cholesky()
+        .map_or_else(|| along.scale(0.0), |gram| gram.solve(&along));
+    let left = residuals - spread * &moved;
     let (chi2, rows) = joint.counted(left.as_slice());
     Misfit {
-        chi2: chi2 + of_values,
+        chi2: chi2 + moved.norm_squared(),
         dof: rows as f64,
         rows,
     }

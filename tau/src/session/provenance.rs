@@ -1,10 +1,11 @@
 //! Provenance of calibrated values, and the poses that took no part.
 
-use tau_estimation::calibration::Calibration;
+use tau_estimation::calibration::{Calibration, Prepared};
 use tau_estimation::uncertainty::Uncertainty;
 use tau_estimation::unknown_poses::{JudgedRows, RowDivision};
+use tau_kinematics::Machine;
 use tau_robot::fingerprint::fingerprint;
-use tau_robot::measurements::{Shape, Split, TcpPose};
+use tau_robot::measurements::{Folder, PoseCounts, Poses, Shape, Split, TcpPose};
 use tau_robot::robot::Variant;
 use tau_robot::robot_file::{Provenance, RobotFile};
 use tau_robot::{InputError, Robot};
@@ -92,14 +93,12 @@ impl<R> Session<R> {
         stamp: &Stamp,
     ) -> RobotFile {
         let machine = &calibration.machine;
-        let known = Uncertainty::of_calibration(calibration);
-        // Where a pose can't be predicted, the evaluation says so.
-        let largest = known.and_then(|known| known.largest_m(machine, &self.folder, poses).ok());
+        let largest = largest_sigma_m(calibration, &self.folder, poses);
         let record = self.provenance(&machine.robot, &machine.variant.name, poses, stamp);
         RobotFile {
             calibration: Some(Provenance {
                 widening,
-                position_sigma_m: largest.filter(|sigma| *sigma > 0.0),
+                position_sigma_m: largest,
                 ..record
             }),
             ..calibration.file.clone()
@@ -169,6 +168,28 @@ impl<R> Session<R> {
         Ok((poses, basis))
     }
 
+    /// Numbers of the poses by their part in what the robot file is judged by: the poses that [`Self::unseen`] gave.
+    ///
+    /// # Errors
+    /// No pose lies in the range; the split leaves none.
+    pub fn counts_of(&self, unseen: &[usize], basis: Basis) -> Result<PoseCounts, InputError> {
+        let own = self.robot_file.calibration.as_ref().map(|own| own.split);
+        let (robot, file, folder) = (&self.robot, &self.robot_file, &self.folder);
+        let split = own.filter(|_| basis != Basis::Split).unwrap_or(self.split);
+        let counts = Poses::select(robot, file, folder, split)?.counts;
+        Ok(PoseCounts {
+            calibration: match basis {
+                Basis::NewFolder => 0,
+                _ => counts.calibration,
+            },
+            validation: match basis {
+                Basis::Calibration => 0,
+                _ => unseen.len(),
+            },
+            ..counts
+        })
+    }
+
     /// The same of measurements whose poses are unknown. Of the folder that the robot file was calibrated on, distances
     /// between poses at which redundant drives calibrated took part, too.
     ///
@@ -218,4 +239,27 @@ impl<R> Session<R> {
         }
         Ok((JudgedRows { poses, distances }, basis))
     }
+}
+
+/// Largest standard deviation of the position (m) at poses of a folder, given by index, of the machine without effects of
+/// the tracker, as kinematics predicts it; `None` where nothing is uncertain, or a pose can't be predicted.
+pub(super) fn largest_sigma_m(
+    calibration: &Calibration,
+    folder: &Folder,
+    poses: &[usize],
+) -> Option<f64> {
+    let Machine { robot, variant, .. } = &calibration.machine;
+    let (own, left_out) = robot.of_machine_alone(variant).ok()?;
+    let alone;
+    let (machine, known) = if left_out.is_empty() {
+        let known = Uncertainty::of_calibration(calibration)?;
+        (&calibration.machine, known)
+    } else {
+        let file = &calibration.file;
+        alone = Prepared::from_file(robot, &own, file, Some(folder), poses).ok()?;
+        let known = Uncertainty::of_prepared(&alone, file)?;
+        (&alone.machine, known)
+    };
+    let largest = known.largest_m(machine, folder, poses).ok();
+    largest.filter(|sigma| *sigma > 0.0)
 }

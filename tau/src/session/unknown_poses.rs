@@ -1,11 +1,14 @@
 //! Calibration of a session whose poses are unknown.
 
 use tau_estimation::calibration::{Error, Options};
-use tau_estimation::unknown_poses::{self, HeldErrors, JudgedRows, RowDivision, UnknownPoses};
+use tau_estimation::unknown_poses::{
+    self, EstimatedPoses, HeldErrors, JudgedRows, RowDivision, UnknownPoses,
+};
 use tau_robot::input_error::InputError;
-use tau_robot::measurements::PlateKind;
+use tau_robot::measurements::{Division, PlateKind};
 use tau_robot::robot_file::{Provenance, RobotFile, StatedNoise};
 
+use super::provenance::largest_sigma_m;
 use super::{Session, Stamp, VariantKey};
 
 impl<R> Session<R> {
@@ -73,6 +76,25 @@ impl<R> Session<R> {
         RowDivision::of(&self.folder, self.split)
     }
 
+    /// Measured poses, by index, of which the rows calibrate or validate there.
+    pub(crate) fn poses_of_rows(&self, rows: &RowDivision) -> Division {
+        let of = |wanted: &dyn Fn(&u32) -> bool| {
+            let poses = self.folder.tcp_poses.iter().enumerate();
+            poses
+                .filter(|(_, pose)| wanted(&pose.pose))
+                .map(|(index, _)| index)
+                .collect()
+        };
+        let calibrates = |pose: &u32| rows.calibration.contains(pose);
+        let is_open = rows.is_disjoint();
+        Division {
+            calibration: of(&calibrates),
+            validation: of(&|pose| {
+                rows.validation.contains(pose) && !(is_open && calibrates(pose))
+            }),
+        }
+    }
+
     /// Calibrates a variant on all measurements of the plate, the true pose of each being unknown: see
     /// [`unknown_poses::calibrate`].
     ///
@@ -108,12 +130,19 @@ impl<R> Session<R> {
     pub fn file_of_unknown_poses(&self, found: &UnknownPoses, stamp: &Stamp) -> RobotFile {
         let machine = &found.calibration.machine;
         let record = self.provenance(&machine.robot, &machine.variant.name, &[], stamp);
+        let (file, division) = (&self.robot_file, self.row_division());
+        let placed = EstimatedPoses::of(found, file, &self.folder, &division);
+        let largest = placed.ok().and_then(|placed| {
+            let (folder, division) = placed.folder();
+            largest_sigma_m(&found.calibration, &folder, &division.calibration)
+        });
         RobotFile {
             calibration: Some(Provenance {
                 poses: found.poses,
                 commands_m: found.commands_m.clone(),
                 position_m: found.position_m.clone(),
                 widening: found.verdict().widening(),
+                position_sigma_m: largest,
                 ..record
             }),
             ..found.calibration.file.clone()

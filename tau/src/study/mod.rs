@@ -47,7 +47,15 @@ pub fn run<R>(
     if session.has_no_poses() {
         return unknown_poses::run(session, progress);
     }
-    let Poses { counts, division } = session.poses()?;
+    let Poses {
+        counts,
+        mut division,
+    } = session.poses()?;
+    // Where other measurements or redundant drives say something of the poses, all of them calibrate.
+    let rows = session.has_unknown_poses().then(|| session.row_division());
+    if let Some(rows) = &rows {
+        division = session.poses_of_rows(rows);
+    }
     let (robot, file, folder) = (session.robot(), session.robot_file(), session.folder());
     let mut remarks = folder.remarks.clone();
     remarks.extend(file.other_robot(robot));
@@ -62,12 +70,18 @@ pub fn run<R>(
     next("calibrating the variants");
     let poses = &division.calibration;
     let checks = || {
-        let divisions = (&division, None);
+        let divisions = (&division, rows.as_ref());
         let check = trust::check(robot, &variants, (file, folder), divisions, CATALOGUE);
         (check, assumptions::check(robot, file, folder))
     };
     let calibrated = || {
         parallel::map(&variants, |variant| -> Result<_, Error> {
+            if let Some(rows) = &rows {
+                let (found, judged) = unknown_poses::of_variant(session, variant, rows)?;
+                let mut result = result(&found.calibration, folder, &division.validation)?;
+                (result.fit, result.links) = (judged.fit, judged.links);
+                return Ok((found.calibration, result));
+            }
             let calibration = calibrate(robot, variant, file, folder, poses, &session.options())?;
             let mut found = result(&calibration, folder, &division.validation)?;
             found.validation_outliers = session.validation_outliers_of(&calibration, &division)?;
@@ -79,6 +93,9 @@ pub fn run<R>(
     next("judging them");
     let calibrated = parallel::map_owned(calibrated, |calibrated| -> Result<_, Error> {
         let (calibration, mut found) = calibrated?;
+        if found.fit.is_some() {
+            return Ok((calibration, found));
+        }
         // Mistakes of the input are those of all variants.
         let mut known = Some(check.mistakes.clone());
         let fit = of_calibration_knowing(&calibration, file, folder, poses, &mut known)?;

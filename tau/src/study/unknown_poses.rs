@@ -88,7 +88,7 @@ pub(super) fn run<R>(
     Ok(study)
 }
 
-fn of_variant<R>(
+pub(super) fn of_variant<R>(
     session: &Session<R>,
     variant: &Variant,
     division: &RowDivision,

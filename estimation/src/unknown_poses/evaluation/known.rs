@@ -51,6 +51,8 @@ pub(super) struct Found {
     pub(super) all: Sum,
     /// The part that no parameters take away.
     pub(super) rest: Sum,
+    /// Covariance of the shared unknowns as these measurements alone tell them.
+    pub(super) free: DMatrix<f64>,
     /// Covariance of objects with held parameters.
     pub(super) followed: DMatrix<f64>,
     /// The same less what the parameters' covariance gives residuals: with it, the share by which residuals are smaller than
@@ -142,7 +144,7 @@ impl Known {
             change: &self.spread * &solved.solution,
             covariance: &self.spread * &solved.covariance * self.spread.transpose(),
         };
-        let after = of(&with_all);
+        let (after, free_after) = (of(&with_all), of(&free));
 
         let width = fit.shared();
         let left = reduced.projected.rows(0, width) + &reduced.triangle * &after.change;
@@ -159,6 +161,7 @@ impl Known {
         Found {
             all: with_all.sum,
             rest: free.sum,
+            free: free_after.covariance,
             held: &held - &moved * moved.transpose(),
             followed: held,
             after,

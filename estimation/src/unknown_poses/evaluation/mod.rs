@@ -10,7 +10,7 @@ mod verdict;
 
 use std::collections::BTreeSet;
 
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 use tau_kinematics::Machine;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::Folder;
@@ -24,12 +24,12 @@ use super::fit::Fit;
 use super::heldout::predicted;
 use super::refusals::refuse_tracker_effects;
 use super::rows::ABSORBED;
-use super::rows::{Kind, RowPlace};
+use super::rows::{Kind, RowPlace, Rows};
 use super::{GrossRow, HeldOutKind, ROUNDS, RowDivision, SAME_NOISE, SAME_POSE};
 use crate::calibration::{self, EXACT_COST, Error, Prepared};
 use crate::numerics::order::largest_first;
 use crate::problem::POSE_UNKNOWNS;
-use crate::trust::Mistake;
+use crate::trust::{Mistake, Verdict};
 use crate::uncertainty::Uncertainty;
 use crate::weighing::{Loss, Treatment};
 use known::{Found, Known, ROUNDING, Sum};
@@ -44,6 +44,17 @@ pub struct JudgedRows {
     pub poses: BTreeSet<u32>,
     /// Lines of `distances.csv` that are.
     pub distances: BTreeSet<usize>,
+}
+
+impl JudgedRows {
+    /// The division by which they alone calibrate.
+    fn division(&self) -> RowDivision {
+        RowDivision {
+            calibration: self.poses.clone(),
+            distances: self.distances.clone(),
+            ..RowDivision::default()
+        }
+    }
 }
 
 /// A residual with the parameters of the file.
@@ -156,6 +167,9 @@ pub struct HeldErrors {
     pub links: Vec<String>,
     /// True if the file says how well its parameters are known; otherwise they count as exact.
     pub knows_parameters: bool,
+    /// Verdict on a fit within the tolerances, where parameters are those of a drawing: over tolerances that are many times the
+    /// noise, residuals are not linear.
+    pub within_tolerances: Option<Verdict>,
     all: Sum,
     rest: Sum,
     /// Mean length of the links (m).
@@ -177,7 +191,13 @@ pub fn evaluate(
 ) -> Result<HeldErrors, Error> {
     let of = |is_loose| evaluated((robot, variant, file, folder), rows, options, is_loose);
     let (found, is_missed) = of(false)?;
-    Ok(if is_missed { of(true)?.0 } else { found })
+    let mut found = if is_missed { of(true)?.0 } else { found };
+    if file.covariance.is_none() {
+        let division = rows.division();
+        let fitted = super::calibrate(robot, variant, file, folder, &division, options);
+        found.within_tolerances = fitted.ok().map(|fitted| fitted.verdict());
+    }
+    Ok(found)
 }
 
 /// The same, and true if exact closures are missed that are not taken for loose.
@@ -192,11 +212,7 @@ fn evaluated(
     let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
     let prepared = Prepared::from_file(robot, variant, file, Some(folder), &all)?;
     let of_parameters = Uncertainty::of_prepared(&prepared, file);
-    let division = RowDivision {
-        calibration: rows.poses.clone(),
-        distances: rows.distances.clone(),
-        ..RowDivision::default()
-    };
+    let division = rows.division();
     let machine = prepared.machine.clone();
     let mut fit = Fit::from(&prepared, machine, file, folder, &division, false)?;
     if is_loose {
@@ -213,7 +229,7 @@ fn evaluated(
     fit.loss = (is_estimated && !keeps).then_some(Loss::Huber);
     let mut values = fit.start.clone();
     let mut rounds = 0;
-    let (reduced, found) = loop {
+    let (reduced, mut found) = loop {
         rounds += 1;
         values = fit.followed(&values, options)?;
         let moved = fit.largest_move(&values);
@@ -237,6 +253,8 @@ fn evaluated(
         fit.rebuild(&mut values)?;
     };
     fit.refuse_nothing_left(&reduced, &found)?;
+    found.all.degrees -= fit.exact_left(&values, &found.after.covariance);
+    found.rest.degrees -= fit.exact_left(&values, &found.free);
     let errors = fit.errors(&values, &found);
     let kinds = fit.kind_errors(&errors);
     let unknowns = fit.assembly.object_unknowns();
@@ -261,6 +279,7 @@ fn evaluated(
             .map(|closure| prepared.machine.closure_name(closure).to_owned())
             .collect(),
         knows_parameters: of_parameters.is_some(),
+        within_tolerances: None,
         all: found.all,
         rest: found.rest,
         length_m,
@@ -279,6 +298,21 @@ impl Fit<'_> {
         let squares: f64 = residuals.iter().map(|residual| residual * residual).sum();
         let is_redundant = kinds.len() > self.assembly.free.len();
         is_redundant && self.assembly.kinds[kinds[0]].is_exact() && squares > residuals.len() as f64
+    }
+
+    /// Share of the residuals' expected squares that exact rows do not have: what stands for their noise, less the part that
+    /// unknowns with a covariance take up.
+    fn exact_left(&self, values: &[f64], covariance: &DMatrix<f64>) -> f64 {
+        let leverages = self.elimination(values).leverages(covariance);
+        let of_block = |(rows, leverages): (&Rows, &Vec<f64>)| -> f64 {
+            let kinds = rows.kinds.iter().cycle();
+            let exact = leverages.iter().zip(kinds);
+            exact
+                .filter(|&(_, &kind)| self.assembly.kinds[kind].is_exact())
+                .map(|(leverage, _)| 1.0 - leverage)
+                .sum()
+        };
+        self.blocks.iter().zip(&leverages).map(of_block).sum()
     }
 
     /// Takes noise that is to be estimated, and what rows are gross, from a calibration of these rows that begins at the

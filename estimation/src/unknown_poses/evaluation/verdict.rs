@@ -16,8 +16,15 @@ use crate::weighing::Outlier;
 const MOST: f64 = 0.8;
 
 impl HeldErrors {
-    /// Residuals against noise and the covariance of the parameters.
+    /// Residuals against noise and the covariance of the parameters, or where these are those of a drawing the fit within
+    /// their tolerances.
     pub fn verdict(&self) -> Verdict {
+        if let Some(fitted) = &self.within_tolerances {
+            let mut verdict = fitted.clone();
+            let of_fit = "Parameters of a drawing may lie anywhere within their tolerances; this is the fit there.";
+            verdict.why.push(of_fit.to_owned());
+            return verdict;
+        }
         let mut verdict = Verdict {
             status: Status::Consistent,
             chi2: self.all.squares,
