@@ -134,7 +134,7 @@ fn sums_under(
     let each = joint.rows.len() / samples.len().max(1);
     let factors = joint.factors(&[1.0; 4], &vec![1.0; samples.len()]);
     let linear = joint.linearize(&joint.fitted(values), &factors);
-    let factor = Factor::of(&known.factor_of(&joint.used));
+    let factor = Factor::of(&factor_of(known, &joint));
     let of_sample = |sample: usize| {
         let own = linear.residuals.rows(sample * each, each).into_owned();
         let rows = linear.jacobian.rows(sample * each..(sample + 1) * each);
@@ -154,8 +154,7 @@ fn predicted(judged: Judged, known: &Uncertainty) -> Misfit {
     let joint = descent.joint;
     let rows = joint.rows.len();
     let residuals = descent.residuals.rows(0, rows).into_owned();
-    let factor = known.factor_of(&joint.used);
-    let factor = factor.resize_vertically(descent.fitted.len(), 0.0);
+    let factor = factor_of(known, &joint);
     let spread = descent.normal.into_jacobian().times(&factor);
     let spread = spread.rows(0, rows);
     let columns = spread.ncols();
@@ -172,4 +171,11 @@ fn predicted(judged: Judged, known: &Uncertainty) -> Misfit {
         dof: rows as f64,
         rows,
     }
+}
+
+/// Rows of the factor of all unknowns of a fit: points of measured paths count as noise.
+fn factor_of(known: &Uncertainty, joint: &Joint) -> DMatrix<f64> {
+    let of_parameters = known.factor_of(&joint.used);
+    let unknowns = joint.used.len() + joint.displacements();
+    of_parameters.resize_vertically(unknowns, 0.0)
 }

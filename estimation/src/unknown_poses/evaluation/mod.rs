@@ -292,17 +292,27 @@ fn evaluated(
 }
 
 impl Fit<'_> {
+    /// True if drives are more than the freedoms of the plate.
+    fn is_redundant(&self) -> bool {
+        self.blocks[0].kinds.len() > self.assembly.free.len()
+    }
+
     /// True if exact drives contradict each other: redundant closures are further off than what stands for their noise.
     fn misses_exact(&self, reduced: &Reduced) -> bool {
         let (kinds, residuals) = (&self.blocks[0].kinds, &reduced.residuals[0]);
         let squares: f64 = residuals.iter().map(|residual| residual * residual).sum();
-        let is_redundant = kinds.len() > self.assembly.free.len();
-        is_redundant && self.assembly.kinds[kinds[0]].is_exact() && squares > residuals.len() as f64
+        self.is_redundant()
+            && self.assembly.kinds[kinds[0]].is_exact()
+            && squares > residuals.len() as f64
     }
 
     /// Share of the residuals' expected squares that exact rows do not have: what stands for their noise, less the part that
     /// unknowns with a covariance take up.
     fn exact_left(&self, values: &[f64], covariance: &DMatrix<f64>) -> f64 {
+        if !self.is_redundant() {
+            // Poses follow all of them.
+            return 0.0;
+        }
         let leverages = self.elimination(values).leverages(covariance);
         let of_block = |(rows, leverages): (&Rows, &Vec<f64>)| -> f64 {
             let kinds = rows.kinds.iter().cycle();
