@@ -1,6 +1,7 @@
 //! Whole-program, snapshot and property tests, one module a theme.
 
 mod absurd;
+mod agreement;
 mod assembly;
 mod bad_input;
 mod belts;

@@ -93,6 +93,19 @@ fn nothing_is_claimed(model: &str, measure: &str) {
             assert_eq!(claims(&why), none, "{command}");
         }
     }
+    // The robot file says it, where the command does not.
+    let line = format!(
+        "tau evaluate DIR/measured --model {model} --variant Full --robot DIR/calibrate/robot.toml --json -"
+    );
+    let found = tau_in(work.path(), &line).json();
+    assert_eq!(found["evaluated_on"], "calibration");
+    if !found["poses"]["total"].is_null() {
+        let of = |key: &str| found["poses"][key].as_u64();
+        assert_eq!(
+            (of("validation"), of("calibration")),
+            (Some(0), of("evaluated"))
+        );
+    }
 }
 
 #[test]

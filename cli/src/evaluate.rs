@@ -52,7 +52,7 @@ pub(super) fn run(
         + &report::trust::terminal::verdict(&verdict, width);
     let outcome = Outcome {
         summary: format!("{title}\n\n{said}"),
-        remarks: session.remarks_for(variant)?,
+        remarks: remarks(&session, variant)?,
         json: target.map(|target| {
             let mut value = report::json::evaluation(&found, widening);
             value["variant"] = json!(variant);
@@ -86,7 +86,7 @@ fn unknown_poses(
     let said = report::held_errors::terminal(&found, robot, basis, console.width);
     let outcome = Outcome {
         summary: format!("{title}\n\n{said}"),
-        remarks: session.remarks_for(variant)?,
+        remarks: remarks(session, variant)?,
         json: target.map(|target| {
             let mut value = report::held_errors::json(&found, robot);
             value["variant"] = json!(variant);
@@ -98,4 +98,11 @@ fn unknown_poses(
         ..Outcome::default()
     };
     Ok(outcome.judged(&verdict, arguments.force.force))
+}
+
+fn remarks(session: &Session, variant: &str) -> Result<Vec<String>, Failure> {
+    let mut remarks = session.remarks_for(variant)?;
+    let variant = session.robot().find(variant, "--variant")?;
+    remarks.extend(session.robot_file().other_variant(variant));
+    Ok(remarks)
 }

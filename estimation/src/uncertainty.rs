@@ -94,10 +94,14 @@ impl Uncertainty {
     ///
     /// The file's covariance, under the stated noise ([`RobotFile::widening`] is not in it); parameters that it does not list, such as all those of a
     /// drawing, have their tolerances, each for itself. `None` where a parameter has no tolerance, or is one that has
-    /// been calibrated without a record of how it goes with others.
+    /// been calibrated without a record of how it goes with others, and where others than
+    /// this variant's were calibrated.
     pub fn of_prepared(prepared: &Prepared, file: &RobotFile) -> Option<Self> {
         let Machine { variant, .. } = &prepared.machine;
         let known = file.covariance.as_ref();
+        if file.calibrated_otherwise(variant).is_some() {
+            return None;
+        }
         let mut factor = known.map_or_else(Vec::new, |known| known.factor.clone());
         let mut columns = factor.len();
         let mut is_used = vec![false; variant.parameters.len()];

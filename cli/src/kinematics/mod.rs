@@ -188,6 +188,7 @@ impl<'a> Setup<'a> {
             out: with.out.as_deref(),
             remarks: (file.other_robot(&robot).into_iter())
                 .chain(file.unused_effects(&asked))
+                .chain(file.other_variant(&asked))
                 .chain(of_tracker)
                 .chain(certainty.remark())
                 .collect(),

@@ -14,7 +14,7 @@ mod write;
 use std::collections::BTreeMap;
 
 use crate::input_error::quoted;
-use crate::robot::{Robot, Variant};
+use crate::robot::{ResidualKind, Robot, Variant};
 pub use covariance::Covariance;
 pub use described::{PLACEHOLDER, USUAL_NOISE};
 pub use dimensions::Dimensions;
@@ -71,6 +71,31 @@ impl RobotFile {
     /// Factor by which standard deviations are larger than the stated noise makes them: that of the calibration.
     pub fn widening(&self) -> f64 {
         (self.calibration.as_ref()).map_or(1.0, |calibration| calibration.widening)
+    }
+
+    /// Name of a calibrated parameter that a variant lacks or holds, but for those of the tracker, which move no plate: other
+    /// parameters go with it, and their standard deviations alone are not those of the variant.
+    pub fn calibrated_otherwise(&self, variant: &Variant) -> Option<&str> {
+        let mut known = self.covariance.iter().flat_map(|known| &known.parameters);
+        let is_free = |name: &str| {
+            let closures = variant.instances_of(ResidualKind::Closure);
+            let mut parameters = closures.flat_map(|closure| &closure.parameters);
+            parameters.any(|&index| variant.parameters[index].name == name)
+        };
+        let other = known.find(|name| !name.contains("(tcp).") && !is_free(name));
+        other.map(String::as_str)
+    }
+
+    /// A remark where another variant was calibrated, of which this one lacks parameters.
+    pub fn other_variant(&self, variant: &Variant) -> Option<String> {
+        let other = self.calibrated_otherwise(variant)?;
+        let calibrated = self.calibration.as_ref().map(|own| own.variant.as_str());
+        Some(format!(
+            "robot.toml was calibrated as `{}`, with `{other}`, which `{}` does not calibrate: nothing says how well \
+             other values are known without it",
+            calibrated.unwrap_or("another variant"),
+            variant.name
+        ))
     }
 
     /// A remark on the effects of the file that a variant does not have: their values mean nothing to it.
