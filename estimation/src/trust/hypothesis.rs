@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 use tau_kinematics::{Pose, nearest_rotation};
-use tau_robot::measurements::Folder;
+use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot::{Owner, Parameter, Robot, Variant};
 use tau_robot::robot_file::keys::WIDE;
 use tau_robot::robot_file::{LinkValues, RobotFile, Value};
@@ -135,46 +135,14 @@ impl Case<'_> {
     pub(crate) fn mended(&self, hypothesis: &Hypothesis) -> Self {
         let mut case = self.clone();
         match hypothesis {
-            Hypothesis::Commands(columns) => {
-                for pose in &mut case.folder.tcp_poses {
-                    let given = pose.commands_m.clone();
-                    pose.commands_m = columns.iter().map(|&column| given[column]).collect();
-                    if let Some(directions) = &mut pose.directions {
-                        let given = directions.clone();
-                        *directions = columns.iter().map(|&column| given[column]).collect();
-                    }
-                }
+            Hypothesis::Commands(_) | Hypothesis::Sign(_) | Hypothesis::Axes { .. } => {
+                hypothesis.mend_poses(&mut case.folder.tcp_poses);
             }
-            Hypothesis::Sign(command) => {
-                for pose in &mut case.folder.tcp_poses {
-                    pose.commands_m[*command] = -pose.commands_m[*command];
-                }
-            }
-            Hypothesis::Axes {
-                columns,
-                signs,
-                turned,
-            } => case.change_poses(|pose, _| {
-                let mut map = Matrix3::zeros();
-                for axis in 0..3 {
-                    map[(axis, columns[axis])] = signs[axis];
-                }
-                let rotation = pose.rotation.matrix();
-                Pose {
-                    position: map * pose.position,
-                    rotation: if *turned {
-                        // A frame of the other hand sees the rotation with the axes of the plate mirrored, too.
-                        nearest_rotation(map * rotation * map.transpose())
-                    } else {
-                        pose.rotation
-                    },
-                }
-            }),
             Hypothesis::Angles {
                 axes,
                 fixed,
                 transposed,
-            } => case.change_poses(|pose, angles| {
+            } => change_poses(&mut case.folder.tcp_poses, |pose, angles| {
                 let rotation = about_axes(*axes, *fixed, angles);
                 Pose {
                     rotation: if *transposed {
@@ -185,7 +153,7 @@ impl Case<'_> {
                     ..pose
                 }
             }),
-            Hypothesis::Millimetres => case.change_poses(|pose, _| Pose {
+            Hypothesis::Millimetres => change_poses(&mut case.folder.tcp_poses, |pose, _| Pose {
                 position: pose.position / THOUSAND,
                 ..pose
             }),
@@ -202,14 +170,64 @@ impl Case<'_> {
         }
         case
     }
+}
 
-    fn change_poses(&mut self, change: impl Fn(Pose, [f64; 3]) -> Pose) {
-        for measured in &mut self.folder.tcp_poses {
-            let pose = Pose::from_zyz(measured.position_m, measured.angles_rad);
-            let changed = change(pose, measured.angles_rad);
-            measured.position_m = changed.position_m();
-            measured.angles_rad = changed.angles_rad();
+impl Hypothesis {
+    /// Commands and sides of approach of a row as they would be without a mistake of columns.
+    pub(crate) fn mend_commands(
+        &self,
+        commands_m: &mut Vec<f64>,
+        directions: Option<&mut Vec<f64>>,
+    ) {
+        match self {
+            Self::Commands(columns) => {
+                for row in std::iter::once(commands_m).chain(directions) {
+                    *row = columns.iter().map(|&column| row[column]).collect();
+                }
+            }
+            Self::Sign(command) => commands_m[*command] = -commands_m[*command],
+            _ => {}
         }
+    }
+
+    /// Measured poses as they would be without a mistake of columns.
+    pub(crate) fn mend_poses(&self, poses: &mut [TcpPose]) {
+        for pose in &mut *poses {
+            self.mend_commands(&mut pose.commands_m, pose.directions.as_mut());
+        }
+        let Self::Axes {
+            columns,
+            signs,
+            turned,
+        } = self
+        else {
+            return;
+        };
+        change_poses(poses, |pose, _| {
+            let mut map = Matrix3::zeros();
+            for axis in 0..3 {
+                map[(axis, columns[axis])] = signs[axis];
+            }
+            let rotation = pose.rotation.matrix();
+            Pose {
+                position: map * pose.position,
+                rotation: if *turned {
+                    // A frame of the other hand sees the rotation with the axes of the plate mirrored, too.
+                    nearest_rotation(map * rotation * map.transpose())
+                } else {
+                    pose.rotation
+                },
+            }
+        });
+    }
+}
+
+fn change_poses(poses: &mut [TcpPose], change: impl Fn(Pose, [f64; 3]) -> Pose) {
+    for measured in poses {
+        let pose = Pose::from_zyz(measured.position_m, measured.angles_rad);
+        let changed = change(pose, measured.angles_rad);
+        measured.position_m = changed.position_m();
+        measured.angles_rad = changed.angles_rad();
     }
 }
 

@@ -8,19 +8,19 @@
 //! chance allows of so many.
 
 mod check;
-mod exchanged;
+pub(crate) mod exchanged;
 mod first_look;
-mod hypothesis;
+pub(crate) mod hypothesis;
 pub(crate) mod judged;
 mod mistake;
 pub(crate) mod numbering;
 mod prediction;
 mod reach;
-mod recognise;
+pub(crate) mod recognise;
 mod roots;
 mod verdict;
 pub(crate) mod weighing_words;
-mod words;
+pub(crate) mod words;
 
 pub use check::{Check, Checked, FileFacts, Gap, Range, Sight, check};
 pub use mistake::Mistake;
@@ -41,7 +41,7 @@ pub(crate) const LISTED: usize = 5;
 pub(crate) const LEVEL: f64 = 1e-3;
 /// A parameter so many tolerances from nominal is a mistake and no part out of tolerance: halfway, by factors, between
 /// the ten of a bad part and the hundred of a slipped digit or unit.
-const ABSURD_TOLERANCES: f64 = 30.0;
+pub(crate) const ABSURD_TOLERANCES: f64 = 30.0;
 /// Closures that are off by more than this share of the links' length are those of another machine, or of commands and
 /// poses that do not belong together.
 pub const LARGEST_MISFIT: f64 = 0.01;

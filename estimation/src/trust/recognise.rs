@@ -25,7 +25,7 @@ use crate::weighing::weigh_fitted;
 
 /// Odds in favour of a hypothesis from which on it is believed: a thousand to one, which also is what mistakes are to
 /// folders without.
-const ODDS: f64 = 1e3;
+pub(crate) const ODDS: f64 = 1e3;
 /// Poses for a first look at all hypotheses, and for a closer one at the best of them: as many as calibrations usually
 /// have, whose own fits serve then.
 const FEW_POSES: usize = 12;
@@ -36,7 +36,7 @@ const FEW_ITERATIONS: usize = 4;
 pub(crate) const ITERATIONS: usize = 40;
 /// Hypotheses that a closer look is taken at, and dimensions that are set free, the most suspect first: each costs a whole
 /// fit, and a first look tells more than so many apart.
-const CLOSER: usize = 6;
+pub(crate) const CLOSER: usize = 6;
 const DIMENSIONS: usize = 6;
 /// A closure whose square exceeds the mean of the others so many times, three of their standard deviations, is looked at
 /// for one wrong dimension.
@@ -45,12 +45,12 @@ const CLEARLY: f64 = 9.0;
 const WIDEST_TOLERANCE: f64 = 0.1;
 /// A factor of a thousand, or other measurements, are believed in where they bring residuals nearer to the stated noise by
 /// so many times.
-const NEARER: f64 = 3.0;
+pub(crate) const NEARER: f64 = 3.0;
 /// Noise that is stated so many times too large is no caution any more. Where tolerances hold a fit back, noise that is
 /// stated a thousand times too large leaves a misfit of less than that.
-const CAUTIOUS: f64 = 10.0;
+pub(crate) const CAUTIOUS: f64 = 10.0;
 /// Factor to which noise is known where its unit is right.
-const STATED: f64 = 2.0;
+pub(crate) const STATED: f64 = 2.0;
 
 /// A hypothesis with its fit.
 struct Tried {

@@ -16,21 +16,67 @@ const RIVALS: usize = 3;
 
 /// The mistake that hypotheses describe, the likeliest first; `values` are those of the variant under it.
 pub(crate) fn mistake(case: &Case<'_>, all: &[Hypothesis], values: &[f64]) -> Mistake {
-    let one = |hypothesis: &Hypothesis| of(case, hypothesis, values);
-    let Some((best, rivals)) = all.split_first() else {
-        return nothing();
-    };
-    let mut mistake = one(best);
-    let rivals: Vec<String> = rivals
-        .iter()
-        .map(|rival| of(case, rival, values).what)
+    let all = all.iter().map(|hypothesis| of(case, hypothesis, values));
+    beside(all.collect()).unwrap_or_else(nothing)
+}
+
+/// The first of several mistakes, the likeliest, with the others beside it.
+pub(crate) fn beside(all: Vec<Mistake>) -> Option<Mistake> {
+    let mut all = all.into_iter();
+    let mut mistake = all.next()?;
+    let rivals: Vec<String> = all
+        .map(|rival| rival.what)
         .filter(|what| *what != mistake.what)
         .take(RIVALS)
         .collect();
     if !rivals.is_empty() {
         mistake.what += &format!(" (or nearly as well: {})", rivals.join("; "));
     }
-    mistake
+    Some(mistake)
+}
+
+/// A mistake in the columns of measurements in a file.
+pub(crate) fn of_measurements(
+    robot: &Robot,
+    hypothesis: &Hypothesis,
+    file: &'static str,
+) -> Mistake {
+    let (kind, _, what, mend) = match hypothesis {
+        Hypothesis::Commands(columns) => commands(robot, columns),
+        Hypothesis::Sign(command) => sign(robot, *command),
+        Hypothesis::Axes {
+            columns,
+            signs,
+            turned,
+        } => axes(*columns, *signs, *turned),
+        _ => return nothing(),
+    };
+    Mistake {
+        kind,
+        file,
+        what,
+        mend,
+        is_absurd: true,
+    }
+}
+
+/// Stated noise that is off by a thousand, which `factor` mends.
+pub(crate) fn of_noise(whose: &str, factor: f64) -> Mistake {
+    let (size, mend) = if factor < 1.0 {
+        (
+            "too large, as if in thousandths of the unit",
+            "divide it by",
+        )
+    } else {
+        ("too small", "multiply it by")
+    };
+    Mistake {
+        kind: "noise",
+        file: ROBOT,
+        what: format!("the stated noise {whose} is a thousand times {size}"),
+        mend: format!("write metres and radians: {mend} {THOUSAND}"),
+        is_absurd: true,
+    }
 }
 
 fn nothing() -> Mistake {
@@ -46,16 +92,7 @@ fn nothing() -> Mistake {
 fn of(case: &Case<'_>, hypothesis: &Hypothesis, values: &[f64]) -> Mistake {
     let (kind, file, what, mend) = match hypothesis {
         Hypothesis::Commands(columns) => commands(case.robot, columns),
-        Hypothesis::Sign(command) => (
-            "command_sign",
-            TCP_POSES,
-            format!(
-                "`{}` counts the other way",
-                case.robot.command_column(*command)
-            ),
-            "change its sign, or that of the direction or length that it drives in robot.toml"
-                .to_owned(),
-        ),
+        Hypothesis::Sign(command) => sign(case.robot, *command),
         Hypothesis::Axes {
             columns,
             signs,
@@ -113,6 +150,17 @@ fn commands(robot: &Robot, columns: &[usize]) -> Words {
         )
     };
     ("commands", TCP_POSES, what, mend)
+}
+
+fn sign(robot: &Robot, command: usize) -> Words {
+    let column = robot.command_column(command);
+    (
+        "command_sign",
+        TCP_POSES,
+        format!("`{column}` counts the other way"),
+        "change its sign, or that of the direction or length that it drives in robot.toml"
+            .to_owned(),
+    )
 }
 
 fn axes(columns: [usize; 3], signs: [f64; 3], turned: bool) -> Words {

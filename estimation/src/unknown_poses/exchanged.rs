@@ -1,37 +1,17 @@
 //! Distances that were written down in each other's place.
 
 use nalgebra::DVector;
-use tau_robot::measurements::{DISTANCES, Folder};
-use tau_robot::robot::{Robot, Variant};
-use tau_robot::robot_file::RobotFile;
+use tau_robot::measurements::DISTANCES;
 
-use super::RowDivision;
 use super::dense::dot;
 use super::elimination::{ProjectedRow, Reduced};
 use super::fit::Fit;
-use crate::calibration::Error;
 use crate::numerics::distribution::{chi2_quantile_above, f_quantile_above};
 use crate::trust::Mistake;
 
 /// Chance that two distances in their places are taken for exchanged ones: a hundredth of the usual level, since an answer
 /// is refused for it.
 const LEVEL: f64 = 1e-4;
-
-/// Mistakes in rows that are plausible by themselves, found from the nominal machine before anything is fitted.
-///
-/// # Errors
-/// As [`super::rank`].
-pub fn mistakes(
-    robot: &Robot,
-    variant: &Variant,
-    file: &RobotFile,
-    folder: &Folder,
-    division: &RowDivision,
-) -> Result<Vec<Mistake>, Error> {
-    let file = &file.completed(robot);
-    let fit = Fit::new(robot, variant, file, folder, division)?;
-    Ok(fit.exchanged_distances())
-}
 
 impl Fit<'_> {
     /// Distances that were exchanged: together with all other rows they fit a machine within its tolerances far better the

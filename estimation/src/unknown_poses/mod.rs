@@ -26,6 +26,7 @@ mod noise;
 mod objects;
 mod outcome;
 mod quantity;
+mod recognised;
 mod refusals;
 mod repeats;
 mod rows;
@@ -55,13 +56,13 @@ use starts::Search;
 
 pub use estimated::{EstimatedPoses, Placed, Side};
 pub use evaluation::{
-    HeldErrors, JudgedRows, KindErrors, Moved, PlaceEstimate, RowError, evaluate,
+    HeldErrors, JudgedRows, KindErrors, Moved, PlaceEstimate, RowError, evaluate, mistakes_of,
 };
-pub use exchanged::mistakes;
 pub use gauge::Freedom;
 pub use heldout::{HeldOut, HeldOutKind};
 pub use objects::Object;
 pub use outcome::{GrossRow, ObjectEstimate, Rank, RowDivision, UnknownPoses};
+pub use recognised::mistakes;
 pub use rows::{Kind, KindFit, KindRepeats, RowPlace};
 pub use unsolved::Unsolved;
 
@@ -119,7 +120,45 @@ pub fn calibrate(
     division: &RowDivision,
     options: &calibration::Options,
 ) -> Result<UnknownPoses, Error> {
-    let file = &file.completed(robot);
+    let rows = (folder, division);
+    calibrated((robot, variant, file), rows, options, Effort::Whole)
+}
+
+/// The same with mistakes of the rows, where these are not met: what would mend them is tried before more is tried to fit
+/// them as they are. Where nothing fits them, [`mistakes`] says why.
+///
+/// # Errors
+/// As [`calibrate`].
+pub fn calibrate_recognising(
+    robot: &Robot,
+    variant: &Variant,
+    file: &RobotFile,
+    folder: &Folder,
+    division: &RowDivision,
+    options: &calibration::Options,
+) -> Result<UnknownPoses, Error> {
+    let rows = (folder, division);
+    calibrated((robot, variant, file), rows, options, Effort::Recognising)
+}
+
+/// Effort of a calibration whose first fit misses the measurements.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Effort {
+    /// That fit is the answer.
+    Once,
+    /// Noise is widened where that helps.
+    Whole,
+    /// The same, unless a mistake of rows explains it.
+    Recognising,
+}
+
+fn calibrated(
+    (robot, variant, stated): (&Robot, &Variant, &RobotFile),
+    (folder, division): (&Folder, &RowDivision),
+    options: &calibration::Options,
+    effort: Effort,
+) -> Result<UnknownPoses, Error> {
+    let file = &stated.completed(robot);
     refuse_tracker_effects(variant, folder)?;
     let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
     let prepared = Prepared::new(robot, variant, file, Some(folder), &all)?;
@@ -152,13 +191,30 @@ pub fn calibrate(
     let fitted = |machine, division: &RowDivision, search| without(&[], machine, division, search);
     let nominal = || prepared.machine.clone();
     let widened = || widened::best(|gross| without(gross, nominal(), division, Search::Widened));
-    let of_plate = match sketch_m {
+    let mut first = match sketch_m {
         Some(length_m) => starts::best(&prepared, length_m, division, fitted),
-        None => match fitted(nominal(), division, Search::Stated) {
-            Ok(found) if found.outweighs_tolerances() => widened().or(Ok(found)),
-            Err(Error::NotConverged { .. } | Error::Kinematics { .. }) => widened(),
-            found => found,
-        },
+        None => fitted(nominal(), division, Search::Stated),
+    };
+    let mut is_explained = effort == Effort::Once || sketch_m.is_some();
+    if effort == Effort::Recognising {
+        let case = recognised::Case {
+            robot,
+            variant,
+            file: stated,
+            folder,
+            division,
+            options,
+        };
+        let mistakes = case.explaining(first.as_ref());
+        is_explained |= !mistakes.is_empty();
+        if let Ok(found) = &mut first {
+            found.mistakes.extend(mistakes);
+        }
+    }
+    let of_plate = match first {
+        Ok(found) if !is_explained && found.outweighs_tolerances() => widened().or(Ok(found)),
+        Err(Error::NotConverged { .. } | Error::Kinematics { .. }) if !is_explained => widened(),
+        found => found,
     };
     carts::beside(
         of_plate?,

@@ -8,7 +8,7 @@ use super::rows::{Kind, KindFit};
 use crate::numerics::distribution::chi2_survival;
 use crate::trust::weighing_words::{deviation, repeat_to};
 use crate::trust::{
-    FileFit, LARGEST_MISFIT, LISTED, PoseFit, Pull, Status, Verdict, general, shorten,
+    FileFit, LARGEST_MISFIT, LISTED, Mistake, PoseFit, Pull, Status, Verdict, general, shorten,
 };
 use crate::weighing::Outlier;
 
@@ -102,7 +102,7 @@ impl UnknownPoses {
     }
 
     /// Parameters by how far they lie off their nominal values, in tolerances.
-    fn pulls(&self) -> impl Iterator<Item = Pull> {
+    pub(super) fn pulls(&self) -> impl Iterator<Item = Pull> {
         self.calibration.parameters.iter().filter_map(|parameter| {
             let tolerance = parameter.tolerance?;
             Some(Pull {
@@ -205,13 +205,6 @@ impl UnknownPoses {
             .iter()
             .filter_map(|kind| self.repeatability(kind));
         why.extend(repeatability);
-        for mistake in &self.mistakes {
-            status = Status::Absurd;
-            why.insert(
-                0,
-                format!("{}: {}; {}.", mistake.file, mistake.what, mistake.mend),
-            );
-        }
         let kinds = self
             .kinds
             .iter()
@@ -241,7 +234,7 @@ impl UnknownPoses {
             pulls,
             reach: None,
             why,
-            mistakes: self.mistakes.clone(),
+            mistakes: vec![],
             outliers: (self.gross.iter())
                 .map(|row| Outlier {
                     file: row.place.file,
@@ -253,6 +246,9 @@ impl UnknownPoses {
             repeats: None,
             loss: self.loss,
         };
+        for mistake in &self.mistakes {
+            verdict.blame_rows(mistake);
+        }
         verdict.refuse_pulls();
         let off = (verdict.by_file.iter()).filter(|fit| fit.unit == "m");
         let off_m = off.map(|fit| fit.rms).fold(0.0, f64::max);
@@ -265,5 +261,20 @@ impl UnknownPoses {
             ));
         }
         verdict
+    }
+}
+
+impl Verdict {
+    /// Takes a mistake of rows for what is wrong.
+    pub fn blame_rows(&mut self, mistake: &Mistake) {
+        if self.mistakes.contains(mistake) {
+            return;
+        }
+        let Mistake {
+            file, what, mend, ..
+        } = mistake;
+        self.status = Status::Absurd;
+        self.why.insert(0, format!("{file}: {what}; {mend}."));
+        self.mistakes.push(mistake.clone());
     }
 }

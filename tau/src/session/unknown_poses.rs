@@ -1,6 +1,7 @@
 //! Calibration of a session whose poses are unknown.
 
 use tau_estimation::calibration::{Error, Options};
+use tau_estimation::trust::Status;
 use tau_estimation::unknown_poses::{
     self, EstimatedPoses, HeldErrors, JudgedRows, RowDivision, UnknownPoses,
 };
@@ -96,7 +97,7 @@ impl<R> Session<R> {
     }
 
     /// Calibrates a variant on all measurements of the plate, the true pose of each being unknown: see
-    /// [`unknown_poses::calibrate`].
+    /// [`unknown_poses::calibrate_recognising`].
     ///
     /// # Errors
     /// As there.
@@ -108,7 +109,7 @@ impl<R> Session<R> {
         let variant = variant.variant_of(&self.robot)?;
         let (robot, file, folder) = (&self.robot, &self.robot_file, &self.folder);
         let division = self.row_division();
-        unknown_poses::calibrate(robot, variant, file, folder, &division, options)
+        unknown_poses::calibrate_recognising(robot, variant, file, folder, &division, options)
     }
 
     /// Errors of measurements with the parameters of the session's robot file, the true pose of each being unknown: see
@@ -123,7 +124,12 @@ impl<R> Session<R> {
     ) -> Result<HeldErrors, Error> {
         let variant = variant.variant_of(&self.robot)?;
         let (robot, file, folder) = (&self.robot, &self.robot_file, &self.folder);
-        unknown_poses::evaluate(robot, variant, file, folder, rows, &self.options())
+        let mut held =
+            unknown_poses::evaluate(robot, variant, file, folder, rows, &self.options())?;
+        if held.verdict().status > Status::Consistent && held.mistakes.is_empty() {
+            held.mistakes = unknown_poses::mistakes_of(robot, variant, file, folder, rows)?;
+        }
+        Ok(held)
     }
 
     /// The robot file of such a calibration, with the record of it.

@@ -77,29 +77,30 @@ pub fn run<R>(
     let calibrated = || {
         parallel::map(&variants, |variant| -> Result<_, Error> {
             if let Some(rows) = &rows {
-                let (found, judged) = unknown_poses::of_variant(session, variant, rows)?;
+                let (found, of_rows, held) = unknown_poses::of_variant(session, variant, rows)?;
                 let mut result = result(&found.calibration, folder, &division.validation)?;
-                (result.fit, result.links) = (judged.fit, judged.links);
-                return Ok((found.calibration, result));
+                result.links = of_rows.links;
+                return Ok((found.calibration.clone(), result, Some((found, held))));
             }
             let calibration = calibrate(robot, variant, file, folder, poses, &session.options())?;
             let mut found = result(&calibration, folder, &division.validation)?;
             found.validation_outliers = session.validation_outliers_of(&calibration, &division)?;
-            Ok((calibration, found))
+            Ok((calibration, found, None))
         })
     };
     let ((check, assumptions), calibrated) = parallel::both(checks, calibrated);
     let check = check?;
     next("judging them");
     let calibrated = parallel::map_owned(calibrated, |calibrated| -> Result<_, Error> {
-        let (calibration, mut found) = calibrated?;
-        if found.fit.is_some() {
-            return Ok((calibration, found));
-        }
+        let (calibration, mut found, of_rows) = calibrated?;
         // Mistakes of the input are those of all variants.
         let mut known = Some(check.mistakes.clone());
-        let fit = of_calibration_knowing(&calibration, file, folder, poses, &mut known)?;
-        found.fit = Some(fit);
+        found.fit = Some(match of_rows {
+            Some((fitted, held)) => {
+                unknown_poses::verdict(&fitted, &held, &check.mistakes, division.is_disjoint())
+            }
+            None => of_calibration_knowing(&calibration, file, folder, poses, &mut known)?,
+        });
         Ok((calibration, found))
     });
     let mut results = Vec::new();

@@ -3,7 +3,7 @@
 
 use tau_estimation::calibration::{Error, LinkResult};
 use tau_estimation::evaluation::{Summary, VariantResult};
-use tau_estimation::trust::{self, Status, Verdict};
+use tau_estimation::trust::{self, Mistake, Status, Verdict};
 use tau_estimation::unknown_poses::{self, EstimatedPoses, HeldErrors, RowDivision, UnknownPoses};
 use tau_kinematics::{Layout, Pose};
 use tau_robot::effects::CATALOGUE;
@@ -41,7 +41,10 @@ pub(super) fn run<R>(
     for variant in variants {
         next(&format!("calibrating {}", variant.name));
         match of_variant(session, variant, &division) {
-            Ok((found, result)) => {
+            Ok((found, mut result, held)) => {
+                let is_held_out = division.is_disjoint();
+                result.fit = Some(verdict(&found, &held, &check.mistakes, is_held_out));
+                result.held = Some(held);
                 results.push(result);
                 fitted.push(found);
             }
@@ -88,11 +91,12 @@ pub(super) fn run<R>(
     Ok(study)
 }
 
+/// The calibration of a variant, its result without a verdict, and how it meets what was held out.
 pub(super) fn of_variant<R>(
     session: &Session<R>,
     variant: &Variant,
     division: &RowDivision,
-) -> Result<(UnknownPoses, VariantResult), Error> {
+) -> Result<(UnknownPoses, VariantResult, HeldErrors), Error> {
     let (robot, file, folder) = (session.robot(), session.robot_file(), session.folder());
     let options = session.options();
     let found = unknown_poses::calibrate(robot, variant, file, folder, division, &options)?;
@@ -117,11 +121,11 @@ pub(super) fn of_variant<R>(
         undetermined: calibration.undetermined.clone(),
         iterations: calibration.iterations,
         termination: calibration.termination.clone(),
-        fit: Some(verdict(&found, &held, division.is_disjoint())),
+        fit: None,
         validation_outliers: vec![],
-        held: Some(held),
+        held: None,
     };
-    Ok((found, result))
+    Ok((found, result, held))
 }
 
 /// A link without the cost of measured poses, of which there are none.
@@ -133,9 +137,19 @@ fn without_cost(link: &LinkResult) -> LinkResult {
 }
 
 /// The verdict on the fit, no better than that on the measurements with the parameters held, which were held out unless all
-/// calibrate.
-fn verdict(found: &UnknownPoses, held: &HeldErrors, is_held_out: bool) -> Verdict {
+/// calibrate. Mistakes of the input, which are those of all variants, explain only what does not fit.
+pub(super) fn verdict(
+    found: &UnknownPoses,
+    held: &HeldErrors,
+    mistakes: &[Mistake],
+    is_held_out: bool,
+) -> Verdict {
     let (mut verdict, of_held) = (found.verdict(), held.verdict());
+    if verdict.status > Status::Consistent {
+        for mistake in mistakes {
+            verdict.blame_rows(mistake);
+        }
+    }
     if of_held.status > Status::Consistent {
         verdict.status = verdict.status.max(of_held.status);
         let why = of_held.why.join(" ");

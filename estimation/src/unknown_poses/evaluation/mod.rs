@@ -193,11 +193,24 @@ pub fn evaluate(
     let (found, is_missed) = of(false)?;
     let mut found = if is_missed { of(true)?.0 } else { found };
     if file.covariance.is_none() {
-        let division = rows.division();
-        let fitted = super::calibrate(robot, variant, file, folder, &division, options);
+        let fitted = super::calibrate(robot, variant, file, folder, &rows.division(), options);
         found.within_tolerances = fitted.ok().map(|fitted| fitted.verdict());
     }
     Ok(found)
+}
+
+/// Mistakes in these measurements that explain why they are not met.
+///
+/// # Errors
+/// As [`evaluate`].
+pub fn mistakes_of(
+    robot: &Robot,
+    variant: &Variant,
+    file: &RobotFile,
+    folder: &Folder,
+    rows: &JudgedRows,
+) -> Result<Vec<Mistake>, Error> {
+    super::mistakes(robot, variant, file, folder, &rows.division())
 }
 
 /// The same, and true if exact closures are missed that are not taken for loose.

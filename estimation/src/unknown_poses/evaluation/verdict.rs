@@ -23,6 +23,9 @@ impl HeldErrors {
             let mut verdict = fitted.clone();
             let of_fit = "Parameters of a drawing may lie anywhere within their tolerances; this is the fit there.";
             verdict.why.push(of_fit.to_owned());
+            for mistake in &self.mistakes {
+                verdict.blame_rows(mistake);
+            }
             return verdict;
         }
         let mut verdict = Verdict {
@@ -35,7 +38,7 @@ impl HeldErrors {
             pulls: self.pulls(),
             reach: None,
             why: vec![],
-            mistakes: self.mistakes.clone(),
+            mistakes: vec![],
             outliers: self.outliers(),
             repeats: None,
             loss: None,
@@ -164,9 +167,7 @@ impl HeldErrors {
             ));
         }
         for mistake in &self.mistakes {
-            verdict.status = Status::Absurd;
-            let (file, what, mend) = (mistake.file, &mistake.what, &mistake.mend);
-            why.insert(0, format!("{file}: {what}; {mend}."));
+            verdict.blame_rows(mistake);
         }
     }
 
