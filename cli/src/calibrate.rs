@@ -143,7 +143,8 @@ fn unknown_poses(
         free_scale: arguments.free_scale,
         ..session.options()
     };
-    let found = session.calibrate_unknown_poses(variant, &options)?;
+    let found = session.calibrate_unknown_poses(variant, &options);
+    let found = found.map_err(|error| trust::explained(session, variant, error))?;
     let verdict = found.verdict();
     let (robot, folder) = (&session.robot().name, &session.folder().name);
     let mut statistics = report::unknown_poses::json(&found);

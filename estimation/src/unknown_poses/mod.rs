@@ -144,8 +144,6 @@ pub fn calibrate_recognising(
 /// Effort of a calibration whose first fit misses the measurements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Effort {
-    /// That fit is the answer.
-    Once,
     /// Noise is widened where that helps.
     Whole,
     /// The same, unless a mistake of rows explains it.
@@ -191,11 +189,11 @@ fn calibrated(
     let fitted = |machine, division: &RowDivision, search| without(&[], machine, division, search);
     let nominal = || prepared.machine.clone();
     let widened = || widened::best(|gross| without(gross, nominal(), division, Search::Widened));
-    let mut first = match sketch_m {
+    let first = match sketch_m {
         Some(length_m) => starts::best(&prepared, length_m, division, fitted),
         None => fitted(nominal(), division, Search::Stated),
     };
-    let mut is_explained = effort == Effort::Once || sketch_m.is_some();
+    let (mut is_explained, mut mistakes) = (sketch_m.is_some(), vec![]);
     if effort == Effort::Recognising {
         let case = recognised::Case {
             robot,
@@ -205,24 +203,23 @@ fn calibrated(
             division,
             options,
         };
-        let mistakes = case.explaining(first.as_ref());
+        mistakes = case.explaining(first.as_ref());
         is_explained |= !mistakes.is_empty();
-        if let Ok(found) = &mut first {
-            found.mistakes.extend(mistakes);
-        }
     }
     let of_plate = match first {
         Ok(found) if !is_explained && found.outweighs_tolerances() => widened().or(Ok(found)),
         Err(Error::NotConverged { .. } | Error::Kinematics { .. }) if !is_explained => widened(),
         found => found,
     };
-    carts::beside(
+    let mut found = carts::beside(
         of_plate?,
         (robot, variant),
         (file, folder),
         division,
         options,
-    )
+    )?;
+    found.mistakes.extend(mistakes);
+    Ok(found)
 }
 
 /// The fit from a start to its end, with the noise of kinds that ask for it and without gross rows.

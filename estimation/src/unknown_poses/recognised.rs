@@ -12,7 +12,7 @@ use tau_robot::robot_file::{RobotFile, StatedNoise};
 
 use super::fit::Fit;
 use super::starts::{self, Search};
-use super::{Effort, ROUGH_COST, RowDivision, UnknownPoses, calibrated};
+use super::{ROUGH_COST, RowDivision, UnknownPoses, calibrate};
 use crate::calibration::{self, Error, Prepared};
 use crate::numerics::order::smallest_first;
 use crate::numerics::parallel;
@@ -82,8 +82,8 @@ pub fn mistakes(
 
 impl Case<'_> {
     fn fitted(&self, file: &RobotFile, folder: &Folder) -> Result<UnknownPoses, Error> {
-        let (of_robot, rows) = ((self.robot, self.variant, file), (folder, self.division));
-        calibrated(of_robot, rows, self.options, Effort::Once)
+        let (robot, variant) = (self.robot, self.variant);
+        calibrate(robot, variant, file, folder, self.division, self.options)
     }
 
     /// Of a calibration of the rows as they are, or of its failure.
@@ -122,6 +122,9 @@ impl Case<'_> {
             .collect();
         smallest_first(&mut ranked, |own| own.0);
         ranked.truncate(CLOSER);
+        // Others leave residuals that are so many times as large.
+        let least = ranked.first()?.0;
+        ranked.retain(|own| own.0 < NEARER.powi(2) * least);
         let fitted = parallel::map(&ranked, |(_, trial)| {
             let found = self.fitted(self.file, &trial.folder).ok()?;
             let is_near = found.is_consistent()

@@ -2,6 +2,7 @@
 
 use tau_estimation::calibration::{Calibration, Error};
 use tau_estimation::trust::{self, Check, Mistake, Verdict};
+use tau_estimation::unknown_poses;
 use tau_estimation::weighing::Outlier;
 use tau_kinematics::Machine;
 use tau_robot::InputError;
@@ -67,6 +68,10 @@ impl<R> Session<R> {
     /// There is no variant of that name; no poses are left to calibrate; columns or values are missing.
     pub fn mistakes(&self, variant: impl VariantKey<R>) -> Result<Vec<Mistake>, Error> {
         let variant = variant.variant_of(&self.robot)?;
+        if self.has_unknown_poses() {
+            let (robot, file, folder) = (&self.robot, &self.robot_file, &self.folder);
+            return unknown_poses::mistakes(robot, variant, file, folder, &self.row_division());
+        }
         let poses = self.poses()?.division.calibration;
         trust::mistakes(&self.robot, variant, &self.robot_file, &self.folder, &poses)
     }
