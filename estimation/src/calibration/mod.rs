@@ -22,7 +22,7 @@ use tau_robot::robot_file::RobotFile;
 use nalgebra::DMatrix;
 use tau_solver::{Problem, Solution};
 
-use crate::numerics::{parallel, triangle};
+use crate::numerics::{count, parallel, triangle};
 use crate::problem::{self, Closures, Residuals};
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
@@ -476,12 +476,7 @@ fn poses_needed(variant: &Variant) -> (usize, String) {
         })
         .fold(0.0, f64::max);
     // The small allowance keeps thirds that add up to a whole number from being rounded up.
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a small count"
-    )]
-    let count = (needed - 1e-9).ceil() as usize;
+    let count = count((needed - 1e-9).ceil());
     (count, format!("each closure of variant `{}`", variant.name))
 }
 
