@@ -155,7 +155,8 @@ fn unnamed(search: &Search<'_>, noise: Noise) -> Vec<results::Unnamed> {
     let view = LinearModel::of(fit);
     let families = search.state.unnamed.iter().chain(&search.left);
     families
-        .flat_map(|&(family, searched)| structure::unnamed(bench, &view, family, searched))
+        .filter_map(|&(family, searched)| structure::unnamed(bench, &view, family, searched))
+        .flatten()
         .chain(structure::crowds(fit, bench, noise))
         .collect()
 }

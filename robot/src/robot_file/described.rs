@@ -2,7 +2,7 @@
 
 use std::fmt::{self, Write};
 
-use tau_codegen::language::{self, model};
+use tau_codegen::language::model;
 
 use super::keys::{
     crank_values, described_links, described_reference, machine_parameters, quantity_of,
@@ -165,12 +165,14 @@ fn write_template(out: &mut String, robot: &Robot) -> fmt::Result {
         }
     }
     write!(out, "{LINKS}")?;
-    let model = language::check_text(&robot.description).ok();
     for (index, link) in robot.links.iter().enumerate() {
         if quantities_of(robot, index).next().is_none() {
             continue;
         }
-        let described = model.as_ref().and_then(|model| model.links.get(index));
+        let described = robot
+            .model
+            .as_ref()
+            .and_then(|model| model.links.get(index));
         let separator = if index == 0 { "" } else { "\n" };
         writeln!(out, "{separator}[links.{}]", key(&link.name))?;
         for (name, quantity, meaning) in quantities_of(robot, index) {
