@@ -302,7 +302,7 @@ fn far_from_drawing(fit: &Fit) -> Vec<String> {
                 parameter.owner,
                 Owner::Link(_) | Owner::Cluster(_) | Owner::Track(_)
             );
-            let tolerance = prior.tolerance.filter(|&tolerance| tolerance > 0.0)?;
+            let tolerance = prior.sigma()?;
             is_dimension.then_some((parameter, value - prior.value, tolerance))
         })
         .collect();

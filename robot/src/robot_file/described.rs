@@ -14,13 +14,13 @@ use crate::robot::{Link, Robot};
 
 /// Noise of a laser tracker over a few metres with the repeatability of a machine, one standard deviation per axis: what
 /// stands where no file states any.
-pub const USUAL_NOISE: Noise = Noise {
+const USUAL_NOISE: Noise = Noise {
     position_m: 1e-5,
     rotation_rad: 4e-5,
 };
 
 /// Stands in a file for a number that is still to be filled in.
-pub const PLACEHOLDER: &str = "?";
+pub(crate) const PLACEHOLDER: &str = "?";
 
 /// Keys of a link's values with the quantity that each is, and what it means.
 const VALUES: [(&str, &str, &str); 4] = [
@@ -39,7 +39,7 @@ const VALUES: [(&str, &str, &str); 4] = [
 ];
 
 impl RobotFile {
-    /// The instance that a description gives by itself, with [`USUAL_NOISE`].
+    /// The instance that a description gives by itself, with the noise of a laser tracker.
     ///
     /// # Errors
     /// The description lacks values, which are listed.
@@ -70,7 +70,7 @@ impl RobotFile {
     }
 
     /// The text of a `robot.toml` for a robot: what its description gives is filled in, for the rest stand
-    /// [placeholders](PLACEHOLDER), which are refused when the file is read.
+    /// placeholders, which are refused when the file is read.
     pub fn template(robot: &Robot) -> String {
         let mut text = String::new();
         // Writing into a string can't fail.
