@@ -9,11 +9,6 @@
 //! Times are minima over many turns in which all contenders run one after the other, so that a busy machine
 //! harms all alike: compare rows of one run.
 
-#![allow(
-    clippy::inline_always,
-    reason = "inner loops must take on the instruction set of their caller"
-)]
-
 mod by_hand;
 mod comparison;
 mod evaluation;

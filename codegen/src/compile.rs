@@ -190,11 +190,6 @@ fn is_same_variant(one: &Model, other: &Model, index: usize) -> bool {
         && effects(one, of_one) == effects(other, of_other)
 }
 
-/// Compiles one variant, by its index.
-pub fn compile_variant(model: &Model, variant: usize) -> CompiledVariant {
-    compile_some(model, variant, |_, _| true)
-}
-
 /// Compiles those residuals of one variant, by its index, that are wanted, by their kind and the index
 /// of their link, cluster or track; the parameters are those of all.
 pub fn compile_some(

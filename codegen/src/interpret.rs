@@ -5,10 +5,6 @@
 //! Operations and elementary functions are those of generated code, in the same order: results agree bit
 //! for bit.
 
-#[allow(
-    clippy::inline_always,
-    reason = "inner loops must take on the instruction set of their caller"
-)]
 mod code;
 
 use tau_runtime::{BlockFamily, LANES, Lanes, Pattern, ResidualFamily, Shape, block_count};

@@ -226,18 +226,12 @@ impl CandidateSet {
             return self.columns.probes_of(range.clone());
         }
         let described = &self.candidates[candidate];
-        let mut values = described.none();
-        if let Some((place, (low, high))) = described.search {
-            values[place] = f64::midpoint(low, high);
-        }
+        let middle = (described.search).map(|(_, (low, high))| f64::midpoint(low, high));
+        let values = described.values_at(middle);
         let entries = self
             .entries(candidate, &values, &described.amplitudes())
             .unwrap_or_default();
         entries.iter().map(|entry| entry.probe).collect()
-    }
-
-    fn responses(&self, view: &LinearModel) -> Responses {
-        Responses::of(view, &self.probes, &self.pairs)
     }
 
     /// For each candidate of a table its column that shows best for its tolerance, and its rank; of a
@@ -267,7 +261,7 @@ impl CandidateSet {
         }
         let searched = parallel::map(&self.scans.scans, |&Scan { candidate, .. }| {
             let (_, (low, high)) = self.candidates[candidate].search?;
-            let (columns, subspace) = self.at(view, candidate, (low * high).sqrt())?;
+            let (columns, subspace) = self.subspace(view, candidate, Some((low * high).sqrt()))?;
             let left = view.remainder(&columns);
             let norms = |matrix: &DMatrix<f64>| -> Vec<f64> {
                 matrix.column_iter().map(|column| column.norm()).collect()
@@ -310,36 +304,13 @@ impl CandidateSet {
         candidate: usize,
         searched: Option<f64>,
     ) -> Option<(DMatrix<f64>, Subspace)> {
-        if let Some(value) = searched {
-            return self.at(view, candidate, value);
-        }
-        self.expanded(view, candidate, &self.candidates[candidate].none())
+        let described = &self.candidates[candidate];
+        let values = described.values_at(searched);
+        self.subspace_of(view, candidate, &values, &described.amplitudes())
     }
 
-    /// Subspace of some parameters of a candidate beside a model, at given values of all.
+    /// The same by some parameters of a candidate, at given values of all.
     pub(super) fn subspace_of(
-        &self,
-        view: &LinearModel,
-        candidate: usize,
-        values: &[f64],
-        parameters: &[usize],
-    ) -> Option<Subspace> {
-        Some(self.expanded_by(view, candidate, values, parameters)?.1)
-    }
-
-    /// The columns of a candidate at given values of its parameters, row by row.
-    fn expanded(
-        &self,
-        view: &LinearModel,
-        candidate: usize,
-        values: &[f64],
-    ) -> Option<(DMatrix<f64>, Subspace)> {
-        let amplitudes = self.candidates[candidate].amplitudes();
-        self.expanded_by(view, candidate, values, &amplitudes)
-    }
-
-    /// The same by parameters of one's choice.
-    fn expanded_by(
         &self,
         view: &LinearModel,
         candidate: usize,
@@ -398,7 +369,8 @@ impl CandidateSet {
 
     /// Scores every candidate beside a model.
     pub(super) fn table(&self, view: &LinearModel) -> Table {
-        self.scored(view, self.responses(view), None)
+        let responses = Responses::of(view, &self.probes, &self.pairs);
+        self.scored(view, responses, None)
     }
 
     /// Scores every candidate beside a model without some of its parameters.

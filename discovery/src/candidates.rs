@@ -270,6 +270,15 @@ impl Candidate {
             .collect()
     }
 
+    /// Parameter values at no effect, a searched parameter at a value.
+    pub(super) fn values_at(&self, searched: Option<f64>) -> Vec<f64> {
+        let mut values = self.none();
+        if let (Some((place, _)), Some(value)) = (self.search, searched) {
+            values[place] = value;
+        }
+        values
+    }
+
     /// Derivatives of the effect by each parameter in `wanted`, term by term.
     ///
     /// # Errors

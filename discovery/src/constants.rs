@@ -1,5 +1,7 @@
 //! The constants of the decision, in one place, so that each can be scaled to see what it does.
 
+pub(crate) use tau_estimation::numerics::count;
+
 macro_rules! constants {
     ($($(#[doc = $doc:literal])+ $name:ident: $default:expr;)+) => {
         /// The constants of the decision. `docs/discovery-benchmark.md` shows what scaling some of them does.
@@ -79,14 +81,4 @@ constants! {
     /// Change of an estimated standard deviation, as a share, from which such a search is worth repeating: scores, which
     /// go with its square, change by a tenth.
     other_noise: 0.05;
-}
-
-/// A constant that counts.
-#[allow(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "a small count"
-)]
-pub(crate) fn count(number: f64) -> usize {
-    number as usize
 }

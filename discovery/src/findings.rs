@@ -155,7 +155,8 @@ fn unnamed(search: &Search<'_>, noise: Noise) -> Vec<results::Unnamed> {
     let view = LinearModel::of(fit);
     let families = search.state.unnamed.iter().chain(&search.left);
     families
-        .flat_map(|&(family, searched)| structure::unnamed(bench, &view, family, searched))
+        .filter_map(|&(family, searched)| structure::unnamed(bench, &view, family, searched))
+        .flatten()
         .chain(structure::crowds(fit, bench, noise))
         .collect()
 }
@@ -301,7 +302,7 @@ fn far_from_drawing(fit: &Fit) -> Vec<String> {
                 parameter.owner,
                 Owner::Link(_) | Owner::Cluster(_) | Owner::Track(_)
             );
-            let tolerance = prior.tolerance.filter(|&tolerance| tolerance > 0.0)?;
+            let tolerance = prior.sigma()?;
             is_dimension.then_some((parameter, value - prior.value, tolerance))
         })
         .collect();

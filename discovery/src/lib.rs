@@ -250,7 +250,11 @@ pub fn discover(
     options: &Options,
     progress: &mut (dyn FnMut(&str) + Send),
 ) -> Result<Outcome, Error> {
-    parallel::within(|| discovered(robot, base, file, folder, options, progress))
+    let started = Instant::now();
+    let found = parallel::within(|| discovered(robot, base, file, folder, options, progress));
+    let mut outcome = found?;
+    outcome.discovery.seconds = started.elapsed().as_secs_f64();
+    Ok(outcome)
 }
 
 fn discovered(
@@ -261,7 +265,6 @@ fn discovered(
     options: &Options,
     progress: &mut dyn FnMut(&str),
 ) -> Result<Outcome, Error> {
-    let started = Instant::now();
     let variant = variant_of(robot, base)?;
     if robot.variant(text::DISCOVERED).is_some() {
         let problem = format!("there is a variant `{}` already", text::DISCOVERED);
@@ -274,7 +277,7 @@ fn discovered(
     if folder.tcp_poses.is_empty() {
         progress("estimating the poses");
         let described = (robot, model, base);
-        return unknown_poses::search(described, &completed, folder, options, started, progress);
+        return unknown_poses::search(described, &completed, folder, options, progress);
     }
     let Poses { mut division, .. } = Poses::select(robot, file, folder, options.split)?;
     check_poses(robot, variant, &completed, folder, &division.calibration)?;
@@ -291,7 +294,7 @@ fn discovered(
         unknown: None,
         options,
     };
-    let mut outcome = searched(&input, started, progress)?;
+    let mut outcome = searched(&input, progress)?;
     if taken.len() < all {
         let remark = remark_on_part(all, taken.len());
         outcome.discovery.remarks.push(remark);
@@ -307,11 +310,7 @@ fn remark_on_part(all: usize, taken: usize) -> String {
 }
 
 /// The search from a base, or where its arm is reduced and a full one is significantly better, from that.
-fn searched(
-    input: &Input<'_>,
-    started: Instant,
-    progress: &mut dyn FnMut(&str),
-) -> Result<Outcome, Error> {
+fn searched(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Outcome, Error> {
     let Input {
         robot,
         model,
@@ -322,7 +321,7 @@ fn searched(
     let variant = variant_of(robot, base)?;
 
     let searched = |input: &Input<'_>, progress: &mut dyn FnMut(&str)| {
-        structural::piecewise::search(input, started, progress)
+        structural::piecewise::search(input, progress)
     };
     if variant.arm == Arm::Full {
         return searched(input, progress);
@@ -343,7 +342,7 @@ fn searched(
     let Some(full_arm) = full_arm else {
         return searched(input, progress);
     };
-    if full_arm.is_significant() {
+    if full_arm.is_significant {
         let reduced = shortfall(input)?;
         let mut outcome = searched(&with_full_arm, progress)?;
         full_arm.precede(base, reduced, &mut outcome.discovery);
@@ -408,7 +407,6 @@ fn model_of(input: &Input<'_>) -> Result<(Model, usize, Vec<generic::Family>), E
 fn search_from(
     input: &Input<'_>,
     yardstick: Option<Yardstick>,
-    started: Instant,
     progress: &mut dyn FnMut(&str),
 ) -> Result<Found, Error> {
     let (mut search, beforehand) = begun(input, yardstick, progress)?;
@@ -419,9 +417,7 @@ fn search_from(
         || finish(input, &search, &of_effects, beforehand),
         || structural::piecewise::tracks(&search, variant),
     );
-    let mut found = Found::new(search, tracks, outcome?)?;
-    found.outcome.discovery.seconds = started.elapsed().as_secs_f64();
-    Ok(found)
+    Found::new(search, tracks, outcome?)
 }
 
 /// A search at its base, and what is known before it.

@@ -37,6 +37,15 @@ impl Freed {
     }
 }
 
+/// Multiplies the first rows of columns by factors.
+pub(super) fn scale_rows(columns: &mut DMatrix<f64>, factors: &[f64]) {
+    for mut column in columns.column_iter_mut() {
+        for (value, factor) in column.iter_mut().zip(factors) {
+            *value *= factor;
+        }
+    }
+}
+
 /// A linear model at its minimum.
 #[derive(Clone)]
 pub(super) struct LinearModel {
@@ -129,12 +138,7 @@ impl LinearModel {
     /// effects do nothing to the rows of the priors.
     pub(super) fn weighted(&self, raw: &DMatrix<f64>) -> DMatrix<f64> {
         let mut columns = raw.clone().resize_vertically(self.residuals.len(), 0.0);
-        for mut column in columns.column_iter_mut() {
-            column
-                .iter_mut()
-                .zip(&self.factors)
-                .for_each(|(value, factor)| *value *= factor);
-        }
+        scale_rows(&mut columns, &self.factors);
         columns
     }
 

@@ -59,15 +59,19 @@ pub(super) fn misfits(fit: &Fit, samples: &[Sample], noise: Noise) -> Vec<Misfit
                 });
                 if count > 0 {
                     let scale = fit.scales[component as usize];
-                    misfits.push(misfit(
+                    let sum = sum * scale.powi(2);
+                    let root = |sum: f64| (sum / count as f64).sqrt() * (sigma * MICRO);
+                    misfits.push(Misfit {
                         set,
-                        (Some(name.clone()), None),
-                        format!("{what} {axis}"),
-                        sum * scale.powi(2),
-                        degrees,
-                        count as f64,
-                        (sigma * MICRO, unit),
-                    ));
+                        cart: Some(name.clone()),
+                        link: None,
+                        unit,
+                        ..misfit(
+                            format!("{what} {axis}"),
+                            (root(sum), root(degrees), 1.0),
+                            (sum, degrees),
+                        )
+                    });
                 }
             }
         }
@@ -75,30 +79,24 @@ pub(super) fn misfits(fit: &Fit, samples: &[Sample], noise: Noise) -> Vec<Misfit
     misfits
 }
 
+/// Misfit of lengths of set 1; `to_micro` carries root mean squares into µm.
 fn misfit(
-    set: u8,
-    (cart, link): (Option<String>, Option<String>),
     coordinate: String,
-    sum: f64,
-    degrees: f64,
-    count: f64,
-    (sigma, unit): (f64, Micro),
+    (rms, expected_rms, to_micro): (f64, f64, f64),
+    (chi2, degrees): (f64, f64),
 ) -> Misfit {
-    let (rms, expected) = (
-        (sum / count).sqrt() * sigma,
-        (degrees / count).sqrt() * sigma,
-    );
+    let excess = (rms * rms - expected_rms * expected_rms).max(0.0).sqrt();
     Misfit {
-        set,
-        cart,
-        link,
+        set: 1,
+        cart: None,
+        link: None,
         coordinate,
-        rms,
-        expected_rms: expected,
-        excess_rms: (rms * rms - expected * expected).max(0.0).sqrt(),
-        unit,
+        rms: rms * to_micro,
+        expected_rms: expected_rms * to_micro,
+        excess_rms: excess * to_micro,
+        unit: Micro::Metre,
         degrees,
-        p_value: PValue::of_chi2(sum, degrees),
+        p_value: PValue::of_chi2(chi2, degrees),
     }
 }
 
@@ -150,18 +148,10 @@ fn closures(fit: &Fit) -> Vec<Misfit> {
                 .map_or(0.5, |index| machine.values[index]);
             // A closure residual is a difference of squares: 2 L times an error of length.
             let to_um = |square: f64| (square / poses).sqrt() / (2.0 * length) * MICRO;
-            let (rms, expected_rms) = (to_um(squares), to_um(expected));
+            let rms = (to_um(squares), to_um(expected), 1.0);
             Misfit {
-                set: 1,
-                cart: None,
                 link: Some(name.clone()),
-                coordinate: "length".into(),
-                rms,
-                expected_rms,
-                excess_rms: (rms * rms - expected_rms * expected_rms).max(0.0).sqrt(),
-                unit: Micro::Metre,
-                degrees: poses,
-                p_value: PValue::of_chi2(chi2, poses),
+                ..misfit("length".into(), rms, (chi2, poses))
             }
         })
         .collect()
@@ -203,21 +193,11 @@ fn of_unknown_poses(fit: &Fit) -> Vec<Misfit> {
     }
     sums.into_iter()
         .map(|((link, file), (chi2, squares, expected, count))| {
-            let (rms, expected) = ((squares / count).sqrt(), (expected / count).sqrt());
+            let rms = ((squares / count).sqrt(), (expected / count).sqrt(), MICRO);
+            let coordinate = link.map_or(file, |_| "length");
             Misfit {
-                set: 1,
-                cart: None,
                 link: link.map(|link| machine.robot.links[link].name.clone()),
-                coordinate: match link {
-                    Some(_) => "length".into(),
-                    None => file.to_owned(),
-                },
-                rms: rms * MICRO,
-                expected_rms: expected * MICRO,
-                excess_rms: (rms * rms - expected * expected).max(0.0).sqrt() * MICRO,
-                unit: Micro::Metre,
-                degrees: count,
-                p_value: PValue::of_chi2(chi2, count),
+                ..misfit(coordinate.to_owned(), rms, (chi2, count))
             }
         })
         .collect()

@@ -7,19 +7,16 @@ use nalgebra::{DMatrix, DVector};
 use tau_codegen::language::Model;
 use tau_estimation::numerics::parallel;
 use tau_estimation::numerics::projection::orthonormal;
+use tau_estimation::numerics::spread::even_in_reciprocals;
 use tau_estimation::samples::Sample;
 use tau_kinematics::Surroundings;
 
 use super::candidates::{Candidate, Readings};
-use super::constants::count;
 use super::p_value::PValue;
 use super::probes::Probes;
 use super::response::{Displacements, Responses};
 
-/// Grid points per reciprocal of the range of the commands: at one, a peak is as wide as a step. Peaks
-/// are refined between the points.
-const OVERSAMPLING: f64 = 2.5;
-/// Least share of a peak's height that a grid point next to it shows: sinc²(½ / [`OVERSAMPLING`]) is
+/// Least share of a peak's height that a grid point next to it shows: sinc²(½ / [`OVERSAMPLING`](tau_estimation::numerics::spread::OVERSAMPLING)) is
 /// 0.87 where commands fill their range evenly.
 pub(super) const LEAST_SHOWN: f64 = 0.75;
 /// Parts of a step of the grid at which peaks are refined.
@@ -50,17 +47,6 @@ pub(super) struct Scores {
     grams: Arc<Vec<DMatrix<f64>>>,
 }
 
-/// Values even in their reciprocals, over a range and one step beyond it at either end.
-fn grid((low, high): (f64, f64), range_m: f64) -> Vec<f64> {
-    let span = low.recip() - high.recip();
-    let steps = (span * OVERSAMPLING * range_m).ceil().clamp(8.0, 20_000.0);
-    (0..=count(steps) + 2)
-        .map(|k| high.recip() + span * (k as f64 - 1.0) / steps)
-        .filter(|&reciprocal| reciprocal > 0.0)
-        .map(f64::recip)
-        .collect()
-}
-
 impl Band {
     /// The grid is even in the reciprocal of the parameter where that is a period, a length in which
     /// the effect repeats along a track; `range_m` is the widest range of the commands.
@@ -76,7 +62,7 @@ impl Band {
             return Err("nothing is searched");
         };
         let amplitudes = candidate.amplitudes();
-        let grid = grid(range, range_m);
+        let grid: Vec<f64> = even_in_reciprocals(range, range_m, 1).collect();
         let chunks: Vec<&[f64]> = grid.chunks(AT_ONCE).collect();
         let optional_too = false;
         let readings = Readings::of(
@@ -323,7 +309,7 @@ mod tests {
     #[test]
     fn no_peak_hides_between_points_of_the_grid() {
         let commands = commands(600);
-        let grid = grid(PERIODS_M, RANGE_M);
+        let grid: Vec<f64> = even_in_reciprocals(PERIODS_M, RANGE_M, 1).collect();
         for k in 0..50 {
             let [shown, height] = shown(&commands, &grid, k);
             assert!(shown > LEAST_SHOWN * height, "{k}: {shown} of {height}");
@@ -334,7 +320,7 @@ mod tests {
     #[test]
     fn chance_of_the_highest_peak_is_that_of_noise() {
         let commands = commands(150);
-        let grid = grid(PERIODS_M, RANGE_M);
+        let grid: Vec<f64> = even_in_reciprocals(PERIODS_M, RANGE_M, 1).collect();
         let mut random = Random(7);
         let scans: Vec<Vec<f64>> = (0..600)
             .map(|_| {

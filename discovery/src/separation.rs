@@ -9,6 +9,7 @@ use tau_estimation::samples::{Sample, Treatment};
 
 use super::candidate_set::CandidateSet;
 use super::candidates::{self, Candidate};
+use super::linear_model::scale_rows;
 use super::results::{Separation, TREATMENTS};
 
 /// Further poses that are proposed.
@@ -111,12 +112,7 @@ fn system(
             )
             .ok()?;
         let mut columns = candidates::columns(&entries, &wanted, &bench.probes);
-        for mut column in columns.column_iter_mut() {
-            column
-                .iter_mut()
-                .zip(&fit.factors)
-                .for_each(|(value, factor)| *value *= factor);
-        }
+        scale_rows(&mut columns, &fit.factors);
         Some(columns)
     };
     let amplitudes = DVector::from_iterator(

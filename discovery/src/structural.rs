@@ -106,7 +106,7 @@ fn free_name(model: &Model, wanted: &str) -> String {
 
 /// Test of a full arm: do the links of a cluster differ, where the base takes them for one?
 pub(super) struct FullArm {
-    is_significant: bool,
+    pub(super) is_significant: bool,
     p_value: PValue,
     chi2_drop: f64,
 }
@@ -129,16 +129,12 @@ impl FullArm {
         })
     }
 
-    pub(super) fn is_significant(&self) -> bool {
-        self.is_significant
-    }
-
     fn considered(&self) -> Considered {
         Considered {
             name: FULL_ARM.into(),
             place: Place::AllLinks,
             p_value: self.p_value,
-            verdict: if self.is_significant() {
+            verdict: if self.is_significant {
                 Verdict::Found
             } else {
                 Verdict::NotSignificant

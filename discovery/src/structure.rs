@@ -55,23 +55,11 @@ pub(super) fn unnamed(
     view: &LinearModel,
     family: usize,
     searched: Option<f64>,
-) -> Vec<Unnamed> {
-    found(bench, view, family, searched).unwrap_or_default()
-}
-
-fn found(
-    bench: &CandidateSet,
-    view: &LinearModel,
-    family: usize,
-    searched: Option<f64>,
 ) -> Option<Vec<Unnamed>> {
     let candidate = &bench.candidates[family];
     let described = candidate.family.as_ref()?;
     let (_, subspace) = bench.subspace(view, family, searched)?;
-    let mut values = candidate.none();
-    if let (Some((place, _)), Some(value)) = (candidate.search, searched) {
-        values[place] = value;
-    }
+    let mut values = candidate.values_at(searched);
     let fitted = subspace.amplitudes(&view.residuals);
     for (&place, &amplitude) in candidate.amplitudes().iter().zip(fitted.iter()) {
         values[place] = amplitude;

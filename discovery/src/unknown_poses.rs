@@ -2,7 +2,6 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
-use std::time::Instant;
 
 use tau_codegen::language::Model;
 use tau_estimation::calibration;
@@ -57,7 +56,6 @@ pub(super) fn search(
     file: &RobotFile,
     folder: &Folder,
     options: &Options,
-    started: Instant,
     progress: &mut dyn FnMut(&str),
 ) -> Result<Outcome, Error> {
     let (folder, remark) = with_known_tensions(folder, file, robot);
@@ -112,7 +110,7 @@ pub(super) fn search(
             unknown: Some(&unknown),
             options,
         };
-        let mut outcome = searched(&input, started, progress)?;
+        let mut outcome = searched(&input, progress)?;
         progress("calibrating what was found");
         let fitted = outcome.stated(&file, folder, &rows, &options.constants)?;
         // Effects that a base lacks may look like gross measurements or like noise, and may hide some.

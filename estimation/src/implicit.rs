@@ -6,7 +6,6 @@
 
 use nalgebra::{DMatrix, DVector};
 use tau_kinematics::{self as kinematics, Machine, Sample, least_norm};
-use tau_robot::robot::ResidualKind;
 
 /// The closures of a machine at a sample, linearised.
 pub(crate) struct Linearized {
@@ -30,41 +29,17 @@ impl Linearized {
             jacobian: by_pose,
             slopes,
         } = machine.closures(sample)?;
-        let mut data = Vec::new();
-        machine.fill_closures(sample, &mut data)?;
-        let mut data = data.as_slice();
-        let (mut parameters, mut prepared, mut jacobian) = (Vec::new(), Vec::new(), Vec::new());
-        let closures = machine.variant.instances_of(ResidualKind::Closure);
-        let by_parameters = closures.zip(&slopes).map(|(closure, slope)| {
+        let mut by_parameters = machine.closures_by_parameters(sample)?;
+        for (own, slope) in by_parameters.iter_mut().zip(&slopes) {
             let scale = slope.recip();
-            let shape = closure.family.shape();
-            let (own, rest) = data.split_at(shape.data);
-            data = rest;
-            parameters.clear();
-            let values = closure.parameters.iter();
-            parameters.extend(values.map(|&index| machine.values[index]));
-            prepared.resize(shape.prepared, 0.0);
-            let pattern = closure.family.pattern();
-            jacobian.resize(pattern.len(), 0.0);
-            closure.family.prepare(own, &mut prepared);
-            (closure.family).linearize(&prepared, &parameters, &mut [0.0], &mut jacobian);
-            let entries = pattern.columns.iter().zip(&jacobian);
-            let entries: Vec<(usize, f64)> = entries
-                .map(|(&column, entry)| (closure.parameters[column as usize], entry * scale))
-                .collect();
-            if entries.iter().all(|(_, entry)| entry.is_finite()) {
-                return Ok(entries);
+            for (_, entry) in own {
+                *entry *= scale;
             }
-            let closure = machine.closure_name(closure).to_owned();
-            Err(kinematics::Error::NotFinite {
-                closure,
-                effects: Vec::new(),
-            })
-        });
+        }
         Ok(Self {
-            by_parameters: by_parameters.collect::<Result<_, kinematics::Error>>()?,
             by_pose,
             residuals,
+            by_parameters,
         })
     }
 

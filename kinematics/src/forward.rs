@@ -132,7 +132,7 @@ impl Machine {
     }
 
     /// The same with all that is known besides the commands; the sample's pose does not matter.
-    pub fn assembly_modes_of(
+    pub(crate) fn assembly_modes_of(
         &self,
         sample: &Sample<'_>,
         orientation: Option<Rotation3<f64>>,
@@ -196,7 +196,7 @@ impl Machine {
     }
 
     /// Those of them that are rotations.
-    pub fn turning_unknowns(&self) -> &'static [usize] {
+    pub(crate) fn turning_unknowns(&self) -> &'static [usize] {
         let unknowns = self.pose_unknowns();
         let shifts = unknowns.iter().filter(|&&unknown| unknown < 3).count();
         unknowns.get(shifts..).unwrap_or_default()

@@ -179,7 +179,7 @@ impl Surroundings {
     ///
     /// # Errors
     /// As [`Self::fill`].
-    pub fn fill_all<'a>(
+    pub(crate) fn fill_all<'a>(
         &self,
         inputs: impl IntoIterator<Item = &'a [Input]>,
         sample: &Sample<'_>,

@@ -201,6 +201,29 @@ impl Machine {
         Ok(closures)
     }
 
+    /// Derivatives of all closures (m²) at a sample by parameters: of each the index in the variant and the entry.
+    ///
+    /// # Errors
+    /// As [`Self::closures`].
+    pub fn closures_by_parameters(
+        &self,
+        sample: &Sample<'_>,
+    ) -> Result<Vec<Vec<(usize, f64)>>, Error> {
+        let (mut data, mut scratch) = (Vec::new(), Scratch::default());
+        self.fill_closures(sample, &mut data)?;
+        let mut rest = data.as_slice();
+        let of_closure = |closure: &Instance| {
+            let own;
+            (own, rest) = rest.split_at(closure.family.shape().data);
+            scratch.linearize_filled(self, closure, own)?;
+            let columns = closure.family.pattern().columns.iter();
+            let parameters = columns.map(|&column| closure.parameters[column as usize]);
+            Ok(parameters.zip(scratch.jacobian.iter().copied()).collect())
+        };
+        let closures = self.variant.instances_of(ResidualKind::Closure);
+        closures.map(of_closure).collect()
+    }
+
     /// Gradients of all closures by position (3) and rotation vector (3), in order of link or cluster.
     ///
     /// # Errors

@@ -22,15 +22,7 @@ impl Path {
     /// Through measured points (m), in any order; points at the same command (m) are averaged. `None`
     /// where there are fewer than two different commands.
     pub fn new(measured: &[(f64, Vector3<f64>)]) -> Option<Self> {
-        let mut sorted = measured.to_vec();
-        sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let (commands, points) = sorted
-            .chunk_by(|a, b| a.0.total_cmp(&b.0).is_eq())
-            .map(|same| {
-                let sum: Vector3<f64> = same.iter().map(|&(_, point)| point).sum();
-                (same[0].0, sum / same.len() as f64)
-            })
-            .unzip();
+        let (commands, points) = Self::averaged(measured);
         let mut path = Self { commands, points };
         if path.commands.len() < 2 {
             return None;
@@ -38,6 +30,19 @@ impl Path {
         let origin = path.at(0.0);
         path.points.iter_mut().for_each(|point| *point -= origin);
         Some(path)
+    }
+
+    /// The commands (m) in order, and the mean of the points (m) measured at each.
+    pub fn averaged(measured: &[(f64, Vector3<f64>)]) -> (Vec<f64>, Vec<Vector3<f64>>) {
+        let mut sorted = measured.to_vec();
+        sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+        sorted
+            .chunk_by(|a, b| a.0.total_cmp(&b.0).is_eq())
+            .map(|same| {
+                let sum: Vector3<f64> = same.iter().map(|&(_, point)| point).sum();
+                (same[0].0, sum / same.len() as f64)
+            })
+            .unzip()
     }
 
     /// Index of the measured point at which the segment that holds a command (m) starts: the first or the

@@ -5,10 +5,6 @@ pub(super) fn decimals(magnitude: f64, significant: i32) -> usize {
     if magnitude == 0.0 || !magnitude.is_finite() {
         return 0;
     }
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "a decimal exponent is below 400"
-    )]
     let exponent = magnitude.abs().log10().floor() as i32;
     usize::try_from(significant - 1 - exponent)
         .unwrap_or(0)

@@ -86,7 +86,7 @@ impl<'a> Source<'a> {
     }
 
     /// Line, column and excerpt of a byte range; what reaches beyond its first line is cut off.
-    pub fn locate(self, span: Range<usize>) -> Place {
+    pub(crate) fn locate(self, span: Range<usize>) -> Place {
         let start = floor_char_boundary(self.text, span.start);
         let end = floor_char_boundary(self.text, span.end).max(start);
         let (index, line) = self

@@ -251,12 +251,11 @@ impl Robot {
 
     /// The terms of an effect as they are written.
     pub fn terms_of(&self, effect: &str) -> Vec<String> {
-        let model = language::check_text(&self.description);
-        let effects = model.map_or_else(|_| Vec::new(), |model| model.effects);
-        let terms = effects.into_iter().filter(|own| own.name == effect);
+        let effects = self.model.iter().flat_map(|model| &model.effects);
+        let terms = effects.filter(|own| own.name == effect);
         terms
-            .flat_map(|own| own.terms)
-            .map(|term| term.text)
+            .flat_map(|own| &own.terms)
+            .map(|term| term.text.clone())
             .collect()
     }
 

@@ -8,10 +8,6 @@
 //!
 //! The crate is `no_std`, allocates nothing and depends on nothing.
 #![no_std]
-#![allow(
-    clippy::inline_always,
-    reason = "inner loops must take on the instruction set of their caller"
-)]
 
 #[cfg(feature = "std")]
 extern crate std;

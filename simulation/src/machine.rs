@@ -155,7 +155,7 @@ impl Machine {
     }
 
     /// Sum of the tracker's errors at a measured TCP position (m).
-    pub fn measuring_error(&self, pose: Pose, conditions: &Conditions) -> Vector3<f64> {
+    pub(crate) fn measuring_error(&self, pose: Pose, conditions: &Conditions) -> Vector3<f64> {
         let reading = TcpReading {
             position_m: pose.position_m.into(),
             time_s: conditions.time_s,

@@ -51,13 +51,21 @@ impl Graph {
         roots: &[Expr],
         replacements: &BTreeMap<Symbol, Expr>,
     ) -> Vec<Expr> {
+        self.map(roots, |graph, expr, images| match graph.node(expr) {
+            Node::Symbol(symbol) => replacements.get(&symbol).copied().unwrap_or(expr),
+            node => graph.rebuild(node, images_of(node, images)),
+        })
+    }
+
+    /// The images of expressions: `of` makes each from those of all that it needs; an image takes over the name.
+    pub(crate) fn map(
+        &mut self,
+        roots: &[Expr],
+        of: impl Fn(&mut Self, Expr, &ExprMap<Expr>) -> Expr,
+    ) -> Vec<Expr> {
         let mut images: ExprMap<Expr> = ExprMap::new(self);
         for expr in self.reachable(roots) {
-            let node = self.node(expr);
-            let image = match node {
-                Node::Symbol(symbol) => replacements.get(&symbol).copied().unwrap_or(expr),
-                _ => self.rebuild(node, images_of(node, &images)),
-            };
+            let image = of(self, expr, &images);
             if image != expr
                 && let Some(name) = self.names.get(&expr).cloned()
             {
@@ -85,23 +93,15 @@ impl Graph {
 
     /// Rebuilds expressions with turns written out as products of sines and cosines.
     pub fn expand_turns(&mut self, roots: &[Expr]) -> Vec<Expr> {
-        let mut images: ExprMap<Expr> = ExprMap::new(self);
-        for expr in self.reachable(roots) {
-            let node = self.node(expr);
-            let children = images_of(node, &images);
-            let image = match node {
-                Node::TurnFirst(..) => self.expanded_turn(children[0], children[1], children[2]).0,
-                Node::TurnSecond(..) => self.expanded_turn(children[0], children[1], children[2]).1,
-                _ => self.rebuild(node, children),
-            };
-            if image != expr
-                && let Some(name) = self.names.get(&expr).cloned()
-            {
-                self.name(image, name);
+        self.map(roots, |graph, expr, images| {
+            let node = graph.node(expr);
+            let children @ [a, b, c, _] = images_of(node, images);
+            match node {
+                Node::TurnFirst(..) => graph.expanded_turn(a, b, c).0,
+                Node::TurnSecond(..) => graph.expanded_turn(a, b, c).1,
+                _ => graph.rebuild(node, children),
             }
-            images.insert(expr, image);
-        }
-        roots.iter().map(|&root| images[root]).collect()
+        })
     }
 }
 

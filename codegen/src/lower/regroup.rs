@@ -8,9 +8,8 @@ use crate::graph::{Expr, ExprMap, Graph, Node, Stage};
 /// Rebuilds expressions so that data-only parts of sums and products stand together and common
 /// factors of sums are taken out. Values are the same up to rounding.
 pub(super) fn regroup(graph: &mut Graph, roots: &[Expr]) -> Vec<Expr> {
-    let order = graph.reachable(roots);
     let mut uses: ExprMap<usize> = ExprMap::new(graph);
-    for &expr in &order {
+    for expr in graph.reachable(roots) {
         if !matches!(graph.node(expr), Node::Negate(_)) {
             for child in graph.node(expr).children() {
                 uses.count(core(graph, child).1, 1);
@@ -21,25 +20,18 @@ pub(super) fn regroup(graph: &mut Graph, roots: &[Expr]) -> Vec<Expr> {
         // A root is read from outside: it is never dissolved in another expression.
         uses.count(core(graph, root).1, 2);
     }
-    let mut pass = Pass {
-        uses,
-        images: ExprMap::new(graph),
-    };
-    for expr in order {
-        let image = pass.rebuild(graph, expr);
-        if image != expr
-            && let Some(name) = graph.name_of(expr).map(str::to_owned)
-        {
-            graph.name(image, name);
-        }
-        pass.images.insert(expr, image);
-    }
-    roots.iter().map(|&root| pass.images[root]).collect()
+    graph.map(roots, |graph, expr, images| {
+        let pass = Pass {
+            uses: &uses,
+            images,
+        };
+        pass.rebuild(graph, expr)
+    })
 }
 
-struct Pass {
-    uses: ExprMap<usize>,
-    images: ExprMap<Expr>,
+struct Pass<'a> {
+    uses: &'a ExprMap<usize>,
+    images: &'a ExprMap<Expr>,
 }
 
 /// A term of a flattened sum: its sign and its factors, already rebuilt.
@@ -48,7 +40,7 @@ struct Term {
     factors: Vec<Expr>,
 }
 
-impl Pass {
+impl Pass<'_> {
     fn rebuild(&self, g: &mut Graph, expr: Expr) -> Expr {
         let image = |e: Expr| self.images[e];
         match g.node(expr) {

@@ -7,7 +7,7 @@ use tau_codegen::language::model::{Model, Place};
 use tau_estimation::calibration::widest;
 use tau_estimation::numerics::order::smallest_first;
 use tau_estimation::numerics::parallel;
-use tau_estimation::numerics::projection::{Subspace, orthonormal};
+use tau_estimation::numerics::projection::orthonormal;
 use tau_estimation::samples::Sample;
 
 use super::super::candidates::{self, Candidate};
@@ -175,9 +175,7 @@ impl CandidateSet {
         value: f64,
     ) -> Option<Point> {
         let described = &self.candidates[candidate];
-        let (searched, _) = described.search?;
-        let mut values = described.none();
-        values[searched] = value;
+        let values = described.values_at(Some(value));
         let amplitudes = described.amplitudes();
         let mut columns = Displacements::default();
         columns.push(
@@ -284,20 +282,6 @@ impl CandidateSet {
         Some((scan, own))
     }
 
-    /// Columns of a searched candidate at a value of what is searched.
-    pub(super) fn at(
-        &self,
-        view: &LinearModel,
-        candidate: usize,
-        value: f64,
-    ) -> Option<(DMatrix<f64>, Subspace)> {
-        let described = &self.candidates[candidate];
-        let (searched, _) = described.search?;
-        let mut values = described.none();
-        values[searched] = value;
-        self.expanded(view, candidate, &values)
-    }
-
     /// The scan of a searched candidate with its scores in a table.
     pub(in super::super) fn scan_in<'a>(
         &'a self,
@@ -317,10 +301,8 @@ impl CandidateSet {
         if !described.is_named() || self.hidden.contains(&candidate) {
             return None;
         }
-        let mut values = described.none();
-        if let Some((searched, (low, high))) = described.search {
-            values[searched] = (low * high).sqrt();
-        }
+        let middle = described.search.map(|(_, (low, high))| (low * high).sqrt());
+        let values = described.values_at(middle);
         let wanted = described.amplitudes();
         let entries = self.entries(candidate, &values, &wanted)?;
         Some(candidates::columns(&entries, &wanted, &self.probes))

@@ -9,7 +9,7 @@ use tau_estimation::numerics::products::transposed_times;
 use tau_estimation::numerics::projection::orthonormal;
 
 use crate::candidate_set::CandidateSet;
-use crate::linear_model::LinearModel;
+use crate::linear_model::{LinearModel, scale_rows};
 use crate::results::Ambiguous;
 
 /// Share of a signal from which on the statistics of the two correlate by 0.8: noise may well make the wrong one
@@ -78,11 +78,7 @@ fn columns(bench: &CandidateSet, view: &LinearModel) -> (DMatrix<f64>, Vec<(usiz
             places.push((candidate, place));
         }
     }
-    for mut column in columns.column_iter_mut() {
-        for (value, factor) in column.iter_mut().zip(&view.factors) {
-            *value *= factor;
-        }
-    }
+    scale_rows(&mut columns, &view.factors);
     (columns, places)
 }
 

@@ -85,7 +85,7 @@ impl Search<'_> {
         self.bench.candidates[member.candidate].effect
     }
 
-    fn is_in_model(&self, candidate: usize) -> bool {
+    pub(super) fn is_in_model(&self, candidate: usize) -> bool {
         let mut unnamed = self.state.unnamed.iter();
         let mut members = self.state.members.iter();
         unnamed.any(|unnamed| unnamed.0 == candidate)
@@ -214,7 +214,9 @@ impl Search<'_> {
             }
             let values = self.state.values_of(&self.context(), index);
             let subspace = (self.bench).subspace_of(view, member.candidate, &values, &optional);
-            let Some(subspace) = subspace else { continue };
+            let Some((_, subspace)) = subspace else {
+                continue;
+            };
             let rank = subspace.rank() as f64;
             let statistic = subspace.statistic(&view.residuals) / self.inflation(view, &subspace);
             let mut members = self.state.members.clone();

@@ -95,15 +95,10 @@ impl Search<'_> {
         let mut rivals: Vec<Vec<(usize, Option<f64>)>> = Vec::new();
         let mut cosines = Vec::new();
         for score in &without.table.scores {
-            let is_other = score.candidate != removed.candidate
-                && !self
-                    .state
-                    .members
-                    .iter()
-                    .any(|m| m.candidate == score.candidate)
-                && !self.state.unnamed.iter().any(|u| u.0 == score.candidate);
             let change = self.change(now, total - score.statistic) + self.cost(score) - saved;
-            if !is_other || (change >= as_good && score.statistic < alike * statistic) {
+            if self.is_in_model(score.candidate)
+                || (change >= as_good && score.statistic < alike * statistic)
+            {
                 continue;
             }
             let subspace = (self.bench).subspace(&without.view, score.candidate, score.searched);
@@ -273,11 +268,10 @@ impl Search<'_> {
             .collect();
         let rivals = rival.iter().map(|&(candidate, searched)| {
             let candidate = &self.bench.candidates[candidate];
-            let mut values = candidate.none();
-            if let (Some((place, _)), Some(value)) = (candidate.search, searched) {
-                values[place] = value;
+            Signal {
+                candidate,
+                values: candidate.values_at(searched),
             }
-            Signal { candidate, values }
         });
         let rivals: Vec<Signal<'_>> = rivals.collect();
         let own = Signal {

@@ -291,14 +291,11 @@ pub(crate) fn start_of(
     score: &Score,
 ) -> Option<Vec<f64>> {
     let described = &bench.candidates[score.candidate];
-    let mut values = described.none();
+    let mut values = described.values_at(score.searched);
     let (_, subspace) = bench.subspace(view, score.candidate, score.searched)?;
     let amplitudes = subspace.amplitudes(&view.residuals);
     for (&place, &amplitude) in described.amplitudes().iter().zip(amplitudes.iter()) {
         values[place] += amplitude;
-    }
-    if let (Some((place, _)), Some(value)) = (described.search, score.searched) {
-        values[place] = value;
     }
     let taken = described.taken(false);
     Some(taken.into_iter().map(|k| values[k]).collect())

@@ -6,7 +6,6 @@
 //! noise of set 2, so that following them may cost more at the tool than it explains.
 
 use std::collections::BTreeMap;
-use std::time::Instant;
 use tau_estimation::evaluation::evaluate;
 use tau_estimation::numerics::distribution::chi2_survival;
 use tau_estimation::numerics::order::{largest_first, smallest_first};
@@ -69,20 +68,16 @@ pub(in super::super) struct TrackTest {
 /// Searches from a base, and from bases with piecewise tracks where those leave less that has no name.
 pub(in super::super) fn search(
     input: &Input<'_>,
-    started: Instant,
     progress: &mut dyn FnMut(&str),
 ) -> Result<Outcome, Error> {
-    let found = search_from(input, None, started, progress)?;
-    let mut outcome = bent(input, found, started, progress)?;
-    outcome.discovery.seconds = started.elapsed().as_secs_f64();
-    Ok(outcome)
+    let found = search_from(input, None, progress)?;
+    bent(input, found, progress)
 }
 
 /// Lets one track after the other follow its measured points, those first that take up most.
 fn bent(
     input: &Input<'_>,
     mut found: Found,
-    started: Instant,
     progress: &mut dyn FnMut(&str),
 ) -> Result<Outcome, Error> {
     let mut tracks = std::mem::take(&mut found.tracks);
@@ -105,7 +100,7 @@ fn bent(
             ..*input
         };
         let yardstick = Some(found.yardstick.clone());
-        let there = match search_from(&input_there, yardstick, started, progress) {
+        let there = match search_from(&input_there, yardstick, progress) {
             Ok(mut there) => {
                 there.score += track.cost;
                 there
@@ -123,7 +118,7 @@ fn bent(
             note.verdict = Verdict::NotConfirmed;
             continue;
         }
-        let mut outcome = bent(&input_there, there, started, progress)?;
+        let mut outcome = bent(&input_there, there, progress)?;
         track.precede(input.base, found.outcome.discovery, &mut outcome.discovery);
         return Ok(outcome);
     }

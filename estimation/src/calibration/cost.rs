@@ -10,7 +10,7 @@ use super::error::Error;
 ///
 /// # Errors
 /// Columns that the variant needs are missing.
-pub fn closure_cost(
+pub(crate) fn closure_cost(
     machine: &Machine,
     instance: &Instance,
     poses: &[&TcpPose],

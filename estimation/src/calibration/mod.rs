@@ -22,20 +22,21 @@ use tau_robot::robot_file::RobotFile;
 use nalgebra::DMatrix;
 use tau_solver::{Problem, Solution};
 
-use crate::numerics::{parallel, triangle};
+use crate::numerics::{count, parallel, triangle};
 use crate::problem::{self, Closures, Residuals};
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
 use crate::trust::judged::Judged;
 use crate::weighing::{self, Treatment, Weighing};
 
-pub use cost::closure_cost;
+pub(crate) use cost::closure_cost;
 pub use error::Error;
-pub use nominal::{Nominal, TRACK_ROTATION_TOLERANCE_RAD};
+pub use nominal::Nominal;
 pub(crate) use output::reference;
 pub use output::{LinkResult, LinkSigma, ParameterEstimate};
 pub use prepared::Prepared;
-pub use registration::{Line, MOUNTING_M, NominalTrack, Registration, set_2, set_3};
+pub use registration::{Line, MOUNTING_M, NominalTrack, Registration};
+pub(crate) use registration::{set_2, set_3};
 pub(crate) use shared_noise::factor_with_shared_noise;
 pub use stated::Stated;
 
@@ -296,15 +297,8 @@ fn from_prepared(
     let name = |index: usize| problem.parameters[index].name.clone();
     let fitted = Fitted {
         values: problem::values(machine, used, &solution.parameters),
-        covariance: factor.as_deref().map_or_else(
-            || {
-                covariance
-                    .row_iter()
-                    .map(|row| row.iter().copied().collect())
-                    .collect()
-            },
-            triangle::squared,
-        ),
+        covariance: (factor.as_deref())
+            .map_or_else(|| triangle::rows(&covariance), triangle::squared),
         factor,
         undetermined: combinations(&identifiability, name),
         cost: solution.cost,
@@ -410,7 +404,7 @@ pub(crate) fn finish(
 }
 
 /// Combinations that the data leave to the priors, in words.
-pub fn combinations(
+pub(crate) fn combinations(
     found: &tau_solver::Identifiability,
     name: impl Fn(usize) -> String,
 ) -> Vec<Combination> {
@@ -476,12 +470,7 @@ fn poses_needed(variant: &Variant) -> (usize, String) {
         })
         .fold(0.0, f64::max);
     // The small allowance keeps thirds that add up to a whole number from being rounded up.
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a small count"
-    )]
-    let count = (needed - 1e-9).ceil() as usize;
+    let count = count((needed - 1e-9).ceil());
     (count, format!("each closure of variant `{}`", variant.name))
 }
 

@@ -5,14 +5,14 @@ use tau_kinematics::{xyz, xyz_angles};
 use tau_robot::input_error::InputError;
 use tau_robot::robot::{Owner, Parameter, Robot, Variant};
 use tau_robot::robot_file::keys::{crank_key, effect_key, quantity_of};
-use tau_robot::robot_file::{LinkValues, RobotFile};
+use tau_robot::robot_file::{LinkValues, RobotFile, Value};
 
 use super::registration::Registration;
 
 /// Tolerance of the angles by which a joint's path is turned against the registered path of its cart
 /// (rad), where the file gives none: what registration may be wrong by about the tracks, since targets
 /// are mounted a decimetre off on tracks a metre or two apart. Across the tracks the poses say far more.
-pub const TRACK_ROTATION_TOLERANCE_RAD: f64 = 5e-2;
+const TRACK_ROTATION_TOLERANCE_RAD: f64 = 5e-2;
 
 /// Value of a parameter with its prior.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,6 +26,20 @@ pub struct Nominal {
 }
 
 impl Nominal {
+    /// The k-th number of a file's value.
+    fn of(value: &Value, k: usize) -> Option<Self> {
+        Some(Self {
+            value: *value.value.get(k)?,
+            tolerance: Some(value.tol),
+            is_calibrated: value.sigma.is_some(),
+        })
+    }
+
+    /// Standard deviation of the prior; `None` where there is none, or it is zero.
+    pub fn sigma(&self) -> Option<f64> {
+        self.tolerance.filter(|&tolerance| tolerance > 0.0)
+    }
+
     /// A value that has not been calibrated.
     pub fn new(value: f64, tolerance: Option<f64>) -> Self {
         Self {
@@ -101,12 +115,7 @@ impl<'a> Sources<'a> {
     fn effect(&self, parameter: &Parameter) -> Option<Nominal> {
         let key = effect_key(parameter)?;
         let value = self.file.effects.get(key)?.get(&parameter.quantity)?;
-        let value_of = value.value.get(parameter.component.unwrap_or(0))?;
-        Some(Nominal {
-            value: *value_of,
-            tolerance: Some(value.tol),
-            is_calibrated: value.sigma.is_some(),
-        })
+        Nominal::of(value, parameter.component.unwrap_or(0))
     }
 
     /// A parameter of the machine, or a value of a crank.
@@ -118,12 +127,7 @@ impl<'a> Sources<'a> {
             }
             _ => self.file.parameters.get(&parameter.quantity)?,
         };
-        let value_of = value.value.get(parameter.component.unwrap_or(0))?;
-        Some(Nominal {
-            value: *value_of,
-            tolerance: Some(value.tol),
-            is_calibrated: value.sigma.is_some(),
-        })
+        Nominal::of(value, parameter.component.unwrap_or(0))
     }
 
     /// Angles against the registered path; the file gives them against the tracker frame.
@@ -155,11 +159,7 @@ impl<'a> Sources<'a> {
         let given = |values: &'a LinkValues| quantity_of(values, quantity);
         let own = self.own_values(parameter.owner).and_then(given);
         if let Some(value) = own.or_else(|| self.shared_values(parameter.owner).and_then(given)) {
-            return Some(Nominal {
-                value: *value.value.get(component)?,
-                tolerance: Some(value.tol),
-                is_calibrated: value.sigma.is_some(),
-            });
+            return Nominal::of(value, component);
         }
         let links = self.links_of(parameter.owner);
         if links.is_empty() {

@@ -2,7 +2,7 @@
 
 use tau_kinematics::{Machine, Sample, xyz, xyz_angles};
 use tau_robot::measurements::TcpPose;
-use tau_robot::robot::{Instance, Owner, ResidualKind, Value as Geometry};
+use tau_robot::robot::{Instance, Owner, Parameter, ResidualKind, Robot, Value as Geometry};
 use tau_robot::robot_file::keys::{WIDE, crank_key, effect_key, quantity_slot};
 use tau_robot::robot_file::{Covariance, Reference, RobotFile, Value};
 
@@ -210,69 +210,9 @@ pub(super) fn file(
                 Some((low, high)) => high - low,
                 None => WIDE * estimate.value.abs().max(1.0),
             });
-        let slot = match parameter.owner {
-            Owner::Link(link) => {
-                let values = file
-                    .links
-                    .entry(robot.links[link].name.clone())
-                    .or_default();
-                quantity_slot(values, &parameter.quantity)
-            }
-            Owner::Cluster(cluster) => {
-                let values = file
-                    .clusters
-                    .entry(robot.clusters[cluster].name.clone())
-                    .or_default();
-                quantity_slot(values, &parameter.quantity)
-            }
-            Owner::Track(track) => {
-                let values = file.tracks.entry(robot.tracks[track].clone()).or_default();
-                quantity_slot(values, &parameter.quantity)
-            }
-            Owner::Effect(_) => {
-                let Some(key) = effect_key(parameter) else {
-                    continue;
-                };
-                let values = file.effects.entry(key.to_owned()).or_default();
-                let value = values.entry(parameter.quantity.clone()).or_default();
-                set(
-                    value,
-                    parameter.component,
-                    estimate.value,
-                    estimate.sigma,
-                    tolerance,
-                );
-                continue;
-            }
-            Owner::Crank(_) | Owner::Robot => {
-                let value = match parameter.owner {
-                    Owner::Crank(track) => {
-                        let values = file.cranks.entry(robot.tracks[track].clone()).or_default();
-                        let key = crank_key(&parameter.quantity).to_owned();
-                        values.entry(key).or_default()
-                    }
-                    _ => (file.parameters.entry(parameter.quantity.clone())).or_default(),
-                };
-                set(
-                    value,
-                    parameter.component,
-                    estimate.value,
-                    estimate.sigma,
-                    tolerance,
-                );
-                continue;
-            }
-            Owner::Frame(_) | Owner::Target { .. } => continue,
-        };
-        if let Some(slot) = slot {
-            let value = slot.get_or_insert_default();
-            set(
-                value,
-                parameter.component,
-                estimate.value,
-                estimate.sigma,
-                tolerance,
-            );
+        if let Some(value) = slot(&mut file, robot, parameter) {
+            let component = parameter.component;
+            set(value, component, estimate.value, estimate.sigma, tolerance);
         }
     }
     // The program's angles refer to the registered path, the file's to the tracker frame of set 2.
@@ -294,6 +234,32 @@ pub(super) fn file(
         }
     }
     file
+}
+
+/// The place of a parameter in a file, which is made where it is not there.
+fn slot<'f>(
+    file: &'f mut RobotFile,
+    robot: &Robot,
+    parameter: &Parameter,
+) -> Option<&'f mut Value> {
+    let quantity = parameter.quantity.clone();
+    let (section, name) = match parameter.owner {
+        Owner::Link(link) => (&mut file.links, &robot.links[link].name),
+        Owner::Cluster(cluster) => (&mut file.clusters, &robot.clusters[cluster].name),
+        Owner::Track(track) => (&mut file.tracks, &robot.tracks[track]),
+        Owner::Effect(_) => {
+            let values = file.effects.entry(effect_key(parameter)?.to_owned());
+            return Some(values.or_default().entry(quantity).or_default());
+        }
+        Owner::Crank(track) => {
+            let values = file.cranks.entry(robot.tracks[track].clone()).or_default();
+            return Some(values.entry(crank_key(&quantity).to_owned()).or_default());
+        }
+        Owner::Robot => return Some(file.parameters.entry(quantity).or_default()),
+        Owner::Frame(_) | Owner::Target { .. } => return None,
+    };
+    let values = section.entry(name.clone()).or_default();
+    quantity_slot(values, &quantity).map(Option::get_or_insert_default)
 }
 
 fn set(value: &mut Value, component: Option<usize>, estimate: f64, sigma: f64, tolerance: f64) {

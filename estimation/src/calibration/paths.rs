@@ -60,18 +60,10 @@ pub(super) fn of_piecewise_tracks(
 }
 
 fn averaged(measured: &[(f64, Vector3<f64>)]) -> MeasuredPath {
-    let mut sorted = measured.to_vec();
-    sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let (commands_m, points_m) = sorted
-        .chunk_by(|a, b| a.0.total_cmp(&b.0).is_eq())
-        .map(|same| {
-            let sum: Vector3<f64> = same.iter().map(|&(_, point)| point).sum();
-            (same[0].0, <[f64; 3]>::from(sum / same.len() as f64))
-        })
-        .unzip();
+    let (commands_m, points) = Path::averaged(measured);
     MeasuredPath {
         commands_m,
-        points_m,
+        points_m: points.into_iter().map(<[f64; 3]>::from).collect(),
     }
 }
 

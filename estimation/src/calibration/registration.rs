@@ -181,7 +181,7 @@ impl Registration {
 
     /// Set 2 of a folder; `None` where it is missing. Where the file holds calibrated track rotations,
     /// the first of them is the rotation.
-    pub fn of_set_2(robot: &Robot, file: &RobotFile, folder: &Folder) -> Option<Self> {
+    pub(crate) fn of_set_2(robot: &Robot, file: &RobotFile, folder: &Folder) -> Option<Self> {
         let measured: Vec<Option<Line>> = (0..robot.tracks.len())
             .map(|track| Line::fit(&set_2(folder, track)))
             .collect();
@@ -208,7 +208,7 @@ impl Registration {
 }
 
 /// Points (m) of set 2 on a track at their commands (m), in the tracker frame.
-pub fn set_2(folder: &Folder, track: usize) -> Vec<(f64, Vector3<f64>)> {
+pub(crate) fn set_2(folder: &Folder, track: usize) -> Vec<(f64, Vector3<f64>)> {
     folder
         .cart_poses
         .iter()
@@ -218,7 +218,7 @@ pub fn set_2(folder: &Folder, track: usize) -> Vec<(f64, Vector3<f64>)> {
 }
 
 /// Points (m) of set 3 on a track at their commands (m), in the tracker frame.
-pub fn set_3(folder: &Folder, track: usize) -> Vec<(f64, Vector3<f64>)> {
+pub(crate) fn set_3(folder: &Folder, track: usize) -> Vec<(f64, Vector3<f64>)> {
     folder
         .cart_positions
         .iter()

@@ -3,10 +3,8 @@
 use tau_robot::robot::Variant;
 use tau_solver::{Options, Parameter, Problem};
 
-/// Grid points per reciprocal of the range of the commands: at one, a dip of the cost is as wide as a
-/// step.
-const OVERSAMPLING: f64 = 2.5;
-const MOST_POINTS: f64 = 20_000.0;
+use crate::numerics::spread::even_in_reciprocals;
+
 /// Dips of the cost from which the whole fit is tried.
 const TRIED: usize = 3;
 
@@ -106,21 +104,8 @@ fn searches(problem: &Problem<'_>, variant: &Variant, used: &[usize]) -> Vec<Sea
 
 /// Values of a range, even in their reciprocals.
 fn grid((low, high): (f64, f64), range_m: f64) -> Vec<f64> {
-    let span = low.recip() - high.recip();
-    let steps = (span * OVERSAMPLING * range_m)
-        .ceil()
-        .clamp(8.0, MOST_POINTS);
-    let mut grid = Vec::new();
-    let mut step = 0.0;
-    while step <= steps {
-        grid.push(
-            (high.recip() + span * step / steps)
-                .recip()
-                .clamp(low, high),
-        );
-        step += 1.0;
-    }
-    grid
+    let grid = even_in_reciprocals((low, high), range_m, 0);
+    grid.map(|value| value.clamp(low, high)).collect()
 }
 
 /// The lowest points that are no higher than their neighbours.

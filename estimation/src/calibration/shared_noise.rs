@@ -43,8 +43,8 @@ pub(crate) fn factor_with_shared_noise(
         Share::of(residuals, noise, fitted, samples, points)
     });
     let priors = residuals.priors.iter().map(|prior| {
-        let tolerance = prior.tolerance.filter(|&tolerance| tolerance > 0.0);
-        tolerance.map_or(0.0, |tolerance| tolerance.powi(-2))
+        let sigma = prior.sigma();
+        sigma.map_or(0.0, |sigma| sigma.powi(-2))
     });
     let mut squares = DMatrix::from_diagonal(&DVector::from_iterator(fitted.len(), priors));
     // Added in order, so that the sum does not depend on threads.
@@ -54,13 +54,7 @@ pub(crate) fn factor_with_shared_noise(
         by_point += share.by_point;
     }
     squares += by_point.tr_mul(&by_point);
-    let rows = |matrix: &DMatrix<f64>| -> Vec<Vec<f64>> {
-        matrix
-            .row_iter()
-            .map(|row| row.iter().copied().collect())
-            .collect()
-    };
-    let lower = triangle::lower(&rows(&squares))?;
+    let lower = triangle::lower(&triangle::rows(&squares))?;
     let lower = DMatrix::from_fn(fitted.len(), fitted.len(), |i, j| {
         lower[i].get(j).copied().unwrap_or(0.0)
     });

@@ -376,7 +376,7 @@ impl Joint {
         // Where there is no prior, its row has no residual.
         let of_priors = self.priors.iter().enumerate().skip(first);
         for (column, prior) in of_priors {
-            if let Some(tolerance) = prior.tolerance.filter(|tolerance| *tolerance > 0.0) {
+            if let Some(tolerance) = prior.sigma() {
                 gradient[column] += residuals[self.rows.len() + column] / tolerance;
             }
         }

@@ -45,7 +45,7 @@ impl Joint {
     /// Residual of a prior, and its tolerance.
     pub(super) fn departure(&self, column: usize, value: f64) -> Option<(f64, f64)> {
         let prior = self.prior(column)?;
-        let tolerance = prior.tolerance.filter(|&tolerance| tolerance > 0.0)?;
+        let tolerance = prior.sigma()?;
         Some(((value - prior.value) / tolerance, tolerance))
     }
 }

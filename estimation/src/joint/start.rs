@@ -9,6 +9,7 @@ use super::{Component, Joint};
 use crate::calibration::Line;
 use crate::joint::variant::{ROTATIONS, TURNING};
 use crate::samples::Sample;
+use crate::samples::frames::joints_on;
 
 impl Joint {
     /// Start of the fit of all sets: values that fit set 1, and carts that turn as set 2 sees them.
@@ -51,13 +52,7 @@ impl Joint {
     /// Direction of a track, or of the first path on its cart.
     fn direction(&self, track: usize) -> Option<Vector3<f64>> {
         let variant = &self.machine.variant;
-        let robot = &self.machine.robot;
-        let joints = robot.links_of_track(track).into_iter().map(Owner::Link);
-        let clusters = (0..robot.clusters.len()).map(Owner::Cluster).filter(
-            |owner| matches!(owner, Owner::Cluster(c) if robot.clusters[*c].track == Some(track)),
-        );
-        joints
-            .chain(clusters)
+        (joints_on(&self.machine, track).into_iter())
             .chain([Owner::Track(track)])
             .find_map(|owner| {
                 let value = |k| {

@@ -95,27 +95,16 @@ pub fn closure_derivatives(
     machine: &Machine,
     samples: &[Sample],
 ) -> Result<Vec<DMatrix<f64>>, Error> {
-    let closures: Vec<_> = (machine.variant)
-        .instances_of(ResidualKind::Closure)
-        .collect();
+    let closures = machine.variant.instances_of(ResidualKind::Closure).count();
     let of_sample = |sample: &Sample| {
-        let mut by_parameter = DMatrix::zeros(closures.len(), machine.values.len());
-        if sample.set != 1 {
-            return Ok(by_parameter);
-        }
-        for (row, closure) in closures.iter().enumerate() {
-            let (family, shape) = (&closure.family, closure.family.shape());
-            let mut data = Vec::new();
-            sample.fill(machine, closure, &mut data)?;
-            let mut prepared = vec![0.0; shape.prepared];
-            family.prepare(&data, &mut prepared);
-            let local: Vec<f64> = (closure.parameters.iter())
-                .map(|&parameter| machine.values[parameter])
-                .collect();
-            let (mut residual, mut entries) = ([0.0], vec![0.0; family.pattern().len()]);
-            family.linearize(&prepared, &local, &mut residual, &mut entries);
-            for (&column, entry) in family.pattern().columns.iter().zip(&entries) {
-                by_parameter[(row, closure.parameters[column as usize])] = *entry;
+        let mut by_parameter = DMatrix::zeros(closures, machine.values.len());
+        if sample.set == 1 {
+            let found = machine.closures_by_parameters(&sample.view());
+            let found = found.map_err(|error| Error::at_pose(sample.number, error))?;
+            for (row, own) in found.into_iter().enumerate() {
+                for (parameter, entry) in own {
+                    by_parameter[(row, parameter)] = entry;
+                }
             }
         }
         Ok(by_parameter)

@@ -111,10 +111,6 @@ struct Covariance<'a> {
 
 impl Kernel for Covariance<'_> {
     /// From F; `sums` are those of a triangle by rows.
-    #[allow(
-        clippy::inline_always,
-        reason = "compiled for the instruction set of its caller"
-    )]
     #[inline(always)]
     fn run(self, factor: &[Lanes], _: &[f64], products: &mut [Lanes], sums: &mut [Lanes]) {
         let Factor { filled, strips, .. } = self.factor;

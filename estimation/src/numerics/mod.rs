@@ -11,3 +11,9 @@ pub mod spread;
 pub mod triangle;
 
 pub use tau_solver::parallel;
+
+/// A number as a count: without its decimals, 0 where it is negative.
+#[allow(clippy::cast_sign_loss, reason = "saturates")]
+pub fn count(number: f64) -> usize {
+    number as usize
+}

@@ -20,6 +20,12 @@ pub fn lower(covariance: &[Vec<f64>]) -> Option<Vec<Vec<f64>>> {
     Some((0..count).map(row).collect())
 }
 
+/// A matrix by rows.
+pub(crate) fn rows(matrix: &DMatrix<f64>) -> Vec<Vec<f64>> {
+    let rows = matrix.row_iter();
+    rows.map(|row| row.iter().copied().collect()).collect()
+}
+
 /// F·Fᵀ of a lower triangle by rows.
 pub fn squared(factor: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let mut squared = vec![vec![0.0; factor.len()]; factor.len()];

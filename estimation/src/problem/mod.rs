@@ -196,7 +196,7 @@ pub(crate) fn parameters(
         .map(|((&index, prior), start)| {
             let described = &variant.parameters[index];
             let mut parameter = Parameter::new(&described.name, start);
-            if let Some(tolerance) = prior.tolerance.filter(|tolerance| *tolerance > 0.0) {
+            if let Some(tolerance) = prior.sigma() {
                 parameter = parameter.with_prior(prior.value, tolerance);
             }
             match described.search {

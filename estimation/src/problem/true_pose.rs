@@ -8,6 +8,8 @@ use tau_kinematics::{Missing, Pose, Sample, Surroundings};
 use tau_robot::robot::{Input, Instance};
 use tau_runtime::{LANES, Lanes, Pattern, ResidualFamily, Shape};
 
+use super::whitened::number;
+
 /// Unknowns of a pose: translation (m), then rotation vector (rad) in the measurement frame, that carry
 /// the measured pose into the true one.
 pub(crate) const POSE_UNKNOWNS: usize = 6;
@@ -466,10 +468,6 @@ pub(crate) fn left_jacobian(w: Vector3<f64>) -> Matrix3<f64> {
         )
     };
     Matrix3::identity() + cross * first + cross * cross * second
-}
-
-fn number(n: usize) -> u32 {
-    u32::try_from(n).unwrap_or(u32::MAX)
 }
 
 #[cfg(test)]

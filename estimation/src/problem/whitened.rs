@@ -2,11 +2,14 @@
 
 use std::collections::BTreeSet;
 
-use nalgebra::{Cholesky, DMatrix, DVector};
+use nalgebra::{DMatrix, DVector};
 use tau_kinematics::{Machine, Sample};
 use tau_robot::robot::Instance;
 use tau_robot::robot_file::Noise;
 use tau_runtime::{Pattern, ResidualFamily, Shape};
+
+use super::times_noise;
+use crate::numerics::projection::inverse_factor;
 
 /// Linear combinations of all closures of a pose: multiplied by the inverse Cholesky factor of their covariance, since
 /// they share the noise of one position and one rotation; or, where poses are unknown, what [`Eliminated`] leaves.
@@ -174,14 +177,11 @@ impl WhitenedPose {
     pub(crate) fn factor(machine: &Machine, sample: &Sample<'_>, noise: Noise) -> Option<Vec<f64>> {
         let gradients = machine.gradients(sample).ok()?;
         let rows = gradients.len();
-        let scaled = DMatrix::from_fn(rows, 6, |row, column| {
-            let sigma = if column < 3 {
-                noise.position_m
-            } else {
-                noise.rotation_rad
-            };
-            gradients[row][column] * sigma
-        });
+        let scaled: Vec<_> = gradients
+            .into_iter()
+            .map(|by| times_noise(by, noise))
+            .collect();
+        let scaled = DMatrix::from_fn(rows, 6, |row, column| scaled[row][column]);
         let mut covariance = &scaled * scaled.transpose();
         let lengths = machine.length_scatter(sample).ok()?;
         covariance += &lengths * lengths.transpose();
@@ -190,9 +190,7 @@ impl WhitenedPose {
             // the noise is allowed for what is not the plate's motion.
             covariance[(row, row)] *= 1.0 + 1e-4;
         }
-        let lower = Cholesky::new(covariance)?.unpack();
-        let inverse = lower.solve_lower_triangular(&DMatrix::identity(rows, rows))?;
-        Some(inverse.transpose().as_slice().to_vec())
+        Some(inverse_factor(covariance)?.as_slice().to_vec())
     }
 
     /// Takes the parameters of a closure, and what it has prepared of some samples; `start` is where that begins in each.
@@ -306,7 +304,7 @@ impl WhitenedPose {
     }
 }
 
-fn number(n: usize) -> u32 {
+pub(super) fn number(n: usize) -> u32 {
     u32::try_from(n).unwrap_or(u32::MAX)
 }
 

@@ -51,7 +51,7 @@ pub fn variance(sums: &[(f64, f64)]) -> f64 {
 }
 
 /// The same by the median alone, which half of all samples can't widen.
-pub fn variance_of_most(sums: &[(f64, f64)]) -> f64 {
+pub(crate) fn variance_of_most(sums: &[(f64, f64)]) -> f64 {
     variance_of_share(sums, SHARES[0])
 }
 

@@ -4,8 +4,9 @@ use std::collections::BTreeSet;
 
 use tau_codegen::language::model::{Effect, Readable, Subject, Target};
 use tau_codegen::language::{self, Model};
+use tau_robot::measurements::set::POSITION;
 use tau_robot::measurements::{
-    Conditions, DISTANCES, Division, Folder, PlateKind, PlateRow, Shape, TCP_POSES, TcpPose, visits,
+    Conditions, DISTANCES, Division, Folder, PlateKind, Shape, TCP_POSES, TcpPose, visits,
 };
 use tau_robot::robot::{Robot, TrackShape, Variant};
 use tau_robot::robot_file::RobotFile;
@@ -184,135 +185,127 @@ fn missing_numbers(numbers: impl Iterator<Item = u32>) -> usize {
     }
 }
 
-fn optional(
-    conditions: &[Conditions],
+/// A row of a file.
+struct Row<'a> {
+    number: u32,
+    /// Of a row of one cart.
+    track: Option<usize>,
+    commands_m: &'a [f64],
+    measured: [Option<f64>; 3],
+    conditions: Conditions,
     has_direction: bool,
-    directions: &'static str,
-) -> Vec<&'static str> {
-    let all = |of: fn(&Conditions) -> bool| !conditions.is_empty() && conditions.iter().all(of);
-    let is_there = [
-        ("time_s", all(|conditions| conditions.time_s.is_some())),
+}
+
+/// A file with its kind; `None` where it has no rows. `columns` are those of commands, and, by place, of what is measured.
+fn facts<'a>(
+    (file, kind): (&'static str, &'static str),
+    (commands, measured): (&[String], &[(usize, &str)]),
+    rows: impl Iterator<Item = Row<'a>>,
+) -> Option<FileFacts> {
+    let rows: Vec<Row<'_>> = rows.collect();
+    let directions = (rows.first()?.track).map_or("dir1, dir2, …", |_| "dir");
+    let of_command = |(k, column): (usize, &String)| {
+        range(column.clone(), rows.iter().map(|row| row.commands_m[k]))
+    };
+    let of_measured = |&(k, column): &(usize, &str)| {
+        range(
+            column.to_owned(),
+            rows.iter().filter_map(|row| row.measured[k]),
+        )
+    };
+    let commands = commands.iter().enumerate().filter_map(of_command);
+    let key = |row: &Row<'_>| -> Vec<f64> {
+        let track = row.track.map(|track| track as f64).into_iter();
+        track.chain(row.commands_m.iter().copied()).collect()
+    };
+    let keys: Vec<Vec<f64>> = rows.iter().map(key).collect();
+    let all = |is: fn(&Row<'_>) -> bool| rows.iter().all(is);
+    let optional = [
+        ("time_s", all(|row| row.conditions.time_s.is_some())),
         (
             "temperature_c",
-            all(|conditions| conditions.temperature_c.is_some()),
+            all(|row| row.conditions.temperature_c.is_some()),
         ),
-        (directions, has_direction),
+        (directions, all(|row| row.has_direction)),
     ];
-    is_there
-        .into_iter()
-        .filter(|(_, is)| *is)
-        .map(|(name, _)| name)
-        .collect()
+    let optional = optional.into_iter().filter(|(_, is)| *is);
+    Some(FileFacts {
+        file,
+        kind,
+        rows: rows.len(),
+        ranges: commands
+            .chain(measured.iter().filter_map(of_measured))
+            .collect(),
+        repeats: repeats(keys.iter().map(Vec::as_slice)),
+        missing_numbers: missing_numbers(rows.iter().map(|row| row.number)),
+        optional: optional.map(|(name, _)| name).collect(),
+    })
 }
 
 fn files(robot: &Robot, folder: &Folder) -> Vec<FileFacts> {
-    let mut files = Vec::new();
-    let axes = ["x_m", "y_m", "z_m"];
-    let commands = |row: &dyn Fn(usize) -> Vec<f64>| -> Vec<Range> {
-        let of = |k: usize| range(robot.command_column(k), row(k).into_iter());
-        (0..robot.commands).filter_map(of).collect()
-    };
-    let positions = |positions: &[[f64; 3]]| -> Vec<Range> {
-        let of = |k: usize| range(axes[k].to_owned(), positions.iter().map(|p| p[k]));
-        let free = robot.plate.freedoms_of_tcp().iter();
-        free.filter_map(|&k| of(k)).collect()
-    };
-    let poses = &folder.tcp_poses;
-    let conditions =
-        |all: &mut dyn Iterator<Item = Conditions>| -> Vec<Conditions> { all.collect() };
-    if !poses.is_empty() {
-        let column = |k: usize| poses.iter().map(|pose| pose.commands_m[k]).collect();
-        let measured: Vec<[f64; 3]> = poses.iter().map(|pose| pose.position_m).collect();
-        files.push(FileFacts {
-            file: TCP_POSES,
-            kind: "poses of the plate",
-            rows: poses.len(),
-            ranges: [commands(&column), positions(&measured)].concat(),
-            repeats: repeats(poses.iter().map(|pose| pose.commands_m.as_slice())),
-            missing_numbers: missing_numbers(poses.iter().map(|pose| pose.pose)),
-            optional: optional(
-                &conditions(&mut poses.iter().map(|pose| pose.conditions)),
-                poses.iter().all(|pose| pose.directions.is_some()),
-                "dir1, dir2, …",
+    let commands = robot.command_columns();
+    let free = robot.plate.freedoms_of_tcp().iter();
+    let position: Vec<(usize, &str)> = free.map(|&k| (k, POSITION[k])).collect();
+    let poses = folder.tcp_poses.iter().map(|pose| Row {
+        number: pose.pose,
+        track: None,
+        commands_m: &pose.commands_m,
+        measured: pose.position_m.map(Some),
+        conditions: pose.conditions,
+        has_direction: pose.directions.is_some(),
+    });
+    let along_tracks = folder.cart_poses.iter().map(|cart| Row {
+        number: cart.point,
+        track: Some(cart.track),
+        commands_m: std::slice::from_ref(&cart.command_m),
+        measured: cart.position_m.map(Some),
+        conditions: cart.conditions,
+        has_direction: cart.direction.is_some(),
+    });
+    let at_poses = folder.cart_positions.iter().map(|cart| Row {
+        number: cart.pose,
+        track: Some(cart.track),
+        commands_m: &cart.commands_m,
+        measured: cart.position_m.map(Some),
+        conditions: cart.conditions,
+        has_direction: cart.direction.is_some(),
+    });
+    let (of_poses, of_track) = ((&commands[..], &position[..]), ["q_m".to_owned()]);
+    let mut files = vec![
+        facts((TCP_POSES, "poses of the plate"), of_poses, poses),
+        facts(
+            ("cart_poses.csv", "poses of the carts along their tracks"),
+            (&of_track, &position),
+            along_tracks,
+        ),
+        facts(
+            (
+                "cart_positions.csv",
+                "positions of the carts at random poses",
             ),
+            of_poses,
+            at_poses,
+        ),
+    ];
+    files.extend(PlateKind::ALL.map(|kind| {
+        let of_kind = match kind {
+            PlateKind::Position => "positions of the TCP or of targets on the plate",
+            PlateKind::Height => "distances of the TCP from a plane",
+            PlateKind::BallBar => "distances of the TCP from a fixed ball",
+            PlateKind::Reading => "readings of the drives alone",
+        };
+        let measured: Vec<(usize, &str)> = kind.columns().iter().copied().enumerate().collect();
+        let rows = folder.rows_of(kind).map(|row| Row {
+            number: row.pose,
+            track: None,
+            commands_m: &row.commands_m,
+            measured: row.values,
+            conditions: row.conditions,
+            has_direction: row.directions.is_some(),
         });
-    }
-    let carts = &folder.cart_poses;
-    if !carts.is_empty() {
-        let rows: Vec<[f64; 2]> = (carts.iter())
-            .map(|cart| [cart.track as f64, cart.command_m])
-            .collect();
-        let measured: Vec<[f64; 3]> = carts.iter().map(|cart| cart.position_m).collect();
-        let of_commands = range("q_m".to_owned(), carts.iter().map(|cart| cart.command_m));
-        files.push(FileFacts {
-            file: "cart_poses.csv",
-            kind: "poses of the carts along their tracks",
-            rows: carts.len(),
-            ranges: of_commands
-                .into_iter()
-                .chain(positions(&measured))
-                .collect(),
-            repeats: repeats(rows.iter().map(<[f64; 2]>::as_slice)),
-            missing_numbers: missing_numbers(carts.iter().map(|cart| cart.point)),
-            optional: optional(
-                &conditions(&mut carts.iter().map(|cart| cart.conditions)),
-                carts.iter().all(|cart| cart.direction.is_some()),
-                "dir",
-            ),
-        });
-    }
-    let carts = &folder.cart_positions;
-    if !carts.is_empty() {
-        let column = |k: usize| carts.iter().map(|cart| cart.commands_m[k]).collect();
-        let measured: Vec<[f64; 3]> = carts.iter().map(|cart| cart.position_m).collect();
-        let rows: Vec<Vec<f64>> = (carts.iter())
-            .map(|cart| [vec![cart.track as f64], cart.commands_m.clone()].concat())
-            .collect();
-        files.push(FileFacts {
-            file: "cart_positions.csv",
-            kind: "positions of the carts at random poses",
-            rows: carts.len(),
-            ranges: [commands(&column), positions(&measured)].concat(),
-            repeats: repeats(rows.iter().map(Vec::as_slice)),
-            missing_numbers: missing_numbers(carts.iter().map(|cart| cart.pose)),
-            optional: optional(
-                &conditions(&mut carts.iter().map(|cart| cart.conditions)),
-                carts.iter().all(|cart| cart.direction.is_some()),
-                "dir",
-            ),
-        });
-    }
-    let of_pose = |row: &PlateRow| row.commands_m.clone();
-    for kind in PlateKind::ALL {
-        let rows: Vec<&PlateRow> = folder.rows_of(kind).collect();
-        if rows.is_empty() {
-            continue;
-        }
-        let column = |k: usize| rows.iter().map(|row| row.commands_m[k]).collect();
-        let measured = (kind.columns().iter().enumerate()).filter_map(|(k, name)| {
-            let values = rows.iter().filter_map(|row| row.values[k]);
-            range((*name).to_owned(), values)
-        });
-        let commands_of_rows: Vec<Vec<f64>> = rows.iter().map(|row| of_pose(row)).collect();
-        files.push(FileFacts {
-            file: kind.file(),
-            kind: match kind {
-                PlateKind::Position => "positions of the TCP or of targets on the plate",
-                PlateKind::Height => "distances of the TCP from a plane",
-                PlateKind::BallBar => "distances of the TCP from a fixed ball",
-                PlateKind::Reading => "readings of the drives alone",
-            },
-            rows: rows.len(),
-            ranges: commands(&column).into_iter().chain(measured).collect(),
-            repeats: repeats(commands_of_rows.iter().map(Vec::as_slice)),
-            missing_numbers: missing_numbers(rows.iter().map(|row| row.pose)),
-            optional: optional(
-                &conditions(&mut rows.iter().map(|row| row.conditions)),
-                rows.iter().all(|row| row.directions.is_some()),
-                "dir1, dir2, …",
-            ),
-        });
-    }
+        facts((kind.file(), of_kind), (&commands, &measured), rows)
+    }));
+    let mut files: Vec<FileFacts> = files.into_iter().flatten().collect();
     if !folder.distances.is_empty() {
         let values = folder.distances.iter().map(|row| row.distance_m);
         files.push(FileFacts {
@@ -444,13 +437,14 @@ fn determine(
 
 /// Columns and files that an effect needs and that are missing.
 fn sights(robot: &Robot, file: &RobotFile, folder: &Folder, catalogue: &str) -> Vec<Sight> {
-    let Ok(model) = language::check_text(&robot.description) else {
+    let Some(model) = &robot.model else {
         return vec![];
     };
-    let model = language::effects_from_text(catalogue, &model).unwrap_or(model);
+    let extended = language::effects_from_text(catalogue, model);
+    let model = extended.as_ref().unwrap_or(model);
     let of = |effect: &Effect| Sight {
         name: effect.name.clone(),
-        lacks: lacks(effect, &model, file, folder),
+        lacks: lacks(effect, model, file, folder),
     };
     model.effects.iter().map(of).collect()
 }

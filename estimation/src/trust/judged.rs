@@ -4,6 +4,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use tau_robot::robot_file::Noise;
 
 use crate::calibration::error::Error;
+use crate::calibration::nominal::Nominal;
 use crate::calibration::prepared::Prepared;
 use crate::joint::Component;
 use crate::joint::descent::{Descent, not_converged};
@@ -121,8 +122,8 @@ impl Judged {
             .flat_map(|factor| (0..rows).map(|k| factor[k * rows + k].abs().ln()))
             .sum();
         let of_shares: f64 = joint.rows.iter().map(|row| row.share.ln()).sum();
-        let tolerances = joint.priors.iter().filter_map(|prior| prior.tolerance);
-        let of_priors: f64 = tolerances.filter(|&tol| tol > 0.0).map(f64::ln).sum();
+        let sigmas = joint.priors.iter().filter_map(Nominal::sigma);
+        let of_priors: f64 = sigmas.map(f64::ln).sum();
         let left: f64 = self.factor.diagonal().iter().map(|b| b.abs().ln()).sum();
         2.0 * (of_priors - of_noise - of_shares - left)
     }
@@ -139,7 +140,7 @@ impl Judged {
         let (mut total, mut volumes) = (self.total(), 0.0);
         let mut priors = vec![0.0; columns];
         for (column, prior) in joint.priors.iter().enumerate() {
-            let Some(old) = prior.tolerance.filter(|&tolerance| tolerance > 0.0) else {
+            let Some(old) = prior.sigma() else {
                 continue;
             };
             // Points of measured paths are behind the parameters.
@@ -177,7 +178,7 @@ impl Judged {
         let joint = &self.descent.joint;
         let of = |(column, &parameter): (usize, &usize)| {
             let prior = joint.priors[column];
-            let tolerance = prior.tolerance.filter(|&tolerance| tolerance > 0.0)?;
+            let tolerance = prior.sigma()?;
             let tolerances = (self.descent.fitted[column] - prior.value) / tolerance;
             let variance = self.factor.row(column).norm_squared() / tolerance.powi(2);
             let known = (1.0 - variance).max(LEAST_KNOWN);

@@ -22,6 +22,7 @@ mod verdict;
 pub(crate) mod weighing_words;
 pub(crate) mod words;
 
+use crate::numerics::count;
 pub use check::{Check, Checked, FileFacts, Gap, Range, Sight, check};
 pub use mistake::Mistake;
 pub use prediction::{of_prediction, outliers_of_validation};
@@ -55,11 +56,6 @@ pub(crate) fn general(value: f64, digits: usize) -> String {
     if !(-4.0..7.0).contains(&magnitude) {
         return format!("{value:.*e}", digits.saturating_sub(1));
     }
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "between 0 and a small count"
-    )]
-    let decimals = (digits as f64 - 1.0 - magnitude).max(0.0) as usize;
+    let decimals = count(digits as f64 - 1.0 - magnitude);
     format!("{value:.decimals$}")
 }

@@ -11,7 +11,7 @@ use tau_robot::measurements::TcpPose;
 use tau_robot::robot_file::Noise;
 
 use super::general;
-use crate::numerics::parallel;
+use crate::numerics::{count, parallel};
 use crate::uncertainty::Uncertainty;
 
 /// Commands at which it is looked up: enough for a median to a fifth.
@@ -114,12 +114,7 @@ fn combined(values: &[Vec<f64>]) -> impl Iterator<Item = Vec<f64>> {
         let along = |values: &Vec<f64>| {
             place /= golden;
             let share = (0.5 + f64::from(index) * place).fract();
-            #[allow(
-                clippy::cast_possible_truncation,
-                clippy::cast_sign_loss,
-                reason = "an index below the number of values"
-            )]
-            let index = (share * values.len() as f64) as usize;
+            let index = count(share * values.len() as f64);
             values.get(index).copied().unwrap_or_default()
         };
         values.iter().map(along).collect()

@@ -13,10 +13,6 @@ pub(super) struct Scale {
 }
 
 impl Kernel for Scale {
-    #[allow(
-        clippy::inline_always,
-        reason = "it must take on the instruction set of its caller"
-    )]
     #[inline(always)]
     fn run(self, _: &[Lanes], _: &[f64], system: &mut [Lanes], norms: &mut [Lanes]) {
         let Self { rows, shifts } = self;
@@ -57,10 +53,6 @@ impl Step {
 }
 
 impl Kernel for Step {
-    #[allow(
-        clippy::inline_always,
-        reason = "it must take on the instruction set of its caller"
-    )]
     #[inline(always)]
     fn run(self, system: &[Lanes], _: &[f64], step: &mut [Lanes], factors: &mut [Lanes]) {
         let Self {
@@ -130,10 +122,6 @@ pub(super) struct InverseNorm {
 }
 
 impl Kernel for InverseNorm {
-    #[allow(
-        clippy::inline_always,
-        reason = "it must take on the instruction set of its caller"
-    )]
     #[inline(always)]
     fn run(self, factors: &[Lanes], _: &[f64], inverse: &mut [Lanes], norms: &mut [Lanes]) {
         let Self {
@@ -167,10 +155,6 @@ impl Kernel for InverseNorm {
 
 /// Solves triangles that hold the reciprocals of their diagonals: for a column of the unit matrix, or, with `column` =
 /// `width`, for the right-hand sides, which are their last columns.
-#[allow(
-    clippy::inline_always,
-    reason = "it must take on the instruction set of its caller"
-)]
 #[inline(always)]
 fn substitute(triangle: &[Lanes], width: usize, column: usize, solution: &mut [Lanes]) {
     let top = column.min(width - 1);
@@ -203,10 +187,6 @@ pub(super) struct Advance<'a> {
 }
 
 impl Kernel for Advance<'_> {
-    #[allow(
-        clippy::inline_always,
-        reason = "it must take on the instruction set of its caller"
-    )]
     #[inline(always)]
     fn run(self, step: &[Lanes], _: &[f64], pose: &mut [Lanes], shares: &mut [Lanes]) {
         let [shares] = shares else { return };
@@ -252,10 +232,6 @@ impl Kernel for Advance<'_> {
     }
 }
 
-#[allow(
-    clippy::inline_always,
-    reason = "it must take on the instruction set of its caller"
-)]
 #[inline(always)]
 fn each(lanes: &mut Lanes, of_lane: impl Fn(usize, &mut f64)) {
     for (lane, value) in lanes.0.iter_mut().enumerate() {
@@ -263,10 +239,6 @@ fn each(lanes: &mut Lanes, of_lane: impl Fn(usize, &mut f64)) {
     }
 }
 
-#[allow(
-    clippy::inline_always,
-    reason = "it must take on the instruction set of its caller"
-)]
 #[inline(always)]
 fn square([x, y, z]: &[Lanes; 3]) -> Lanes {
     let mut square = Lanes::ZERO;
@@ -276,10 +248,6 @@ fn square([x, y, z]: &[Lanes; 3]) -> Lanes {
     square
 }
 
-#[allow(
-    clippy::inline_always,
-    reason = "it must take on the instruction set of its caller"
-)]
 #[inline(always)]
 fn cross(a: &[Lanes; 3], b: &[Lanes; 3]) -> [Lanes; 3] {
     [(1, 2), (2, 0), (0, 1)].map(|(i, j)| {

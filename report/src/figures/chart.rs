@@ -92,12 +92,7 @@ pub(super) struct Sheet<'a> {
 }
 
 fn pixel(length: f64) -> i32 {
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "sheets are a few thousand units wide"
-    )]
-    let whole = (length * SCALE).round() as i32;
-    whole
+    (length * SCALE).round() as i32
 }
 
 /// Draws a figure with its title and returns the SVG document.

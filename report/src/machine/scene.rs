@@ -176,7 +176,6 @@ fn thinned<T>(items: &[T], place: impl Fn(&T) -> Point, weight: impl Fn(&T) -> f
     loop {
         let mut cells = std::collections::BTreeMap::new();
         let has_too_many = items.iter().zip(&points).any(|(item, point)| {
-            #[expect(clippy::cast_possible_truncation, reason = "a few hundred")]
             let cell = [0, 1, 2].map(|axis| ((point[axis] - low[axis]) / size).floor() as i64);
             let kept = cells.entry(cell).or_insert(item);
             if weight(item).total_cmp(&weight(kept)).is_gt() {

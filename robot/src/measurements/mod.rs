@@ -81,7 +81,7 @@ pub struct PoseSigmas {
 
 impl PoseSigmas {
     /// True if any is stated.
-    pub fn are_stated(&self) -> bool {
+    pub(crate) fn are_stated(&self) -> bool {
         self.rotation_rad.is_some() || self.position_m.iter().any(Option::is_some)
     }
 }

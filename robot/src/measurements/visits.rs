@@ -10,10 +10,7 @@ const SAME_M: f64 = 1e-6;
 /// For each row of numbers, commands (m) among them, the number of the visit that it belongs to: rows that agree in all
 /// of them are readings of one visit. Visits are counted from 0 in the order of their first reading.
 pub fn visits<'a>(rows: impl Iterator<Item = &'a [f64]>) -> Vec<usize> {
-    #[allow(
-        clippy::cast_possible_truncation,
-        reason = "saturates, far beyond any machine"
-    )]
+    // Saturates, far beyond any machine.
     let key = |values: &[f64]| -> Vec<i64> {
         let steps = values.iter().map(|value| (value / SAME_M).round() as i64);
         steps.collect()

@@ -2,7 +2,7 @@
 
 use std::fmt::{self, Write};
 
-use tau_codegen::language::{self, model};
+use tau_codegen::language::model;
 
 use super::keys::{
     crank_values, described_links, described_reference, machine_parameters, quantity_of,
@@ -14,13 +14,13 @@ use crate::robot::{Link, Robot};
 
 /// Noise of a laser tracker over a few metres with the repeatability of a machine, one standard deviation per axis: what
 /// stands where no file states any.
-pub const USUAL_NOISE: Noise = Noise {
+const USUAL_NOISE: Noise = Noise {
     position_m: 1e-5,
     rotation_rad: 4e-5,
 };
 
 /// Stands in a file for a number that is still to be filled in.
-pub const PLACEHOLDER: &str = "?";
+pub(crate) const PLACEHOLDER: &str = "?";
 
 /// Keys of a link's values with the quantity that each is, and what it means.
 const VALUES: [(&str, &str, &str); 4] = [
@@ -39,7 +39,7 @@ const VALUES: [(&str, &str, &str); 4] = [
 ];
 
 impl RobotFile {
-    /// The instance that a description gives by itself, with [`USUAL_NOISE`].
+    /// The instance that a description gives by itself, with the noise of a laser tracker.
     ///
     /// # Errors
     /// The description lacks values, which are listed.
@@ -70,7 +70,7 @@ impl RobotFile {
     }
 
     /// The text of a `robot.toml` for a robot: what its description gives is filled in, for the rest stand
-    /// [placeholders](PLACEHOLDER), which are refused when the file is read.
+    /// placeholders, which are refused when the file is read.
     pub fn template(robot: &Robot) -> String {
         let mut text = String::new();
         // Writing into a string can't fail.
@@ -165,12 +165,14 @@ fn write_template(out: &mut String, robot: &Robot) -> fmt::Result {
         }
     }
     write!(out, "{LINKS}")?;
-    let model = language::check_text(&robot.description).ok();
     for (index, link) in robot.links.iter().enumerate() {
         if quantities_of(robot, index).next().is_none() {
             continue;
         }
-        let described = model.as_ref().and_then(|model| model.links.get(index));
+        let described = robot
+            .model
+            .as_ref()
+            .and_then(|model| model.links.get(index));
         let separator = if index == 0 { "" } else { "\n" };
         writeln!(out, "{separator}[links.{}]", key(&link.name))?;
         for (name, quantity, meaning) in quantities_of(robot, index) {

@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 use crate::input_error::quoted;
 use crate::robot::{ResidualKind, Robot, Variant};
 pub use covariance::Covariance;
-pub use described::{PLACEHOLDER, USUAL_NOISE};
+pub(crate) use described::PLACEHOLDER;
 pub use dimensions::Dimensions;
 use keys::effect_key;
 pub use measuring::{Measuring, StatedNoise, Surface};

@@ -314,10 +314,6 @@ impl Pattern {
 struct Eliminate<'a>(&'a Pattern);
 
 impl Kernel for Eliminate<'_> {
-    #[allow(
-        clippy::inline_always,
-        reason = "it must take on the instruction set of its caller"
-    )]
     #[inline(always)]
     fn run(self, values: &[Lanes], parameters: &[f64], factors: &mut [Lanes], sums: &mut [Lanes]) {
         let &[damping] = parameters else { return };
@@ -334,10 +330,6 @@ impl Kernel for Eliminate<'_> {
 }
 
 impl Pattern {
-    #[allow(
-        clippy::inline_always,
-        reason = "it must take on the instruction set of its caller"
-    )]
     #[inline(always)]
     fn eliminate_columns(
         &self,
@@ -414,10 +406,6 @@ impl Pattern {
 struct BackSubstitute<'a>(&'a Pattern);
 
 impl Kernel for BackSubstitute<'_> {
-    #[allow(
-        clippy::inline_always,
-        reason = "it must take on the instruction set of its caller"
-    )]
     #[inline(always)]
     fn run(self, values: &[Lanes], kept: &[f64], factors: &mut [Lanes], _: &mut [Lanes]) {
         let (pattern, outer) = (self.0, self.0.outer.len());
@@ -467,10 +455,6 @@ impl Normal {
 
 /// Replaces the lower triangles of matrices by their Cholesky factors; `irregular` becomes other than zero where one is
 /// singular to rounding.
-#[allow(
-    clippy::inline_always,
-    reason = "it must take on the instruction set of its caller"
-)]
 #[inline(always)]
 fn cholesky(matrix: &mut [Lanes], size: usize, irregular: &mut Lanes) {
     for i in 0..size {
@@ -494,10 +478,6 @@ fn cholesky(matrix: &mut [Lanes], size: usize, irregular: &mut Lanes) {
 }
 
 /// Replaces x by `L⁻¹x`.
-#[allow(
-    clippy::inline_always,
-    reason = "it must take on the instruction set of its caller"
-)]
 #[inline(always)]
 fn forward(lower: &[Lanes], size: usize, x: &mut [Lanes]) {
     for i in 0..size {
@@ -510,30 +490,18 @@ fn forward(lower: &[Lanes], size: usize, x: &mut [Lanes]) {
 }
 
 /// `sum + a b`.
-#[allow(
-    clippy::inline_always,
-    reason = "it must take on the instruction set of its caller"
-)]
 #[inline(always)]
 fn plus(sum: Lanes, a: Lanes, b: Lanes) -> Lanes {
     Lanes(std::array::from_fn(|lane| sum[lane] + a[lane] * b[lane]))
 }
 
 /// `sum − a b`.
-#[allow(
-    clippy::inline_always,
-    reason = "it must take on the instruction set of its caller"
-)]
 #[inline(always)]
 fn minus(sum: Lanes, a: Lanes, b: Lanes) -> Lanes {
     Lanes(std::array::from_fn(|lane| sum[lane] - a[lane] * b[lane]))
 }
 
 /// `a / b`.
-#[allow(
-    clippy::inline_always,
-    reason = "it must take on the instruction set of its caller"
-)]
 #[inline(always)]
 fn over(a: Lanes, b: Lanes) -> Lanes {
     Lanes(std::array::from_fn(|lane| a[lane] / b[lane]))
