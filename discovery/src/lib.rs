@@ -58,7 +58,7 @@ pub use p_value::PValue;
 pub use results::{Discovery, Status};
 pub use tau_estimation::calibration::Error;
 pub use text::DISCOVERED;
-pub use unknown_poses::OfUnknownPoses;
+pub use unknown_poses::{OfUnknownPoses, calibration_of_unknown_poses};
 
 use base::base_fit;
 use candidate_set::CandidateSet;
