@@ -166,8 +166,9 @@ mod tests {
             ];
             let mut jacobian = DMatrix::zeros(rows.len(), size);
             for (index, row) in rows.iter().enumerate() {
-                row.iter()
-                    .for_each(|&(column, entry)| jacobian[(index, column)] += entry);
+                for &(column, entry) in row {
+                    jacobian[(index, column)] += entry;
+                }
             }
             for matrix in [full.lower_triangle(), full.upper_triangle(), full] {
                 let factor = Factor::of(&matrix);

@@ -522,7 +522,9 @@ mod tests {
             assert!((grouped.times(&right) - &product).amax() < 1e-12);
             for (row, entries) in grouped.rows(0..200).into_iter().enumerate() {
                 let mut own = RowDVector::zeros(70);
-                (entries.into_iter()).for_each(|(column, entry)| own[column] += entry);
+                for (column, entry) in entries {
+                    own[column] += entry;
+                }
                 assert!((own - matrix.row(row)).amax() < 1e-15);
             }
             assert!((grouped.gram() - matrix.tr_mul(&matrix)).amax() < 1e-12);
