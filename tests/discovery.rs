@@ -89,6 +89,7 @@ fn a_track_with_a_bump_follows_its_points_without_a_name() {
         let two = Place::Cart("two".to_owned());
         let places: Vec<&Place> = found.piecewise_tracks.iter().map(|t| &t.place).collect();
         assert_eq!(places, [&two], "{base}");
+        assert!(!found.unnamed.is_empty(), "{base}");
         assert!(found.unnamed.iter().all(|unnamed| unnamed.place == two));
         assert_eq!(found.base, base);
         assert_eq!(

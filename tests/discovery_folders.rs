@@ -378,7 +378,7 @@ fn a_drift_is_found_whatever_time_counts_from() {
 /// Effects without parameters, or with such alone as are searched or optional: nothing of them can be scored. Nor can
 /// the tip of a cone, whose slopes are 0/0.
 #[test]
-fn effects_without_a_slope_are_out_of_sight() {
+fn effects_without_a_slope_are_undetectable() {
     let folder = trial("01");
     let text = "
 effect known_wave on cart { along += (1 um) * sin(2*pi*q/(100 mm)); }

@@ -89,8 +89,8 @@ fn tracks_stay_straight_where_poses_are_unknown() {
     assert_eq!(found["piecewise_tracks"].as_array().map_or(0, Vec::len), 0);
 }
 
-/// What exact drives hold beyond the plate's freedoms is no residual: distances alone tell the noise, and where nothing is
-/// hidden nothing is found.
+/// Closures of exact drives beyond the plate's freedoms are no residuals: distances alone tell the noise, and where nothing
+/// is hidden nothing is found.
 #[test]
 fn exact_drives_of_a_redundant_machine_are_no_residuals() {
     let folder = tempfile::tempdir().unwrap();

@@ -123,6 +123,7 @@ fn a_track_with_a_single_bump_stays_straight() {
     assert!(found.effects.is_empty() && found.piecewise_tracks.is_empty());
     assert_eq!(found.status, Status::UnnamedStructure);
     let three = results::Place::Cart("three".to_owned());
+    assert!(!found.unnamed.is_empty());
     assert!(found.unnamed.iter().all(|unnamed| unnamed.place == three));
     assert_eq!(found.steps.len(), 1);
     let noted = found

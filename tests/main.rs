@@ -35,6 +35,7 @@ mod layout;
 mod machines;
 mod mutations;
 mod nothing_free;
+mod packages;
 mod redundant;
 mod reference;
 mod repeats;

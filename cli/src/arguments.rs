@@ -207,9 +207,10 @@ pub(super) struct Sensitivity {
 
 /// Find the physical effects that a variant lacks
 ///
-/// Fits a variant to all sets at once, scores every effect of the catalogue at every place, adds the
-/// missing ones one at a time, and shows the error shrink on the validation poses, which take no part.
-/// Says too what else could be meant, what could not be seen, and what remains. Writes into a folder:
+/// Fits a variant to all sets at once, scores every effect of the catalogue at every place, adds, drops
+/// and exchanges effects while that explains the measurements better, and shows the error shrink on the
+/// validation poses, which take no part. Says too what else could be meant, what could not be seen, and
+/// what remains. Writes into a folder:
 ///
 ///   discovered.tau    the description with the variant `Discovered`, for --model and `tau generate`
 ///   discovered.rs     its generated code

@@ -60,8 +60,8 @@ pub(super) fn base_fit(
     weights.extend(outliers::weights(&about_lines).drain(weights.len()..));
     let robust = |joint| Fit::robust(joint, &values, weights.clone(), &samples, file.noise);
     let is_met = |fit: &Fit| !fit.joint.misses_exact(fit.residuals.as_slice());
-    // What exact drives hold tells effects apart that nothing else does: where the base misses it, it takes part as stated,
-    // with the noise that the misfit makes of all closures.
+    // Closures of exact drives tell effects apart that nothing else does: where the base misses them, they take part as
+    // stated, with the noise that the misfit makes of all closures.
     let fit = match robust(joint.clone()) {
         found if !joint.has_exact() => found?,
         Ok(found) if is_met(&found) => found,

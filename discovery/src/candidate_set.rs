@@ -420,7 +420,7 @@ impl CandidateSet {
     }
 
     /// A table without the candidates that are hidden by now.
-    pub(super) fn in_sight(&self, mut table: Table) -> Table {
+    pub(super) fn without_hidden(&self, mut table: Table) -> Table {
         table
             .scores
             .retain(|score| !self.hidden.contains(&score.candidate));

@@ -99,7 +99,7 @@ fn folds(samples: &[Sample], folds: usize) -> Vec<usize> {
 }
 
 /// Ridge for directions that the other folds do not determine, as a share of a direction's squares.
-const TOLD: f64 = 1e-6;
+const RIDGE: f64 = 1e-6;
 
 /// Rows as a fit to all others predicts them, by a model and by any that has the first of its columns alone.
 struct Prediction {
@@ -117,7 +117,7 @@ impl Prediction {
     fn of(q: &DMatrix<f64>, fitted: &DVector<f64>, residuals: DVector<f64>) -> Option<Self> {
         let mut others = -transposed_times(q, q);
         for column in 0..others.ncols() {
-            others[(column, column)] += 1.0 + TOLD;
+            others[(column, column)] += 1.0 + RIDGE;
         }
         // The first columns of the factor are the factor of the first columns.
         let factor = inverse_factor(others)?;

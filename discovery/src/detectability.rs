@@ -59,22 +59,22 @@ pub(super) fn detectability(
         if !candidate.is_named() {
             continue;
         }
-        let out_of_sight = |why: Reason| Unseen {
+        let undetectable = |why: Reason| Unseen {
             name: candidate.name.clone(),
             place: candidate.at.clone(),
             why,
         };
         if let Some(&(_, why)) = bench.unseen.iter().find(|(unseen, _)| *unseen == index) {
-            unseen.push(out_of_sight(Reason::Lacks(why)));
+            unseen.push(undetectable(Reason::Lacks(why)));
             bench.hidden.insert(index);
             continue;
         }
         if let Some(readable) = constant {
-            unseen.push(out_of_sight(Reason::Constant(readable)));
+            unseen.push(undetectable(Reason::Constant(readable)));
             continue;
         }
         let Some(((best, _), null)) = best_columns[index].zip(nulls[index]) else {
-            unseen.push(out_of_sight(Reason::Absorbed));
+            unseen.push(undetectable(Reason::Absorbed));
             bench.hidden.insert(index);
             continue;
         };
@@ -94,7 +94,7 @@ pub(super) fn detectability(
             } else {
                 Reason::Implausible(parameter.name.clone(), amplitude, parameter.unit)
             };
-            unseen.push(out_of_sight(why));
+            unseen.push(undetectable(why));
             bench.hidden.insert(index);
             continue;
         }

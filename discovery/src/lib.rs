@@ -3,7 +3,8 @@
 //!
 //! All sets are fitted at once; every effect of a catalogue is scored at every place beside unnamed
 //! families. A `search` goes from model to model, each of a better `score` than the one before;
-//! `significance` is one policy for all. Whatever joins is confirmed on blocks that were held out. Validation poses take no part in anything. `docs/discovery-method.md` has the formulas.
+//! `significance` is one policy for all. Candidates that join are confirmed on blocks that were held out. Validation
+//! poses take no part in anything. `docs/discovery-method.md` has the formulas.
 
 mod base;
 mod candidate_set;
@@ -57,7 +58,7 @@ pub use p_value::PValue;
 pub use results::{Discovery, Status};
 pub use tau_estimation::calibration::Error;
 pub use text::DISCOVERED;
-pub use unknown_poses::OfUnknownPoses;
+pub use unknown_poses::{OfUnknownPoses, calibration_of_unknown_poses};
 
 use base::base_fit;
 use candidate_set::CandidateSet;
@@ -68,7 +69,7 @@ use linear_model::LinearModel;
 use misfit::misfits;
 use probes::Probes;
 use results::{Gap, Misfit};
-use score::Yardstick;
+use score::ProfileLikelihood;
 use search::Search;
 use structural::FullArm;
 use structural::piecewise::Found;
@@ -403,13 +404,13 @@ fn model_of(input: &Input<'_>) -> Result<(Model, usize, Vec<generic::Family>), E
     Ok((model, index, families))
 }
 
-/// Searches from a base as it is; `yardstick` is that of another base with which scores shall compare.
+/// Searches from a base as it is; `likelihood` is that of another base with which scores shall compare.
 fn search_from(
     input: &Input<'_>,
-    yardstick: Option<Yardstick>,
+    likelihood: Option<ProfileLikelihood>,
     progress: &mut dyn FnMut(&str),
 ) -> Result<Found, Error> {
-    let (mut search, beforehand) = begun(input, yardstick, progress)?;
+    let (mut search, beforehand) = begun(input, likelihood, progress)?;
     search.run(progress)?;
     let of_effects = search.found();
     let variant = variant_of(input.robot, input.base)?;
@@ -423,7 +424,7 @@ fn search_from(
 /// A search at its base, and what is known before it.
 fn begun<'a>(
     input: &'a Input<'a>,
-    yardstick: Option<Yardstick>,
+    likelihood: Option<ProfileLikelihood>,
     progress: &mut dyn FnMut(&str),
 ) -> Result<(Search<'a>, Beforehand), Error> {
     let Input { robot, file, .. } = *input;
@@ -465,7 +466,7 @@ fn begun<'a>(
     let table = bench.table(&view);
     let (detectable, cannot_see) = detectability::detectability(&mut bench, &view, &table);
     bench.weigh();
-    let table = bench.in_sight(table);
+    let table = bench.without_hidden(table);
     let (ambiguous, (misfit, serial)) = parallel::both(
         || evidence::ambiguity::ambiguous(&bench, &view),
         || {
@@ -486,7 +487,7 @@ fn begun<'a>(
         view,
     };
     let at = (index, own_effects);
-    let search = Search::new(input, bench, at, fit, table, yardstick)?;
+    let search = Search::new(input, bench, at, fit, table, likelihood)?;
     Ok((search, beforehand))
 }
 

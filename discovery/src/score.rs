@@ -9,13 +9,13 @@ use tau_estimation::samples::outliers;
 /// Degrees of freedom of each component's residuals, and of outliers the square that counts instead of their own:
 /// fixed for all models of one search, so that their scores compare.
 #[derive(Debug, Clone)]
-pub(crate) struct Yardstick {
+pub(crate) struct ProfileLikelihood {
     degrees: [f64; Component::ALL.len()],
     /// χ² from which on a sample is an outlier, per row of its own.
     limits: Vec<f64>,
 }
 
-impl Yardstick {
+impl ProfileLikelihood {
     /// By the base of a search.
     pub(crate) fn of(base: &Fit, samples: &[Sample]) -> Self {
         let degrees = Component::ALL.map(|component| {

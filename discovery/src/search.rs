@@ -18,7 +18,7 @@ use super::confirmation::held_out_gain;
 use super::constants::count;
 use super::linear_model::LinearModel;
 use super::results::{Derived, Gap, Step, UsedEffect};
-use super::score::Yardstick;
+use super::score::ProfileLikelihood;
 use super::serial;
 use super::{Error, Input, Rule, held_out};
 use moves::{Joining, Move, Without};
@@ -28,7 +28,7 @@ use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::projection::Subspace;
 
 /// Scores that differ by no more than a descent leaves of χ² are the same: what looks alike is not exchanged for less.
-const SAME: f64 = 0.1;
+const SCORE_TOLERANCE: f64 = 0.1;
 
 /// The search, and the best model so far.
 pub(crate) struct Search<'a> {
@@ -43,7 +43,7 @@ pub(crate) struct Search<'a> {
     pub(crate) state: State,
     /// Score of the model as it stands: −2 ln L and what its effects cost.
     pub(crate) score: f64,
-    pub(crate) yardstick: Yardstick,
+    pub(crate) likelihood: ProfileLikelihood,
     /// Degrees of freedom of the base's residuals.
     degrees: f64,
     /// Cost of each candidate.
@@ -67,7 +67,7 @@ pub(crate) struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    /// From a base that has been fitted; `first` are the scores beside it, and `yardstick` is that of another base
+    /// From a base that has been fitted; `first` are the scores beside it, and `likelihood` is that of another base
     /// with which scores shall compare.
     pub(crate) fn new(
         input: &'a Input<'a>,
@@ -75,17 +75,18 @@ impl<'a> Search<'a> {
         (variant, own_effects): (usize, usize),
         fit: Fit,
         first: Table,
-        yardstick: Option<Yardstick>,
+        likelihood: Option<ProfileLikelihood>,
     ) -> Result<Self, Error> {
         let base = State {
             fit,
             members: vec![],
             unnamed: vec![],
         };
-        let yardstick = yardstick.unwrap_or_else(|| Yardstick::of(&base.fit, &bench.samples));
+        let likelihood =
+            likelihood.unwrap_or_else(|| ProfileLikelihood::of(&base.fit, &bench.samples));
         let mut search = Self {
             input,
-            yardstick,
+            likelihood,
             degrees: base.fit.degrees(),
             state: base.clone(),
             base,
@@ -130,7 +131,7 @@ impl<'a> Search<'a> {
             self.steps.truncate(1);
             self.gaps.truncate(1);
             self.climb(false, progress)?;
-            if self.score > first.1 - SAME {
+            if self.score > first.1 - SCORE_TOLERANCE {
                 self.go_to(first.0, first.1);
                 (self.steps, self.gaps, self.drops_um) = notes;
             }
@@ -140,7 +141,7 @@ impl<'a> Search<'a> {
             let mut settled = self.state.clone();
             settled.fit = settled.fit.settled()?;
             let score = self.score_of_state(&settled);
-            if (score - self.score).abs() > SAME {
+            if (score - self.score).abs() > SCORE_TOLERANCE {
                 self.go_to(settled, score);
             } else {
                 (self.state, self.score) = (settled, score);
@@ -178,7 +179,7 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
-    /// Takes the first of some moves that improves the score; whether any does.
+    /// Takes the first of some moves that improves the score; true if one does.
     fn stepped(&mut self, moves: Vec<Move>, progress: &mut dyn FnMut(&str)) -> Result<bool, Error> {
         for change in moves {
             let composition = state::composition(&change.members, &change.unnamed);
@@ -191,7 +192,7 @@ impl<'a> Search<'a> {
             };
             let score = self.score_of_state(&next);
             self.visited.insert(composition, Some(score));
-            if score < self.score - SAME {
+            if score < self.score - SCORE_TOLERANCE {
                 self.accept(next, score)?;
                 return Ok(true);
             }
@@ -322,7 +323,7 @@ impl<'a> Search<'a> {
 
     /// Score of a model: the lower, the better.
     fn score_of_state(&self, state: &State) -> f64 {
-        self.yardstick.misfit(&state.fit, &state.view(&self.bench))
+        self.likelihood.misfit(&state.fit, &state.view(&self.bench))
             + self.cost_of_state(&state.members, &state.unnamed)
     }
 

@@ -129,6 +129,37 @@ mod tests {
         assert!((all - 0.05).abs() < 1e-15);
     }
 
+    /// Quantiles of F and χ² by the tables of textbooks: of so many candidates each has its share of 5 %.
+    #[test]
+    fn thresholds_and_costs_are_those_of_tables() {
+        let tables = [
+            // Candidates, amplitudes, degrees of freedom of the base; quantile over the amplitudes.
+            (1, 2.0, 12.0, 4.103),
+            (5, 3.0, 23.0, 4.938),
+            (1, 3.0, 1e9, 7.815 / 3.0),
+        ];
+        for (candidates, rank, degrees, quantile) in tables {
+            let significance = Significance::new(Constants::default(), candidates, 0, degrees);
+            let null = Null::plain(rank);
+            let threshold = significance.threshold(null, true);
+            assert!((threshold / rank - quantile).abs() < 5.1e-4, "{threshold}");
+            // The ratio of the sums of squares without and with it.
+            let ratio = 1.0 + rank * quantile / (degrees - rank);
+            let cost = significance.cost(null, true);
+            assert!((cost / (degrees * ratio.ln()) - 1.0).abs() < 2e-4, "{cost}");
+        }
+    }
+
+    /// Non-centralities of a test at 5 % with a power of 80 %, by their tables.
+    #[test]
+    fn amplitudes_are_detectable_where_tables_of_the_power_say_so() {
+        let significance = Significance::new(Constants::default(), 1, 0, 1000.0);
+        for (rank, noncentrality) in [(1.0, 7.849), (2.0, 9.635), (3.0, 10.903)] {
+            let found = significance.detectable(Null::plain(rank), true);
+            assert!((found - noncentrality).abs() < 6e-4, "{rank}: {found}");
+        }
+    }
+
     /// A model's score rises with an effect exactly where the effect's F test is significant.
     #[test]
     fn an_effect_pays_where_it_is_significant() {

@@ -2,9 +2,8 @@
 //! straight ones.
 //!
 //! A full arm is tested before the search and is no move of it. A reduced arm has a closure for each cluster, a full one
-//! for each link, so that their scores are of other rows and do not compare; and a search from each would take twice the
-//! time. Effects hardly pass for one: of 33 virtual machines with a reduced arm and one effect (eleven effects, three draws of each) it was found in three alone, in
-//! which a cart turns in proportion to its command: that is links with directions of their own.
+//! for each link, so that their scores are of other rows and do not compare; and a search from each would take twice
+//! the time. Effects hardly pass for one: `docs/discovery-benchmark.md`.
 
 pub(super) mod piecewise;
 

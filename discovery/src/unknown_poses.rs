@@ -172,21 +172,21 @@ fn with_known_tensions(
     (folder, remark)
 }
 
-impl Outcome {
-    /// The calibration of what was found where poses are unknown, under the priors of the search: those of effects keep
-    /// within what is plausible, and do not pull back what the data say.
-    ///
-    /// # Errors
-    /// As [`unknown_poses::calibrate`].
-    pub fn calibration_of_unknown_poses(
-        &self,
-        file: &RobotFile,
-        folder: &Folder,
-        rows: &RowDivision,
-    ) -> Result<UnknownPoses, Error> {
-        self.stated(file, folder, rows, &Constants::default())
-    }
+/// The calibration of what was found where poses are unknown, under the priors of the search: those of effects keep
+/// within what is plausible, and do not pull back what the data say.
+///
+/// # Errors
+/// As [`unknown_poses::calibrate`].
+pub fn calibration_of_unknown_poses(
+    found: &Outcome,
+    file: &RobotFile,
+    folder: &Folder,
+    rows: &RowDivision,
+) -> Result<UnknownPoses, Error> {
+    found.stated(file, folder, rows, &Constants::default())
+}
 
+impl Outcome {
     fn stated(
         &self,
         file: &RobotFile,

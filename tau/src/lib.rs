@@ -73,8 +73,6 @@ pub use reexports::*;
 #[cfg(feature = "calibration")]
 #[doc(inline)]
 pub use session::{Calibrated, Files, Session};
-#[cfg(feature = "discovery")]
-pub use tau_discovery as discovery;
 pub use tau_macro::tau_model;
 /// Items that generated code refers to: residual families, tables of robots, elementary functions.
 pub use tau_runtime as runtime;

@@ -10,8 +10,17 @@ pub use calibration::Error;
 /// From nominal values and measured TCP poses to the parameters of a variant.
 pub mod calibration {
     pub use tau_estimation::calibration::{
-        Calibration, Combination, Error, Line, LinkResult, LinkSigma, NominalTrack, Options,
-        ParameterEstimate, Prepared, Registration, calibrate, machine_from_file,
+        Calibration, Combination, Error, Line, LinkResult, LinkSigma, Nominal, NominalTrack,
+        Options, ParameterEstimate, Prepared, Registration, Stated, calibrate, machine_from_file,
+    };
+}
+
+/// The search for effects that a model lacks.
+#[cfg(feature = "discovery")]
+pub mod discovery {
+    pub use tau_discovery::{
+        Constants, DISCOVERED, Discovery, Error, OfUnknownPoses, Options, Outcome, PValue, Rule,
+        Status, discover, results,
     };
 }
 
@@ -35,22 +44,22 @@ pub mod input_error {
 /// Forward and inverse kinematics and statics of any variant.
 pub mod kinematics {
     pub use tau_kinematics::{
-        AssemblyMode, Closures, Error, Forces, InverseOptions, LARGEST_MISMATCH_M, Layout, Machine,
-        Missing, POSE_COLUMNS, Path, Pose, Rail, Reached, Rod, Sample, Segment, Statics,
-        Surroundings, track_axes, xyz, xyz_angles, zyz,
+        AssemblyMode, Closures, Error, Forces, InverseOptions, LARGEST_MISMATCH_M, Layout,
+        LengthNoise, Machine, Missing, POSE_COLUMNS, Path, Pose, Rail, Reached, Rod, Sample,
+        Segment, Statics, Surroundings, track_axes, xyz, xyz_angles, zyz,
     };
 }
 
-/// Mistakes of a description, as the compiler of the language finds them.
+/// Descriptions as the compiler of the language reads them, and the mistakes that it finds.
 pub mod language {
-    pub use tau_model_dsl::{Diagnostic, Errors};
+    pub use tau_model_dsl::{Diagnostic, Errors, Model};
 }
 
 /// Measurement folders: TCP poses (set 1), cart poses (set 2), cart positions (set 3).
 pub mod measurements {
     pub use tau_robot::measurements::{
-        CartPose, CartPosition, Conditions, Distance, Division, Folder, PlateKind, PlateRow,
-        PoseCounts, PoseSigmas, Poses, Shape, Split, TcpPose, Texts,
+        Actuator, CartPose, CartPosition, Conditions, Distance, Division, Folder, PlateKind,
+        PlateRow, PoseCounts, PoseSigmas, Poses, Shape, Split, TcpPose, Texts,
     };
 }
 
@@ -65,8 +74,8 @@ pub mod robot_file {
 /// Trust in answers: verdicts, recognised mistakes, and checks before a fit.
 pub mod trust {
     pub use tau_estimation::trust::{
-        Check, Checked, FileFacts, FileFit, Gap, Mistake, PoseFit, Pull, Range, Reach, Sight,
-        Status, Verdict,
+        Check, Checked, FileFacts, FileFit, Gap, Mistake, Observability, PoseFit, Pull, Range,
+        Reach, Status, Verdict,
     };
 }
 

@@ -63,7 +63,7 @@ fn the_best_model_visited_is_the_answer() {
     assert!(search.visited.len() >= search.steps.len());
     assert!(search.score < base - 100.0);
     for (composition, score) in &search.visited {
-        let is_no_better = score.is_none_or(|score| score > search.score - SAME);
+        let is_no_better = score.is_none_or(|score| score > search.score - SCORE_TOLERANCE);
         assert!(is_no_better, "{composition:?}: {score:?} {}", search.score);
     }
 }
@@ -121,7 +121,7 @@ fn the_misfit_is_that_of_the_estimated_noise() {
         let scale = fit.scales[component as usize];
         expected += degrees * (scale.powi(2) * sum / degrees).ln();
     }
-    let found = search.yardstick.misfit(fit, &view);
+    let found = search.likelihood.misfit(fit, &view);
     let left_out = fit.weights.iter().filter(|weight| **weight == 0.0).count();
     // Outliers count as samples that are just none.
     assert!(found >= expected - 1e-9);

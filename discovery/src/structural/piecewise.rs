@@ -23,7 +23,7 @@ use super::super::probes::TARGETS_OF_CART;
 use super::super::results::{
     Considered, Discovery, Motion, PiecewiseTrack, Place, Quantity, Step, Unnamed, Verdict,
 };
-use super::super::score::Yardstick;
+use super::super::score::ProfileLikelihood;
 use super::super::search::Search;
 use super::super::significance::Null;
 use super::super::{Error, Input, Outcome, held_out, search_from};
@@ -43,7 +43,7 @@ pub(in super::super) struct Found {
     /// Score of the model that was found.
     score: f64,
     /// By which it compares with models of other bases.
-    yardstick: Yardstick,
+    likelihood: ProfileLikelihood,
     /// Squares of the errors at the tool (µm²) on the poses that took part, by their numbers.
     errors_um2: BTreeMap<u32, f64>,
     /// Test of each straight track.
@@ -71,11 +71,11 @@ pub(in super::super) fn search(
     progress: &mut dyn FnMut(&str),
 ) -> Result<Outcome, Error> {
     let found = search_from(input, None, progress)?;
-    bent(input, found, progress)
+    with_piecewise_tracks(input, found, progress)
 }
 
 /// Lets one track after the other follow its measured points, those first that take up most.
-fn bent(
+fn with_piecewise_tracks(
     input: &Input<'_>,
     mut found: Found,
     progress: &mut dyn FnMut(&str),
@@ -99,8 +99,8 @@ fn bent(
             base: &base,
             ..*input
         };
-        let yardstick = Some(found.yardstick.clone());
-        let there = match search_from(&input_there, yardstick, progress) {
+        let likelihood = Some(found.likelihood.clone());
+        let there = match search_from(&input_there, likelihood, progress) {
             Ok(mut there) => {
                 there.score += track.cost;
                 there
@@ -118,7 +118,7 @@ fn bent(
             note.verdict = Verdict::NotConfirmed;
             continue;
         }
-        let mut outcome = bent(&input_there, there, progress)?;
+        let mut outcome = with_piecewise_tracks(&input_there, there, progress)?;
         track.precede(input.base, found.outcome.discovery, &mut outcome.discovery);
         return Ok(outcome);
     }
@@ -158,7 +158,7 @@ impl Found {
             errors_um2: errors.collect(),
             outcome,
             score: search.score,
-            yardstick: search.yardstick,
+            likelihood: search.likelihood,
             tracks,
         })
     }

@@ -54,8 +54,8 @@ const MOST_DAMPING: f64 = 1.0;
 const ENOUGH: f64 = 0.25;
 /// Corrections of a step.
 const CORRECTIONS: usize = 12;
-/// Share of what it corrects that a correction may leave.
-const WORTHWHILE: f64 = 0.8;
+/// Share of the sum of squares that a correction may leave for another to follow.
+const LARGEST_CONTRACTION: f64 = 0.8;
 /// Changes of the estimated noise below this share are none.
 const SAME_NOISE: f64 = 0.02;
 const NOISE_ROUNDS: usize = 6;
@@ -339,7 +339,7 @@ impl Descent {
             if now < before {
                 (moved, residuals) = (corrected, after);
             }
-            if now > WORTHWHILE * before || before - now < CONVERGED {
+            if now > LARGEST_CONTRACTION * before || before - now < CONVERGED {
                 break;
             }
         }

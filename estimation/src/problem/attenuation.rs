@@ -28,7 +28,7 @@ const CHUNK: usize = 256;
 /// Poses that tell the bias: a mean over them, to half a percent of what it is.
 const TELLING: usize = 4000;
 /// Moves below this share of every standard deviation are none.
-const SAME: f64 = 0.01;
+const CONVERGED: f64 = 0.01;
 /// Moves at most: each comes nearer by at least what poses and priors tell more of a parameter than its noise feigns.
 const ROUNDS: usize = 20;
 
@@ -53,7 +53,7 @@ pub(crate) fn corrected(
     inverse: &DMatrix<f64>,
 ) -> Result<Vec<f64>, Error> {
     let mut fitted = minimum.to_vec();
-    // What nothing determines stays.
+    // Parameters that nothing determines stay.
     if !inverse.iter().all(|entry| entry.is_finite()) {
         return Ok(fitted);
     }
@@ -96,7 +96,7 @@ pub(crate) fn corrected(
             let bounds = machine.variant.parameters[residuals.used[k]].search;
             let (low, high) = bounds.unwrap_or((f64::NEG_INFINITY, f64::INFINITY));
             let moved = (minimum + step[k]).clamp(low, high);
-            has_moved |= (moved - *value).abs() > SAME * inverse[(k, k)].sqrt();
+            has_moved |= (moved - *value).abs() > CONVERGED * inverse[(k, k)].sqrt();
             *value = moved;
         }
         if !has_moved {

@@ -24,7 +24,7 @@ use crate::trust::verdict::mistakes;
 use crate::uncertainty::Uncertainty;
 use crate::unknown_poses::{self, Rank, RowDivision};
 
-/// Lacked by effects of carts where there are none: nothing that could be measured would bring them into sight.
+/// Lacked by effects of carts where there are none: no measurement would show them.
 const NO_CART: &str = "a cart: the machine has none";
 /// The same of an effect on links of a kind.
 const NO_LINK: &str = "links of the kind that it acts on: the machine has none";
@@ -82,9 +82,9 @@ pub struct Checked {
     pub why_not: Option<String>,
 }
 
-/// An effect of the catalogue, and whether the measurements could show it.
+/// An effect of the catalogue, with what the measurements lack to show it.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Sight {
+pub struct Observability {
     /// Name of the effect.
     pub name: String,
     /// Files and columns that it needs and that are missing; empty where it could be seen.
@@ -108,7 +108,7 @@ pub struct Check {
     /// Variants.
     pub variants: Vec<Checked>,
     /// Effects of the catalogue.
-    pub effects: Vec<Sight>,
+    pub effects: Vec<Observability>,
     /// Files and columns that are missing.
     pub missing: Vec<Gap>,
     /// Mistakes that were recognised.
@@ -138,7 +138,7 @@ pub fn check(
     (division, rows): (&Division, Option<&RowDivision>),
     catalogue: &str,
 ) -> Result<Check, Error> {
-    let effects = sights(robot, file, folder, catalogue);
+    let effects = observabilities(robot, file, folder, catalogue);
     let found = (variants.first().copied()).map(|variant| match rows {
         None => mistakes(robot, variant, file, folder, &division.calibration),
         Some(rows) => unknown_poses::mistakes(robot, variant, file, folder, rows),
@@ -436,13 +436,18 @@ fn determine(
 }
 
 /// Columns and files that an effect needs and that are missing.
-fn sights(robot: &Robot, file: &RobotFile, folder: &Folder, catalogue: &str) -> Vec<Sight> {
+fn observabilities(
+    robot: &Robot,
+    file: &RobotFile,
+    folder: &Folder,
+    catalogue: &str,
+) -> Vec<Observability> {
     let Some(model) = &robot.model else {
         return vec![];
     };
     let extended = language::effects_from_text(catalogue, model);
     let model = extended.as_ref().unwrap_or(model);
-    let of = |effect: &Effect| Sight {
+    let of = |effect: &Effect| Observability {
         name: effect.name.clone(),
         lacks: lacks(effect, model, file, folder),
     };
@@ -498,7 +503,7 @@ fn lacks(effect: &Effect, model: &Model, file: &RobotFile, folder: &Folder) -> V
     lacks.into_iter().collect()
 }
 
-fn missing(robot: &Robot, folder: &Folder, effects: &[Sight]) -> Vec<Gap> {
+fn missing(robot: &Robot, folder: &Folder, effects: &[Observability]) -> Vec<Gap> {
     let mut missing = Vec::new();
     // Where nothing tells poses, sets 2 and 3 take no part.
     let tells_poses =

@@ -1,5 +1,5 @@
-//! Trust in an answer: whether residuals and parameters are what stated noise and tolerances allow, and
-//! what mistake of the input explains it where they are not.
+//! Trust in an answer: residuals and parameters against stated noise and tolerances, and the mistake of the input
+//! that explains a contradiction.
 //!
 //! The closures of a pose share the noise of one position and one rotation. Whitened together (see
 //! [`problem`](crate::problem)) and fitted under the tolerances as priors, their sum of squares is χ² with as many
@@ -23,7 +23,7 @@ pub(crate) mod weighing_words;
 pub(crate) mod words;
 
 use crate::numerics::count;
-pub use check::{Check, Checked, FileFacts, Gap, Range, Sight, check};
+pub use check::{Check, Checked, FileFacts, Gap, Observability, Range, check};
 pub use mistake::Mistake;
 pub use prediction::{of_prediction, outliers_of_validation};
 pub use reach::Reach;

@@ -33,6 +33,18 @@ impl Folder {
     /// All mistakes of all files: files missing or unreadable, text that is no table of numbers,
     /// quantities in the wrong unit, poses given twice.
     pub fn read(path: &Path, shape: &Shape) -> Result<Self, InputError> {
+        Self::read_noting(path, shape, &mut |_, _| {})
+    }
+
+    /// The same; `note` gets the name and the text of each file that is there.
+    ///
+    /// # Errors
+    /// As [`Folder::read`].
+    pub fn read_noting(
+        path: &Path,
+        shape: &Shape,
+        note: &mut dyn FnMut(&str, &str),
+    ) -> Result<Self, InputError> {
         let name = path.display().to_string();
         match fs::metadata(path) {
             Ok(metadata) if metadata.is_dir() => {}
@@ -68,6 +80,7 @@ impl Folder {
         if texts.lack_the_plate() {
             return Err(missing_tcp_poses(path));
         }
+        texts.files().for_each(|(file, text)| note(file, text));
         let folder = Self::from_texts(&name, texts, shape);
         folder.map(|mut folder| {
             folder.remarks.extend(misspelt(path));

@@ -68,8 +68,14 @@ impl<'a> Texts<'a> {
         }
     }
 
+    /// The files that are there, by their names.
+    pub fn files(&self) -> impl Iterator<Item = (&'a str, &'a str)> + use<'a> {
+        let files = FILES.into_iter().zip(self.all());
+        files.filter_map(|(name, text)| Some((name, text?)))
+    }
+
     /// In the order of [`FILES`].
-    pub(super) fn all(&self) -> [Option<&'a str>; 8] {
+    fn all(&self) -> [Option<&'a str>; 8] {
         [
             self.tcp_poses,
             self.cart_poses,
@@ -102,8 +108,6 @@ impl<'a> Texts<'a> {
 
     /// Fingerprint of the measurements, the robot file apart.
     pub(super) fn fingerprint(&self) -> String {
-        let files = FILES.into_iter().zip(self.all());
-        let present = files.filter_map(|(name, text)| Some((name, text?)));
-        fingerprint(present)
+        fingerprint(self.files())
     }
 }

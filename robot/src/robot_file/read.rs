@@ -25,7 +25,20 @@ impl RobotFile {
     /// # Errors
     /// As [`RobotFile::parse_for`]; the file is missing or can't be read.
     pub fn read(path: &Path, robot: &Robot) -> Result<Self, InputError> {
+        Self::read_noting(path, robot, &mut |_| {})
+    }
+
+    /// The same; `note` gets the text of the file.
+    ///
+    /// # Errors
+    /// As [`RobotFile::read`].
+    pub fn read_noting(
+        path: &Path,
+        robot: &Robot,
+        note: &mut dyn FnMut(&str),
+    ) -> Result<Self, InputError> {
         let text = input_error::read(path, "the parameters of the robot (robot.toml)")?;
+        note(&text);
         Self::parse_for(&text, &path.display().to_string(), robot)
     }
 

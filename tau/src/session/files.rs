@@ -1,12 +1,11 @@
 //! Sources of measurements and parameters.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 use tau_estimation::numerics::parallel;
 use tau_robot::input_error::both;
-use tau_robot::measurements::{FILES, Folder, Shape, Texts};
+use tau_robot::measurements::{Folder, Shape, Texts};
 use tau_robot::robot_file::RobotFile;
 use tau_robot::{InputError, Robot, prototype};
 
@@ -40,9 +39,23 @@ impl Files {
     /// # Errors
     /// All mistakes of all files.
     pub fn read(&self, robot: &Robot) -> Result<(Folder, RobotFile), InputError> {
-        let (folder, file) =
-            parallel::both(|| self.read_folder(robot), || self.read_robot_file(robot));
-        both(folder, file)
+        Ok(self.read_noting(robot)?.0)
+    }
+
+    /// The same, with the files that were read.
+    pub(super) fn read_noting(
+        &self,
+        robot: &Robot,
+    ) -> Result<((Folder, RobotFile), Vec<Input>), InputError> {
+        let input = |name: &str, text: &str| Input::new(name, text.as_bytes());
+        let (mut measured, mut stated) = (Vec::new(), Vec::new());
+        let (folder, file) = parallel::both(
+            || self.folder_noting(robot, &mut |name, text| measured.push(input(name, text))),
+            || self.robot_file_noting(robot, &mut |name, text| stated.push(input(name, text))),
+        );
+        let read = both(folder, file)?;
+        measured.extend(stated);
+        Ok((read, measured))
     }
 
     /// The measurements of a robot.
@@ -50,9 +63,13 @@ impl Files {
     /// # Errors
     /// As [`Folder::read`]; no folder is named, and the measurements that ship are of another robot.
     pub fn read_folder(&self, robot: &Robot) -> Result<Folder, InputError> {
+        self.folder_noting(robot, &mut |_, _| {})
+    }
+
+    fn folder_noting(&self, robot: &Robot, note: Note<'_>) -> Result<Folder, InputError> {
         let shape = Shape::from(robot);
         match &self.folder {
-            Some(path) => Folder::read(path, &shape),
+            Some(path) => Folder::read_noting(path, &shape, note),
             None if !prototype::is_of(robot) => {
                 let message = format!(
                     "found no measurement folder for robot `{}`: the measurements that are built in are of a Gantry-Tau",
@@ -69,6 +86,7 @@ impl Files {
                     cart_positions: Some(prototype::CART_POSITIONS),
                     ..Texts::default()
                 };
+                texts.files().for_each(|(name, text)| note(name, text));
                 Folder::from_texts(prototype::NAME, texts, &shape)
             }
         }
@@ -79,21 +97,37 @@ impl Files {
     /// # Errors
     /// As [`RobotFile::read`].
     pub fn read_robot_file(&self, robot: &Robot) -> Result<RobotFile, InputError> {
+        self.robot_file_noting(robot, &mut |_, _| {})
+    }
+
+    fn robot_file_noting(&self, robot: &Robot, note: Note<'_>) -> Result<RobotFile, InputError> {
+        let mut read = |path: &Path| {
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            RobotFile::read_noting(path, robot, &mut |text| note(&name, text))
+        };
         match (&self.robot_file, &self.folder) {
-            (Some(path), _) => RobotFile::read(path, robot),
+            (Some(path), _) => read(path),
             (None, Some(folder)) => {
-                let path = folder.join("robot.toml");
-                RobotFile::read(&path, robot).map_err(|error| {
+                let path = folder.join(ROBOT);
+                read(&path).map_err(|error| {
                     if path.exists() {
                         return error;
                     }
                     error.help("`tau init F.tau --out FOLDER/robot.toml` writes one to fill in")
                 })
             }
-            (None, None) => prototype::parameters_of(robot),
+            (None, None) => {
+                note(ROBOT, prototype::ROBOT);
+                prototype::parameters_of(robot)
+            }
         }
     }
 }
+
+/// Takes the name and the text of a file.
+type Note<'a> = &'a mut dyn FnMut(&str, &str);
+
+const ROBOT: &str = "robot.toml";
 
 /// A file that a session has read.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -112,45 +146,6 @@ impl Input {
             name: name.to_owned(),
             sha256: (sha256.iter()).fold(String::new(), |text, byte| text + &format!("{byte:02x}")),
         }
-    }
-}
-
-impl Files {
-    /// The files that [`Self::read`] reads, those that are there.
-    pub fn inputs(&self) -> Vec<Input> {
-        const ROBOT: &str = "robot.toml";
-        let of = |path: &Path| {
-            let name = path.file_name()?.to_str()?;
-            Some(Input::new(name, &fs::read(path).ok()?))
-        };
-        let (mut sets, mut robot): (Vec<Input>, Option<Input>) = match &self.folder {
-            Some(folder) => (
-                FILES
-                    .iter()
-                    .filter_map(|name| of(&folder.join(name)))
-                    .collect(),
-                of(&folder.join(ROBOT)),
-            ),
-            None => {
-                let texts = [
-                    prototype::TCP_POSES,
-                    prototype::CART_POSES,
-                    prototype::CART_POSITIONS,
-                ];
-                let texts = FILES.iter().zip(texts);
-                (
-                    texts
-                        .map(|(name, text)| Input::new(name, text.as_bytes()))
-                        .collect(),
-                    Some(Input::new(ROBOT, prototype::ROBOT.as_bytes())),
-                )
-            }
-        };
-        if let Some(path) = &self.robot_file {
-            robot = of(path);
-        }
-        sets.extend(robot);
-        sets
     }
 }
 
@@ -176,7 +171,17 @@ impl From<PathBuf> for Files {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
+
+    const ROBOT_TEXT: &str = "robot GantryTau {
+        track one, two, three;
+        cluster arm1 on one   { link l1; }
+        cluster arm2 on two   { link l2a, l2b; }
+        cluster arm3 on three { link l3a, l3b, l3c; }
+        variant Full { arm full; tracks linear per link; }
+    }";
 
     #[test]
     fn checksums_are_those_of_the_standard() {
@@ -193,18 +198,26 @@ mod tests {
     }
 
     #[test]
-    fn the_files_of_a_folder_that_are_there_are_listed() {
+    fn the_files_that_were_read_are_noted() {
+        let robot = Robot::from_text(ROBOT_TEXT).unwrap();
         let folder = tempfile::tempdir().unwrap();
-        fs::write(folder.path().join("tcp_poses.csv"), "abc").unwrap();
-        fs::write(folder.path().join("other.toml"), "abc").unwrap();
-        fs::write(folder.path().join("robot.toml"), "").unwrap();
-        let names = |files: &Files| -> Vec<String> {
-            files.inputs().into_iter().map(|input| input.name).collect()
-        };
+        let at = |name: &str| folder.path().join(name);
+        fs::write(at("tcp_poses.csv"), prototype::TCP_POSES).unwrap();
+        fs::write(at("robot.toml"), prototype::ROBOT).unwrap();
+        fs::write(at("other.toml"), format!("{}\n", prototype::ROBOT)).unwrap();
+        let noted = |files: &Files| files.read_noting(&robot).unwrap().1;
         let files = Files::from(folder.path());
-        assert_eq!(names(&files), ["tcp_poses.csv", "robot.toml"]);
-        let other = files.robot_file(folder.path().join("other.toml"));
-        assert_eq!(names(&other), ["tcp_poses.csv", "other.toml"]);
-        assert_eq!(names(&Files::prototype()).len(), 4);
+        let input = |name: &str, text: &str| Input::new(name, text.as_bytes());
+        let poses = input("tcp_poses.csv", prototype::TCP_POSES);
+        let file = input("robot.toml", prototype::ROBOT);
+        assert_eq!(noted(&files), [poses.clone(), file.clone()]);
+        let other = input("other.toml", &format!("{}\n", prototype::ROBOT));
+        assert_eq!(
+            noted(&files.robot_file(at("other.toml"))),
+            [poses.clone(), other]
+        );
+        let built_in = noted(&Files::prototype());
+        assert_eq!(built_in.len(), 4);
+        assert_eq!((&built_in[0], &built_in[3]), (&poses, &file));
     }
 }

@@ -14,7 +14,6 @@ use std::marker::PhantomData;
 
 use tau_estimation::calibration::{self, Error, Prepared};
 use tau_estimation::evaluation::{self, Evaluation};
-use tau_estimation::numerics::parallel;
 use tau_estimation::sensitivity::{self, Sensitivity};
 use tau_estimation::uncertainty::Uncertainty;
 use tau_estimation::unknown_poses::errors_in_variables::{self, ErrorsInVariables};
@@ -104,8 +103,7 @@ impl Session<Described> {
 
 impl<R> Session<R> {
     fn read(robot: Robot, files: &Files) -> Result<Self, InputError> {
-        let (read, inputs) = parallel::both(|| files.read(&robot), || files.inputs());
-        let (folder, robot_file) = read?;
+        let ((folder, robot_file), inputs) = files.read_noting(&robot)?;
         Ok(Self {
             inputs,
             ..Self::new(robot, folder, robot_file)

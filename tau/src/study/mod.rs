@@ -32,7 +32,7 @@ pub struct Progress<'a> {
 }
 
 /// Runs the study: assumptions, calibration and evaluation of every variant without effects, and the
-/// sensitivity of the last of them with a full arm. [`search`] adds what the one of [`base`] lacks.
+/// sensitivity of the last of them with a full arm. [`search`] adds what the one of [`Robot::base`] lacks.
 ///
 /// Variants with piecewise tracks are left out, with a remark, where the folder has no set 2; so are those that can't be
 /// calibrated or can't predict poses. Where poses were not measured, variants are compared by how they meet measurements that
@@ -180,7 +180,7 @@ pub fn layout(calibration: &Calibration, folder: &Folder) -> Option<Layout> {
     Some(machine.layout(&pose, &reference.commands_m, &ranges))
 }
 
-/// Adds to a study what the variant of [`base`] lacks; why there is no search, or why it failed, is
+/// Adds to a study what the variant of [`Robot::base`] lacks; why there is no search, or why it failed, is
 /// remarked.
 ///
 /// A step of its own, because it takes many times as long as all the rest.

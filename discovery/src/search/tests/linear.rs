@@ -370,10 +370,8 @@ fn an_optional_parameter_joins_where_it_pays() {
         let cost = DEGREES * (1.0 + f / (DEGREES - 1.0)).ln();
         let before = left(&rows, &[offsets(), vec![bow(&[0])]].concat());
         let after = left(&rows, &[offsets(), vec![bow(&[0]), twist.clone()]].concat());
-        let inflation = found.predicted - cost - fall(before, after);
-        // Serial noise could be some of it.
-        assert!(inflation >= -1e-9, "{inflation}");
-        assert!(found.predicted < 0.0);
+        // The rows are white, so that serial noise is none of it.
+        close(found.predicted, cost + fall(before, after));
     }
 }
 

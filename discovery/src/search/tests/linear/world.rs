@@ -94,7 +94,7 @@ impl World {
         let first = bench.table(&base.view(&bench));
         let mut search = Search {
             input,
-            yardstick: Yardstick::of(&base.fit, &bench.samples),
+            likelihood: ProfileLikelihood::of(&base.fit, &bench.samples),
             degrees: base.fit.degrees(),
             state: fitted,
             base,
