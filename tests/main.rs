@@ -34,6 +34,7 @@ mod layout;
 mod machines;
 mod mutations;
 mod nothing_free;
+mod recognition;
 mod redundant;
 mod reference;
 mod repeats;

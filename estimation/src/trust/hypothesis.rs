@@ -33,6 +33,8 @@ pub(crate) enum Hypothesis {
     Commands(Vec<usize>),
     /// A command counts the other way.
     Sign(usize),
+    /// Carts of set 2 are numbered otherwise: for each track, the cart that runs on it.
+    Carts(Vec<usize>),
     /// Axes of the measured positions are exchanged or mirrored: for each axis, the column that holds it, and its sign;
     /// where `turned`, those of the measured rotations, too.
     Axes {
@@ -148,6 +150,12 @@ impl Case<'_> {
             Hypothesis::Sign(command) => {
                 for pose in &mut case.folder.tcp_poses {
                     pose.commands_m[*command] = -pose.commands_m[*command];
+                }
+            }
+            Hypothesis::Carts(carts) => {
+                for cart in &mut case.folder.cart_poses {
+                    let runs_on = carts.iter().position(|own| *own == cart.track);
+                    cart.track = runs_on.unwrap_or(cart.track);
                 }
             }
             Hypothesis::Axes {

@@ -12,6 +12,7 @@ use crate::numerics::projection::inverse_factor;
 use crate::numerics::spread::spread;
 use crate::samples::Sample;
 use crate::trust::judged::{Judged, Misfit, sums_of};
+use crate::trust::numbering;
 use crate::trust::recognise::{self, ITERATIONS};
 use crate::trust::verdict::{Pull, Status, Verdict, case, measured, mistakes, shorten};
 use crate::weighing::MOST_POSES;
@@ -104,6 +105,8 @@ pub fn of_prediction(
             .map(|&index| division.validation[thinned[index]])
             .collect();
         verdict.blame(mistakes(robot, variant, file, folder, &poses)?);
+    } else {
+        verdict.blame(numbering::mistake(machine, folder).into_iter().collect());
     }
     verdict.conclude(&case);
     verdict.tell(&weighing);

@@ -6,6 +6,7 @@ use tau_robot::robot::Robot;
 
 use crate::trust::hypothesis::{Case, Hypothesis, THOUSAND};
 use crate::trust::mistake::Mistake;
+use crate::trust::numbering::{self, CART_POSES};
 use crate::trust::{ABSURD_TOLERANCES, general};
 
 const ROBOT: &str = "robot.toml";
@@ -56,6 +57,7 @@ fn of(case: &Case<'_>, hypothesis: &Hypothesis, values: &[f64]) -> Mistake {
             "change its sign, or that of the direction or length that it drives in robot.toml"
                 .to_owned(),
         ),
+        Hypothesis::Carts(carts) => return numbering::described(case.robot, CART_POSES, carts),
         Hypothesis::Axes {
             columns,
             signs,

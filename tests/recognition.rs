@@ -1,0 +1,126 @@
+//! Mistakes that commands recognise together: one is named once, by all of them, with a mend that mends.
+
+use std::fs;
+use std::path::Path;
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::support::{Ran, tau_in};
+
+/// A folder that a line simulates, in `measured`.
+fn simulated(line: &str) -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let line = format!("tau simulate {line} --out DIR/measured -q");
+    tau_in(folder.path(), &line).done();
+    folder
+}
+
+/// Cells of a table in `measured` by column, each row changed; the heading is the first.
+fn change_rows(folder: &Path, file: &str, change: impl Fn(&[String], &mut [String])) {
+    let path = folder.join("measured").join(file);
+    let text = fs::read_to_string(&path).unwrap();
+    let mut rows = (text.lines()).map(|line| line.split(',').map(str::to_owned).collect());
+    let header: Vec<String> = rows.next().unwrap();
+    let mut all = vec![header.join(",")];
+    for mut row in rows {
+        let row: &mut Vec<String> = &mut row;
+        change(&header, row);
+        all.push(row.join(","));
+    }
+    fs::write(path, all.join("\n") + "\n").unwrap();
+}
+
+/// Changes the numbers of a column.
+fn change_column(folder: &Path, file: &str, column: &str, change: impl Fn(f64) -> f64) {
+    change_rows(folder, file, |header, row| {
+        let k = header.iter().position(|name| name == column).unwrap();
+        row[k] = change(row[k].parse().unwrap()).to_string();
+    });
+}
+
+/// Carts 1 and 2 in each other's place.
+fn exchange_carts(folder: &Path, file: &str) {
+    change_column(folder, file, "cart", |cart| match cart {
+        1.0 => 2.0,
+        2.0 => 1.0,
+        other => other,
+    });
+}
+
+/// Kinds, files and words of the mistakes that a command names, and how it ends.
+fn named(folder: &Path, line: &str) -> (Vec<[String; 3]>, Ran) {
+    let ran = tau_in(folder, &format!("tau {line} -q --json -"));
+    let found: Value = serde_json::from_str(&ran.out).unwrap_or_default();
+    let all = [&found["mistakes"], &found["fit"]["mistakes"]];
+    let all = all.into_iter().filter_map(Value::as_array).flatten();
+    let words = |mistake: &Value| {
+        ["kind", "file", "what"].map(|field| mistake[field].as_str().unwrap().to_owned())
+    };
+    (all.map(words).collect(), ran)
+}
+
+/// The same mistake, and no other, is what check and calibration name.
+#[track_caller]
+fn all_name(folder: &Path, with: &str, [kind, file, words]: [&str; 3]) {
+    for command in ["check", "calibrate --out DIR/out"] {
+        let (verb, rest) = command.split_once(' ').unwrap_or((command, ""));
+        let line = format!("{verb} DIR/measured {with} --variant Full {rest}");
+        let (found, ran) = named(folder, &line);
+        assert_eq!(found.len(), 1, "{line}: {found:?} {}", ran.err);
+        assert_eq!(found[0][..2], [kind, file], "{line}: {found:?}");
+        assert!(found[0][2].contains(words), "{line}: {found:?}");
+        assert_eq!(ran.code, 1, "{line}: {}", ran.err);
+    }
+}
+
+#[test]
+fn exchanged_carts_are_named_before_a_fit_and_after() {
+    for file in ["cart_poses.csv", "cart_positions.csv"] {
+        let folder = simulated("--seed 1");
+        let line = "tau calibrate DIR/measured --variant Full --out DIR/clean -q";
+        tau_in(folder.path(), line).done();
+        exchange_carts(folder.path(), file);
+        all_name(
+            folder.path(),
+            "",
+            ["carts", file, "cart 2 on `one`, cart 1 on `two`"],
+        );
+        let line = "evaluate DIR/measured --variant Full --robot DIR/clean/robot.toml";
+        let (found, ran) = named(folder.path(), line);
+        assert_eq!((found.len(), ran.code), (1, 1), "{found:?} {}", ran.err);
+        assert_eq!(found[0][..2], ["carts", file]);
+    }
+}
+
+/// Carts are compared with the tracks of the mended machine: no other numbering looks right on one that fits nothing.
+#[test]
+fn mistakes_of_poses_are_none_of_carts() {
+    let folder = simulated("--seed 1");
+    change_column(folder.path(), "tcp_poses.csv", "z_m", |z| -z);
+    all_name(folder.path(), "", ["axes", "tcp_poses.csv", "the z axis"]);
+
+    let folder = simulated("--seed 1");
+    change_rows(folder.path(), "tcp_poses.csv", |header, row| {
+        let place = |column: &str| header.iter().position(|name| name == column).unwrap();
+        row.swap(place("q1_m"), place("q2_m"));
+    });
+    let expected = [
+        "commands",
+        "tcp_poses.csv",
+        "`q1_m` and `q2_m` are exchanged",
+    ];
+    all_name(folder.path(), "", expected);
+}
+
+/// Where tracks follow the measured paths, a wrong numbering spoils the fit itself.
+#[test]
+fn exchanged_carts_of_measured_paths_are_named() {
+    let with = "--model ROBOTS/four_track.tau";
+    for file in ["cart_poses.csv", "cart_positions.csv"] {
+        let folder = simulated(&format!("{with} --random --poses 60"));
+        exchange_carts(folder.path(), file);
+        let words = "cart 2 on `east`, cart 1 on `north`, cart 3 on `west`";
+        all_name(folder.path(), with, ["carts", file, words]);
+    }
+}
