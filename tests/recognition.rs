@@ -124,3 +124,52 @@ fn exchanged_carts_of_measured_paths_are_named() {
         all_name(folder.path(), with, ["carts", file, words]);
     }
 }
+
+/// Tolerances of the whole machine's parameters count like those of links.
+#[test]
+fn tolerances_of_parameters_in_other_units_are_named() {
+    for (model, factor, words) in [
+        ("linear_delta", 1e-3, "too small"),
+        ("rotary_delta", 1e-3, "too small"),
+        ("five_bar", 1e-3, "too small"),
+        ("linear_delta", 1e3, "too large"),
+    ] {
+        let with = format!("--model {model}");
+        let folder = simulated(&with);
+        let line = format!("tau init {model} --out DIR/measured/robot.toml --force");
+        tau_in(folder.path(), &line).done();
+        let path = folder.path().join("measured/robot.toml");
+        let text = fs::read_to_string(&path).unwrap();
+        let scaled = text.lines().map(|line| {
+            let noise = [("position_m", "1e-5"), ("rotation_rad", "4e-5")];
+            let noise = noise
+                .into_iter()
+                .find(|(key, _)| line.starts_with(key) && line.ends_with('"'));
+            if let Some((key, value)) = noise {
+                return format!("{key} = {value}\n");
+            }
+            let Some((before, after)) = line.split_once("tol = ") else {
+                return format!("{line}\n");
+            };
+            let end = after.find([' ', ',', '}']).unwrap_or(after.len());
+            let tolerance: f64 = after[..end].parse().unwrap();
+            format!("{before}tol = {:e}{}\n", factor * tolerance, &after[end..])
+        });
+        let scaled: String = scaled.collect();
+        assert_ne!(scaled, text);
+        fs::write(&path, scaled).unwrap();
+        all_name(folder.path(), &with, ["tolerances", "robot.toml", words]);
+    }
+}
+
+/// A parameter that measurements bias is free as any other: what completes squares of its prior is no misfit.
+#[test]
+fn a_parameter_of_the_machine_far_off_is_named() {
+    let with = "--model linear_delta";
+    let folder = simulated(with);
+    let path = folder.path().join("measured/robot.toml");
+    let text = fs::read_to_string(&path).unwrap();
+    let wrong = "\n[parameters]\nradius = { value = 0.24, tol = 1e-3 }\n";
+    fs::write(&path, text + wrong).unwrap();
+    all_name(folder.path(), with, ["dimension", "robot.toml", "`radius`"]);
+}

@@ -122,7 +122,7 @@ impl Tried {
             return true;
         };
         let is_scaled = |deviation: &&Deviation| {
-            !lengths_only || variant.parameters[deviation.parameter].unit == "m"
+            !lengths_only || variant.parameters[deviation.parameter].unit == hypothesis::LENGTH
         };
         let scaled: Vec<f64> = (self.deviations.iter().filter(is_scaled))
             .map(|deviation| deviation.tolerances.powi(2))
@@ -371,7 +371,7 @@ fn fitted(
     {
         let unit = &prepared.machine.variant.parameters[parameter].unit;
         // A length can be as wrong as the machine is large, a direction as it is long.
-        let room = if unit == "m" {
+        let room = if unit == hypothesis::LENGTH {
             case.mean_length_m()
         } else {
             1.0
@@ -489,7 +489,8 @@ fn far_off(case: &Case<'_>) -> Option<Vec<(usize, f64)>> {
 
 /// Tolerances of lengths so wide that they tell nothing, where a thousandth of them is enough.
 fn wide(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
-    let widest_m = hypothesis::widest_tolerance_m(&case.file);
+    let nominal = case.prepared().ok()?.nominal;
+    let widest_m = hypothesis::widest_tolerance_m(case.variant, &nominal);
     if widest_m <= WIDEST_TOLERANCE * case.mean_length_m() {
         return None;
     }

@@ -203,6 +203,7 @@ pub(super) fn case<'a>(
             },
             ..Folder::default()
         },
+        tolerances: None,
     }
 }
 
@@ -361,9 +362,11 @@ pub fn of_calibration_knowing(
     verdict.judge(&machine.variant, beyond);
     let is_off =
         recognise::is_beyond_noise(&judged.misfit()) || verdict.residual_over_noise < LEAST_RATIO;
+    let nominal = &case.prepared()?.nominal;
     let suspect = verdict.status > Status::Consistent
         || is_off
-        || hypothesis::widest_tolerance_m(&case.file) > LARGEST_MISFIT * case.mean_length_m();
+        || hypothesis::widest_tolerance_m(&machine.variant, nominal)
+            > LARGEST_MISFIT * case.mean_length_m();
     let plain = plain(robot, &machine.variant, folder);
     let fit = (calibration.judged())
         .filter(|_| plain.name == machine.variant.name && weighing.outliers.is_empty());
