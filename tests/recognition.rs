@@ -173,3 +173,33 @@ fn a_parameter_of_the_machine_far_off_is_named() {
     fs::write(&path, text + wrong).unwrap();
     all_name(folder.path(), with, ["dimension", "robot.toml", "`radius`"]);
 }
+
+/// Whatever fits no machine is no matter of two distances, though some always fit better in each other's place.
+#[test]
+fn distances_of_what_fits_no_machine_are_in_their_places() {
+    let folder =
+        simulated("--model hexapod --measure heights,distances --poses 90 --random --seed 0");
+    let with = "DIR/measured --model hexapod --variant Full";
+    let line = format!("tau calibrate {with} --out DIR/clean -q");
+    tau_in(folder.path(), &line).done();
+    let path = folder.path().join("measured/heights.csv");
+    let text = fs::read_to_string(&path).unwrap();
+    let exchanged = text.replacen("q1_m,q2_m", "q2_m,q1_m", 1);
+    assert_ne!(text, exchanged);
+    fs::write(&path, exchanged).unwrap();
+    for command in [
+        "check",
+        "calibrate --out DIR/out",
+        "evaluate --robot DIR/clean/robot.toml",
+    ] {
+        let (verb, rest) = command.split_once(' ').unwrap_or((command, ""));
+        let (found, ran) = named(folder.path(), &format!("{verb} {with} {rest}"));
+        assert!(found.is_empty(), "{command}: {found:?}");
+        assert_eq!(
+            ran.code,
+            u8::from(verb != "check"),
+            "{command}: {}",
+            ran.err
+        );
+    }
+}

@@ -21,7 +21,7 @@ use crate::trust::first_look::FirstLook;
 use crate::trust::hypothesis::{self, Case, Hypothesis, THOUSAND};
 use crate::trust::judged::{Deviation, Judged, Misfit};
 use crate::trust::mistake::Mistake;
-use crate::trust::{ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, numbering, roots, words};
+use crate::trust::{ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, NEARER, numbering, roots, words};
 use crate::weighing::weigh_fitted;
 
 /// Odds in favour of a hypothesis from which on it is believed: a thousand to one, which also is what mistakes are to
@@ -44,9 +44,6 @@ const DIMENSIONS: usize = 6;
 const CLEARLY: f64 = 9.0;
 /// Share of the links' length that no tolerance reaches: it would tell nothing of the machine.
 const WIDEST_TOLERANCE: f64 = 0.1;
-/// A factor of a thousand, or other measurements, are believed in where they bring residuals nearer to the stated noise by
-/// so many times.
-const NEARER: f64 = 3.0;
 /// Noise that is stated so many times too large is no caution any more. Where tolerances hold a fit back, noise that is
 /// stated a thousand times too large leaves a misfit of less than that.
 const CAUTIOUS: f64 = 10.0;
