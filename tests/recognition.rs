@@ -203,3 +203,63 @@ fn distances_of_what_fits_no_machine_are_in_their_places() {
         );
     }
 }
+
+/// A command that counts the other way leaves no pose in the range of the carts, or out of reach of the links: what follows
+/// from a mistake is not named before it, and the verdict is there for programs without a fit.
+#[test]
+fn mistakes_that_leave_no_fit_are_named_first() {
+    for with in ["--model linear_delta", "--model hexapod --cart-poses 0"] {
+        let folder = simulated(with);
+        let model = with.split(" --cart").next().unwrap();
+        let line = format!("tau calibrate DIR/measured {model} --variant Full --out DIR/clean -q");
+        tau_in(folder.path(), &line).done();
+        change_column(folder.path(), "tcp_poses.csv", "q1_m", |q| -q);
+        let expected = [
+            "command_sign",
+            "tcp_poses.csv",
+            "`q1_m` counts the other way",
+        ];
+        all_name(folder.path(), model, expected);
+        let line = "--variant Full --robot DIR/clean/robot.toml";
+        let line = format!("evaluate DIR/measured {model} {line}");
+        let (found, ran) = named(folder.path(), &line);
+        assert_eq!((found.len(), ran.code), (1, 1), "{found:?} {}", ran.err);
+        let fit = serde_json::from_str::<Value>(&ran.out).unwrap()["fit"].clone();
+        assert_eq!(fit["status"], "absurd");
+        let words = "error: absurd: In tcp_poses.csv, `q1_m` counts the other way";
+        assert!(ran.err.starts_with(words), "{}", ran.err);
+        assert!(!ran.err.contains("remove its row"), "{}", ran.err);
+    }
+}
+
+/// Where nothing explains it, poses out of the measured range stay an error of the input.
+#[test]
+fn poses_out_of_range_without_a_mistake_are_refused() {
+    let folder = simulated("--model linear_delta");
+    change_column(folder.path(), "cart_poses.csv", "q_m", |q| q + 10.0);
+    let ran = tau_in(folder.path(), "tau check DIR/measured --model linear_delta");
+    assert_eq!(ran.code, 2, "{}", ran.err);
+    assert!(ran.err.contains("none of the"), "{}", ran.err);
+}
+
+/// A pose that can't be found from its commands is told by its row.
+#[test]
+fn poses_that_commands_do_not_give_have_their_place() {
+    let folder = simulated("--model hexapod --measure positions");
+    change_column(folder.path(), "tcp_positions.csv", "q1_m", |q| -q);
+    for command in ["check", "calibrate --out DIR/out"] {
+        let (verb, rest) = command.split_once(' ').unwrap_or((command, ""));
+        let line = format!("tau {verb} DIR/measured --model hexapod --variant Full {rest}");
+        let ran = tau_in(folder.path(), &line);
+        assert_eq!(ran.code, 1, "{}", ran.err);
+        let words = [
+            "tcp_positions.csv:6: pose 5: no solution",
+            "compare its commands",
+        ];
+        assert!(
+            words.iter().all(|words| ran.err.contains(words)),
+            "{}",
+            ran.err
+        );
+    }
+}

@@ -26,17 +26,21 @@ pub(super) fn run(
     if session.has_no_poses() {
         return unknown_poses(arguments, &session, target, console);
     }
-    let counts = session.poses()?.counts;
+    let variant = arguments.variant.name.as_str();
+    let explained = |error| trust::explained(&session, variant, error, target.as_ref());
+    let counts = session
+        .poses()
+        .map_err(|error| explained(error.into()))?
+        .counts;
     let asked = resolve::asked_split(&arguments.input)?;
     let (poses, basis) = session.unseen(asked)?;
-    let variant = arguments.variant.name.as_str();
     let machine = session.machine(variant)?;
     let uncertainty = session.uncertainty(variant)?;
     let known = uncertainty.as_ref();
     let known = known.map(|known| (known, session.robot_file().noise));
     let widening = session.robot_file().widening();
     let found = evaluate_knowing(&machine, known, session.folder(), &poses);
-    let found = found.map_err(|error| trust::explained(&session, variant, error))?;
+    let found = found.map_err(explained)?;
     let verdict = session.verdict_on_prediction(&machine, poses.clone())?;
     let (robot, folder) = (&session.robot().name, &session.folder().name);
     let title = format!("{robot}, {variant}, {folder}");

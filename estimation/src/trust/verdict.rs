@@ -134,6 +134,28 @@ impl Verdict {
         }
     }
 
+    /// The verdict where mistakes of the input leave no fit, for a reason: its figures are not numbers.
+    pub fn without_fit(mistakes: Vec<Mistake>, reason: &str) -> Self {
+        let mut verdict = Self {
+            status: Status::Absurd,
+            chi2: f64::NAN,
+            dof: f64::NAN,
+            residual_over_noise: f64::NAN,
+            by_file: vec![],
+            worst: vec![],
+            pulls: vec![],
+            reach: None,
+            why: vec![],
+            mistakes: vec![],
+            outliers: vec![],
+            repeats: None,
+            loss: None,
+        };
+        verdict.blame(mistakes);
+        verdict.why.push(format!("There is no fit: {reason}."));
+        verdict
+    }
+
     /// One line: the status, and why.
     pub fn line(&self) -> String {
         let why = self.why.join(" ");
