@@ -36,6 +36,7 @@ mod machines;
 mod mutations;
 mod nothing_free;
 mod packages;
+mod recognition;
 mod redundant;
 mod reference;
 mod repeats;

@@ -42,8 +42,9 @@ pub(super) fn run(
     if session.has_unknown_poses() {
         return unknown_poses(arguments, &session, target, console);
     }
-    let poses = session.poses()?;
     let variant = arguments.variant.name.as_str();
+    let explained = |error| trust::explained(&session, variant, error, target.as_ref());
+    let poses = session.poses().map_err(|error| explained(error.into()))?;
     let (robot, folder) = (&session.robot().name, session.folder());
 
     let fitted = if arguments.errors_in_variables {
@@ -54,8 +55,7 @@ pub(super) fn run(
             .calibrate(variant)
             .map(|fitted| (fitted.into(), None))
     };
-    let (mut found, comparison) =
-        fitted.map_err(|error| trust::explained(&session, variant, error))?;
+    let (mut found, comparison) = fitted.map_err(explained)?;
     let calibrated: Vec<usize> = (found.weighing)
         .taking_part(&poses.division.calibration)
         .collect();
@@ -81,7 +81,11 @@ pub(super) fn run(
     let mut result = match result {
         // A machine that can't be predicted has its reason.
         Err(_) if verdict.status == Status::Absurd && !arguments.force.force => {
-            return Ok(Outcome::default().judged(&verdict, false));
+            let outcome = Outcome {
+                json: trust::of_verdict(&session, variant, &verdict, target.as_ref()),
+                ..Outcome::default()
+            };
+            return Ok(outcome.judged(&verdict, false));
         }
         result => result?,
     };
@@ -144,7 +148,8 @@ fn unknown_poses(
         ..session.options()
     };
     let found = session.calibrate_unknown_poses(variant, &options);
-    let found = found.map_err(|error| trust::explained(session, variant, error))?;
+    let found =
+        found.map_err(|error| trust::explained(session, variant, error, target.as_ref()))?;
     let verdict = found.verdict();
     let (robot, folder) = (&session.robot().name, &session.folder().name);
     let mut statistics = report::unknown_poses::json(&found);

@@ -15,11 +15,6 @@ pub(super) fn run(arguments: &arguments::Check, console: &Console<'_>) -> Result
         Target::resolve(&arguments.json, &Kept::from(&arguments.input)),
     )?;
     let found = session.check(variant)?;
-    let counts = if session.has_unknown_poses() {
-        None
-    } else {
-        Some(session.poses()?.counts)
-    };
     let (robot, folder) = (&session.robot().name, &session.folder().name);
     let failure = (!found.is_meaningful()).then(|| {
         let mistake = found.mistakes.iter().find(|mistake| mistake.is_absurd);
@@ -45,10 +40,16 @@ pub(super) fn run(arguments: &arguments::Check, console: &Console<'_>) -> Result
             let mut value = report::trust::json::check(&found);
             value["robot"] = json!(robot);
             value["folder"] = json!(folder);
-            value["poses"] = counts.map_or_else(
-                || report::unknown_poses::division_json(&session.row_division()),
-                report::json::poses,
-            );
+            value["poses"] = if session.has_unknown_poses() {
+                report::unknown_poses::division_json(&session.row_division())
+            } else {
+                json!(
+                    session
+                        .poses()
+                        .ok()
+                        .map(|poses| report::json::poses(poses.counts))
+                )
+            };
             (report::json::document(value), target)
         }),
         failure,

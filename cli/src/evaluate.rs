@@ -26,17 +26,19 @@ pub(super) fn run(
     if session.has_no_poses() {
         return unknown_poses(arguments, &session, target, console);
     }
-    let asked = resolve::asked_split(&arguments.input)?;
-    let (poses, basis) = session.unseen(asked)?;
-    let counts = session.counts_of(&poses, basis)?;
     let variant = arguments.variant.name.as_str();
+    let explained = |error| trust::explained(&session, variant, error, target.as_ref());
+    let asked = resolve::asked_split(&arguments.input)?;
+    let unseen = session.unseen(asked);
+    let (poses, basis) = unseen.map_err(|error| explained(error.into()))?;
+    let counts = session.counts_of(&poses, basis)?;
     let machine = session.machine(variant)?;
     let uncertainty = session.uncertainty(variant)?;
     let known = uncertainty.as_ref();
     let known = known.map(|known| (known, session.robot_file().noise));
     let widening = session.robot_file().widening();
     let found = evaluate_knowing(&machine, known, session.folder(), &poses);
-    let found = found.map_err(|error| trust::explained(&session, variant, error))?;
+    let found = found.map_err(explained)?;
     // Where other measurements or redundant drives say something of the poses, they are judged together.
     let verdict = if session.has_unknown_poses() {
         let (rows, _) = session.unseen_rows(asked)?;

@@ -138,6 +138,8 @@ enum Failure {
     Input(InputError),
     /// The result can't be computed, or a check failed.
     Failed(String),
+    /// A mistake of the input explains why there is no result: what is said of it.
+    Explained(Box<Outcome>),
     /// Nobody reads standard output any more.
     ReaderGone,
 }
@@ -176,12 +178,14 @@ impl Console<'_> {
                 self.complain(&error.render(self.terminals.err));
                 BAD_INPUT
             }
+            // Delivered as an outcome before.
+            Err(Failure::Explained(_)) => FAILED,
         }
     }
 
     fn execute(&mut self, command: Option<Command>) -> Result<(), Failure> {
         let command = command.unwrap_or_else(|| Command::Study(arguments::Study::default()));
-        let outcome = match &command {
+        let found = match &command {
             Command::Study(arguments) => study::run(arguments, self),
             Command::Check(arguments) => check::run(arguments, self),
             Command::Calibrate(arguments) => calibrate::run(arguments, self),
@@ -197,8 +201,11 @@ impl Console<'_> {
             Command::Kinematics(Kinematics::Forward(arguments)) => kinematics::forward(arguments),
             Command::Kinematics(Kinematics::Inverse(arguments)) => kinematics::inverse(arguments),
             Command::Completions(arguments) => Ok(completions(arguments)),
-        }?;
-        outcome.deliver(self)
+        };
+        match found {
+            Err(Failure::Explained(outcome)) => outcome.deliver(self),
+            found => found?.deliver(self),
+        }
     }
 
     /// Prints help, version or a mistake of usage.

@@ -27,7 +27,7 @@ pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result
     let bar = Bar::new(console);
     let ran = study::run(&session, &mut |progress| bar.show(progress));
     let mut results = ran.map_err(|error| match session.robot().base() {
-        Some(base) => trust::explained(&session, &base.name, error),
+        Some(base) => trust::explained(&session, &base.name, error, target.as_ref()),
         None => error.into(),
     })?;
     drop(bar);

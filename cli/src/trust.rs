@@ -1,8 +1,9 @@
 //! Verdicts at the command line: what is said of them, and what is not written.
 
-use tau::trust::{Mistake, Status, Verdict};
+use serde_json::json;
+use tau::trust::{Status, Verdict};
 use tau::{Error, Session};
-use tau_robot::InputError;
+use tau_report as report;
 
 use super::Failure;
 use super::deliver::{Outcome, Target};
@@ -27,17 +28,46 @@ impl Outcome {
 
 const UNWRITTEN: &str = "nothing was written; `--force` writes it all the same";
 
-/// A failure, with the mistakes of the input that may be behind it.
-pub(super) fn explained(session: &Session, variant: &str, error: Error) -> Failure {
-    let found = session.mistakes(variant).unwrap_or_default();
-    let Some(mistake) = found.into_iter().find(|mistake| mistake.is_absurd) else {
-        return error.into();
+/// A failure, or the mistake of the input that explains it, with the verdict for programs: there is none on a fit.
+pub(super) fn explained(
+    session: &Session,
+    variant: &str,
+    error: Error,
+    target: Option<&Target>,
+) -> Failure {
+    let mut found = session.mistakes(variant).unwrap_or_default();
+    found.retain(|mistake| mistake.is_absurd);
+    // One of many places is enough: all follow from the mistake.
+    let first = match &error {
+        Error::Input(error) => error.problems().first(),
+        _ => None,
     };
-    let Mistake {
-        file, what, mend, ..
-    } = mistake;
-    match error {
-        Error::Input(error) => Failure::Input(error.and(InputError::whole(file, what).help(mend))),
-        error => Failure::Failed(format!("{error}\nin {file}, {what}: {mend}")),
+    let is_said = |what: &str| first.is_some_and(|problem| problem.message == what);
+    if found.is_empty() || found.iter().any(|mistake| is_said(&mistake.what)) {
+        return error.into();
     }
+    let reason = first.map(|problem| format!("{}: {}", problem.source, problem.message));
+    let verdict = Verdict::without_fit(found, &reason.unwrap_or_else(|| error.to_string()));
+    Failure::Explained(Box::new(Outcome {
+        json: of_verdict(session, variant, &verdict, target),
+        failure: Some(verdict.line()),
+        ..Outcome::default()
+    }))
+}
+
+/// A verdict alone for programs, where there is no more to say; files are not written.
+pub(super) fn of_verdict(
+    session: &Session,
+    variant: &str,
+    verdict: &Verdict,
+    target: Option<&Target>,
+) -> Option<(String, Target)> {
+    let target = target.filter(|target| **target == Target::StandardOutput)?;
+    let value = json!({
+        "variant": variant,
+        "robot": session.robot().name,
+        "folder": session.folder().name,
+        "fit": report::trust::json::verdict(verdict),
+    });
+    Some((report::json::document(value), target.clone()))
 }

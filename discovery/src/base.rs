@@ -52,7 +52,8 @@ pub(super) fn base_fit(
     let (values, mut weights) = Fit::of_set_1(&alone, &of_set_1)?;
     let machine = prepared.machine.with_values(values.clone());
     let frames = Frames::of(&machine, file, folder);
-    trust::refuse(&machine, file, folder, &division.calibration)?;
+    let of = (&machine.robot, &machine.variant);
+    trust::refuse(of, file, folder, &division.calibration)?;
     let mut samples = samples_in(&frames);
     place_plates(&machine, file, &mut samples);
     let joint = Joint::new(machine.clone(), &prepared.nominal, &samples, file.noise)?;

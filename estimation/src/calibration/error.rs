@@ -6,6 +6,8 @@ use tau_kinematics as kinematics;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::TCP_POSES;
 
+use crate::problem::RowPlace;
+
 /// Why a calibration, or what builds on one, failed.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Error {
@@ -24,6 +26,8 @@ pub enum Error {
         pose: u32,
         /// Why.
         error: kinematics::Error,
+        /// File and line of its commands, where they are not those of `tcp_poses.csv`.
+        row: Option<(&'static str, usize)>,
     },
 }
 
@@ -35,7 +39,23 @@ impl Error {
                 TCP_POSES,
                 format!("pose {pose}: {error}"),
             )),
-            error => Self::Kinematics { pose, error },
+            error => Self::Kinematics {
+                pose,
+                error,
+                row: None,
+            },
+        }
+    }
+
+    /// The same of a pose whose commands stand in a row of any file.
+    pub(crate) fn at_row(place: &RowPlace, error: kinematics::Error) -> Self {
+        match Self::at_pose(place.pose, error) {
+            Self::Kinematics { pose, error, .. } => Self::Kinematics {
+                pose,
+                error,
+                row: Some((place.file, place.line)),
+            },
+            error => error,
         }
     }
 
@@ -52,7 +72,20 @@ impl fmt::Display for Error {
             Self::NotConverged { variant, why } => {
                 write!(f, "the calibration of `{variant}` did not converge: {why}")
             }
-            Self::Kinematics { pose, error } => write!(f, "pose {pose}: {error}"),
+            Self::Kinematics {
+                pose,
+                error,
+                row: None,
+            } => write!(f, "pose {pose}: {error}"),
+            Self::Kinematics {
+                pose,
+                error,
+                row: Some((file, line)),
+            } => write!(
+                f,
+                "{file}:{line}: pose {pose}: {error}; compare its commands, and the order and signs of those of all rows, \
+                 with the record of the measurement, or remove the row"
+            ),
         }
     }
 }

@@ -6,11 +6,10 @@ use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 use tau_kinematics::{Pose, nearest_rotation};
 use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot::{Owner, Parameter, Robot, Variant};
+use tau_robot::robot_file::RobotFile;
 use tau_robot::robot_file::keys::WIDE;
-use tau_robot::robot_file::{LinkValues, RobotFile, Value};
 
-use crate::calibration::Error;
-use crate::calibration::Prepared;
+use crate::calibration::{Error, Nominal, Prepared};
 use crate::numerics::spread::spread;
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
@@ -24,6 +23,8 @@ pub(crate) struct Case<'a> {
     pub(crate) file: Arc<RobotFile>,
     /// TCP poses, which all take part, and set 2 where the variant takes it; nothing else.
     pub(crate) folder: Folder,
+    /// What tolerances are, where they are not as given.
+    pub(crate) tolerances: Option<Hypothesis>,
 }
 
 /// Something done instead of what the documentation of the files asks for.
@@ -33,6 +34,8 @@ pub(crate) enum Hypothesis {
     Commands(Vec<usize>),
     /// A command counts the other way.
     Sign(usize),
+    /// Carts of set 2 are numbered otherwise: for each track, the cart that runs on it.
+    Carts(Vec<usize>),
     /// Axes of the measured positions are exchanged or mirrored: for each axis, the column that holds it, and its sign;
     /// where `turned`, those of the measured rotations, too.
     Axes {
@@ -65,13 +68,15 @@ impl Case<'_> {
     pub(crate) fn prepared(&self) -> Result<Prepared, Error> {
         let poses: Vec<usize> = (0..self.folder.tcp_poses.len()).collect();
         let folder = Some(&self.folder);
-        Ok(Prepared::new(
-            self.robot,
-            self.variant,
-            &self.file,
-            folder,
-            &poses,
-        )?)
+        let mut prepared = Prepared::new(self.robot, self.variant, &self.file, folder, &poses)?;
+        if let Some(hypothesis) = &self.tolerances {
+            let parameters = self.variant.parameters.iter();
+            for (parameter, nominal) in parameters.zip(&mut prepared.nominal) {
+                let given = nominal.tolerance;
+                nominal.tolerance = given.map(|given| hypothesis.tolerance(parameter, given));
+            }
+        }
+        Ok(prepared)
     }
 
     /// Its poses.
@@ -127,6 +132,7 @@ impl Case<'_> {
                 cart_poses: self.folder.cart_poses.clone(),
                 ..Folder::default()
             },
+            tolerances: self.tolerances.clone(),
             ..*self
         }
     }
@@ -137,6 +143,12 @@ impl Case<'_> {
         match hypothesis {
             Hypothesis::Commands(_) | Hypothesis::Sign(_) | Hypothesis::Axes { .. } => {
                 hypothesis.mend_poses(&mut case.folder.tcp_poses);
+            }
+            Hypothesis::Carts(carts) => {
+                for cart in &mut case.folder.cart_poses {
+                    let runs_on = carts.iter().position(|own| *own == cart.track);
+                    cart.track = runs_on.unwrap_or(cart.track);
+                }
             }
             Hypothesis::Angles {
                 axes,
@@ -162,10 +174,7 @@ impl Case<'_> {
                 noise.position_m *= position;
                 noise.rotation_rad *= rotation;
             }
-            Hypothesis::Tolerances {
-                factor,
-                lengths_only,
-            } => Arc::make_mut(&mut case.file).scale_tolerances(*factor, *lengths_only),
+            Hypothesis::Tolerances { .. } => case.tolerances = Some(hypothesis.clone()),
             Hypothesis::Dimension { .. } => {}
         }
         case
@@ -244,39 +253,9 @@ pub(crate) fn about_axes(axes: [usize; 3], fixed: bool, angles: [f64; 3]) -> Rot
     }
 }
 
-/// Tolerances of a robot file, by factors.
-trait Tolerances {
-    fn scale_tolerances(&mut self, factor: f64, lengths_only: bool);
-}
-
-impl Tolerances for RobotFile {
-    fn scale_tolerances(&mut self, factor: f64, lengths_only: bool) {
-        let sections = [&mut self.links, &mut self.clusters, &mut self.tracks];
-        for values in sections
-            .into_iter()
-            .flat_map(|section| section.values_mut())
-        {
-            let LinkValues {
-                length,
-                plate_joint,
-                track_offset,
-                track_direction,
-                track_rotation,
-            } = values;
-            let lengths = [length, plate_joint, track_offset];
-            let others = [track_direction, track_rotation];
-            let others = others.into_iter().filter(|_| !lengths_only);
-            for value in lengths.into_iter().chain(others).flatten() {
-                if !is_none(value) {
-                    value.tol *= factor;
-                }
-            }
-        }
-    }
-}
-
 impl Hypothesis {
-    /// Tolerance of a parameter that has one as given.
+    /// Tolerance of a parameter that has one as given: those of all sections of a robot file alike. No file states those of
+    /// frames and of targets on carts.
     pub(crate) fn tolerance(&self, parameter: &Parameter, given: f64) -> f64 {
         let Self::Tolerances {
             factor,
@@ -285,15 +264,9 @@ impl Hypothesis {
         else {
             return given;
         };
-        let is_of_links = matches!(
-            parameter.owner,
-            Owner::Link(_) | Owner::Cluster(_) | Owner::Track(_)
-        );
-        let is_length = !matches!(
-            parameter.quantity.as_str(),
-            "track_direction" | "track_rotation"
-        );
-        if is_of_links && (is_length || !lengths_only) && given < NONE {
+        let is_stated = !matches!(parameter.owner, Owner::Frame(_) | Owner::Target { .. });
+        let is_scaled = !lengths_only || parameter.unit == LENGTH;
+        if is_stated && is_scaled && given < NONE {
             factor * given
         } else {
             given
@@ -303,22 +276,16 @@ impl Hypothesis {
 
 /// A tolerance from which on it stands for none.
 const NONE: f64 = 0.5 * WIDE;
+/// Unit of lengths.
+pub(crate) const LENGTH: &str = "m";
 
-/// A tolerance so wide that it stands for none.
-pub(crate) fn is_none(value: &Value) -> bool {
-    value.tol >= NONE
-}
-
-/// Largest tolerance of a length (m).
-pub(crate) fn widest_tolerance_m(file: &RobotFile) -> f64 {
-    let sections = [&file.links, &file.clusters, &file.tracks];
-    sections
-        .into_iter()
-        .flat_map(|section| section.values())
-        .flat_map(|values| [&values.length, &values.plate_joint, &values.track_offset])
-        .flatten()
-        .filter(|value| !is_none(value))
-        .map(|value| value.tol)
+/// Largest tolerance of a length (m); zero where there is none.
+pub(crate) fn widest_tolerance_m(variant: &Variant, nominal: &[Nominal]) -> f64 {
+    let parameters = variant.parameters.iter().zip(nominal);
+    parameters
+        .filter(|(parameter, _)| parameter.unit == LENGTH)
+        .filter_map(|(_, nominal)| nominal.tolerance)
+        .filter(|&tolerance| tolerance < NONE)
         .fold(0.0, f64::max)
 }
 

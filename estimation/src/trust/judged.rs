@@ -106,9 +106,11 @@ impl Judged {
         self.misfit
     }
 
-    /// The sum of squares of residuals and priors.
+    /// The sum of squares of residuals and priors, without what only completes them: that grows with tolerances, and would
+    /// count against all that are wide.
     pub(crate) fn total(&self) -> f64 {
-        self.descent.residuals.norm_squared()
+        let completed: f64 = self.descent.joint.completed().sum();
+        self.descent.residuals.norm_squared() - completed
     }
 
     /// Terms beside the sum of squares in −2 ln of the evidence, but for constants of the robot: volumes of noise

@@ -40,6 +40,9 @@ pub(crate) const LISTED: usize = 5;
 /// estimate noise. Two tests decide, of residuals and of parameters, so that at most one clean folder in five hundred
 /// is called so.
 pub(crate) const LEVEL: f64 = 1e-3;
+/// A factor of a thousand, or other measurements, are believed in where they bring residuals nearer to the stated noise by
+/// so many times.
+pub(crate) const NEARER: f64 = 3.0;
 /// A parameter so many tolerances from nominal is a mistake and no part out of tolerance: halfway, by factors, between
 /// the ten of a bad part and the hundred of a slipped digit or unit.
 pub(crate) const ABSURD_TOLERANCES: f64 = 30.0;

@@ -11,6 +11,7 @@ use crate::numerics::factor::Factor;
 use crate::numerics::spread::spread;
 use crate::trust::hypothesis::Case;
 use crate::trust::judged::{Judged, Misfit};
+use crate::trust::numbering;
 use crate::trust::recognise::{self, ITERATIONS};
 use crate::trust::verdict::{Pull, Status, Verdict, case, measured, mistakes, shorten};
 use crate::uncertainty::Uncertainty;
@@ -90,6 +91,8 @@ pub fn of_prediction(
             .map(|&index| division.validation[thinned[index]])
             .collect();
         verdict.blame(mistakes(robot, variant, file, folder, &poses)?);
+    } else {
+        verdict.blame(numbering::mistake(machine, folder).into_iter().collect());
     }
     verdict.conclude(&case);
     verdict.tell(&weighing);

@@ -8,6 +8,7 @@
 
 use std::borrow::Cow;
 
+use tau_kinematics::Machine;
 use tau_robot::robot::{ResidualKind, Variant};
 
 use crate::calibration::{Error, Prepared};
@@ -20,7 +21,7 @@ use crate::trust::first_look::FirstLook;
 use crate::trust::hypothesis::{self, Case, Hypothesis, THOUSAND};
 use crate::trust::judged::{Deviation, Judged, Misfit};
 use crate::trust::mistake::Mistake;
-use crate::trust::{ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, roots, words};
+use crate::trust::{ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, NEARER, numbering, roots, words};
 use crate::weighing::weigh_fitted;
 
 /// Odds in favour of a hypothesis from which on it is believed: a thousand to one, which also is what mistakes are to
@@ -43,9 +44,6 @@ const DIMENSIONS: usize = 6;
 const CLEARLY: f64 = 9.0;
 /// Share of the links' length that no tolerance reaches: it would tell nothing of the machine.
 const WIDEST_TOLERANCE: f64 = 0.1;
-/// A factor of a thousand, or other measurements, are believed in where they bring residuals nearer to the stated noise by
-/// so many times.
-pub(crate) const NEARER: f64 = 3.0;
 /// Noise that is stated so many times too large is no caution any more. Where tolerances hold a fit back, noise that is
 /// stated a thousand times too large leaves a misfit of less than that.
 pub(crate) const CAUTIOUS: f64 = 10.0;
@@ -77,6 +75,14 @@ impl Tried {
     /// −2 ln of the evidence where squares count by `scale`.
     fn evidence(&self, scale: f64) -> f64 {
         self.total / scale + self.volumes
+    }
+
+    /// The machine that was fitted to a case, mended as the hypothesis says.
+    fn machine(&self, case: &Case<'_>) -> Option<Machine> {
+        let hypothesis = self.hypothesis.as_ref();
+        let mended = hypothesis.map(|hypothesis| case.mended(hypothesis));
+        let prepared = mended.as_ref().unwrap_or(case).prepared().ok()?;
+        Some(prepared.machine.with_values(self.values.clone()))
     }
 
     /// True if no parameter is off by more than any machine.
@@ -113,7 +119,7 @@ impl Tried {
             return true;
         };
         let is_scaled = |deviation: &&Deviation| {
-            !lengths_only || variant.parameters[deviation.parameter].unit == "m"
+            !lengths_only || variant.parameters[deviation.parameter].unit == hypothesis::LENGTH
         };
         let scaled: Vec<f64> = (self.deviations.iter().filter(is_scaled))
             .map(|deviation| deviation.tolerances.powi(2))
@@ -139,15 +145,23 @@ pub(crate) fn beyond_tolerance(deviations: &[Deviation], scale: f64) -> Option<D
     (chi2_survival(square, 1.0) < level).then_some(*worst)
 }
 
-/// Mistakes of measurements and parameters, the likeliest explanation of a misfit; none where there is no misfit.
+/// Mistakes of measurements and parameters, and the machine that these tell once mended.
+#[derive(Default)]
+pub(crate) struct Recognised {
+    pub(crate) mistakes: Vec<Mistake>,
+    /// `None` where no machine fits and nothing explains it: where parts of a wrong one would be tells nothing.
+    pub(crate) machine: Option<Machine>,
+}
+
+/// The likeliest explanation of a misfit; none where there is no misfit.
 ///
 /// `known` is the fit to these poses, where it is known and has no outliers.
 ///
 /// # Errors
 /// Data that the variant takes are missing.
-pub(crate) fn mistakes(case: &Case<'_>, known: Option<&Judged>) -> Result<Vec<Mistake>, Error> {
+pub(crate) fn recognised(case: &Case<'_>, known: Option<&Judged>) -> Result<Recognised, Error> {
     if case.folder.tcp_poses.is_empty() {
-        return Ok(vec![]);
+        return Ok(Recognised::default());
     }
     let mut thinned = case.thinned(POSES);
     let known = known.filter(|_| case.folder.tcp_poses.len() <= POSES);
@@ -176,15 +190,30 @@ pub(crate) fn mistakes(case: &Case<'_>, known: Option<&Judged>) -> Result<Vec<Mi
         // Where the case as given has no fit, the error says so unless a hypothesis has one.
         thinned.prepared()?;
     }
+    let as_given = || {
+        let (given, judged) = (given.as_ref()?, judged.as_deref()?);
+        given
+            .machine(&thinned)
+            .filter(|_| fits_links(&thinned, judged))
+    };
     if let Some(mistake) = given.as_ref().and_then(|given| wide(&thinned, given)) {
-        return Ok(vec![mistake]);
+        return Ok(Recognised {
+            mistakes: vec![mistake],
+            machine: as_given(),
+        });
     }
+    let by_noise = || Recognised {
+        mistakes: (given.as_ref())
+            .and_then(|given| noise(&thinned, given))
+            .into_iter()
+            .collect(),
+        machine: as_given(),
+    };
     let is_fine = given.as_ref().is_some_and(|given| {
         !is_beyond_noise(&given.misfit) && beyond_tolerance(&given.deviations, 1.0).is_none()
     });
     if is_fine {
-        let noise = given.and_then(|given| noise(&thinned, &given));
-        return Ok(noise.into_iter().collect());
+        return Ok(by_noise());
     }
     let mut all = closer(
         &thinned,
@@ -199,7 +228,7 @@ pub(crate) fn mistakes(case: &Case<'_>, known: Option<&Judged>) -> Result<Vec<Mi
     let scale = scale(&all);
     let penalty = |tried: &Tried| prior(&thinned, tried.hypothesis.as_ref());
     let evidence = |tried: &Tried| tried.evidence(scale) + penalty(tried);
-    let as_given = given.as_ref().map_or(f64::INFINITY, &evidence);
+    let of_given = given.as_ref().map_or(f64::INFINITY, &evidence);
     all.retain(|tried| {
         tried.is_plausible()
             && tried.uses_its_tolerances(thinned.variant)
@@ -211,16 +240,23 @@ pub(crate) fn mistakes(case: &Case<'_>, known: Option<&Judged>) -> Result<Vec<Mi
     let decisive = 2.0 * ODDS.ln();
     if let Some(best) = all
         .first()
-        .filter(|best| as_given - evidence(best) > decisive)
+        .filter(|best| of_given - evidence(best) > decisive)
     {
         let limit = evidence(best) + decisive;
         let rivals: Vec<&Tried> = all.iter().filter(|t| evidence(t) < limit).collect();
-        return Ok(vec![described(&thinned, &rivals)]);
+        return Ok(Recognised {
+            mistakes: vec![described(&thinned, &rivals)],
+            machine: best.machine(&thinned),
+        });
     }
-    Ok(given
-        .and_then(|given| noise(&thinned, &given))
-        .into_iter()
-        .collect())
+    Ok(by_noise())
+}
+
+/// True if closures miss by less than those of another machine would.
+fn fits_links(case: &Case<'_>, judged: &Judged) -> bool {
+    let (off_m, _) = judged.closure_rms_m(&case.samples());
+    let length_m = case.mean_length_m();
+    length_m == 0.0 || off_m <= LARGEST_MISFIT * length_m
 }
 
 /// −2 ln of the share of a hypothesis among those of its kind.
@@ -240,6 +276,7 @@ fn prior(case: &Case<'_>, hypothesis: Option<&Hypothesis>) -> f64 {
 fn candidates(case: &Case<'_>, given: Option<&Judged>) -> Vec<Hypothesis> {
     let few = case.thinned(FEW_POSES);
     let mut all = exchanged_commands(&few);
+    all.extend(numbering::drawn(&few));
     let signs = (0..case.robot.commands).map(Hypothesis::Sign);
     all.extend(signs.filter(|sign| is_another_machine(&few, sign)));
     all.extend(hypothesis::axes());
@@ -331,7 +368,7 @@ fn fitted(
     {
         let unit = &prepared.machine.variant.parameters[parameter].unit;
         // A length can be as wrong as the machine is large, a direction as it is long.
-        let room = if unit == "m" {
+        let room = if unit == hypothesis::LENGTH {
             case.mean_length_m()
         } else {
             1.0
@@ -449,7 +486,8 @@ fn far_off(case: &Case<'_>) -> Option<Vec<(usize, f64)>> {
 
 /// Tolerances of lengths so wide that they tell nothing, where a thousandth of them is enough.
 fn wide(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
-    let widest_m = hypothesis::widest_tolerance_m(&case.file);
+    let nominal = case.prepared().ok()?.nominal;
+    let widest_m = hypothesis::widest_tolerance_m(case.variant, &nominal);
     if widest_m <= WIDEST_TOLERANCE * case.mean_length_m() {
         return None;
     }

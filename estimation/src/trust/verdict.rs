@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use tau_kinematics::Machine;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Folder, TCP_POSES, TcpPose};
 use tau_robot::robot::{Arm, Robot, TrackShape, Variant};
@@ -18,7 +17,7 @@ use crate::trust::hypothesis::{self, Case};
 use crate::trust::judged::{Deviation, Judged, Misfit};
 use crate::trust::mistake::Mistake;
 use crate::trust::reach::Reach;
-use crate::trust::recognise::{self, ITERATIONS};
+use crate::trust::recognise::{self, ITERATIONS, Recognised};
 use crate::trust::{
     ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, LISTED, general, numbering, weighing_words,
 };
@@ -135,6 +134,28 @@ impl Verdict {
         }
     }
 
+    /// The verdict where mistakes of the input leave no fit, for a reason: its figures are not numbers.
+    pub fn without_fit(mistakes: Vec<Mistake>, reason: &str) -> Self {
+        let mut verdict = Self {
+            status: Status::Absurd,
+            chi2: f64::NAN,
+            dof: f64::NAN,
+            residual_over_noise: f64::NAN,
+            by_file: vec![],
+            worst: vec![],
+            pulls: vec![],
+            reach: None,
+            why: vec![],
+            mistakes: vec![],
+            outliers: vec![],
+            repeats: None,
+            loss: None,
+        };
+        verdict.blame(mistakes);
+        verdict.why.push(format!("There is no fit: {reason}."));
+        verdict
+    }
+
     /// One line: the status, and why.
     pub fn line(&self) -> String {
         let why = self.why.join(" ");
@@ -204,6 +225,7 @@ pub(super) fn case<'a>(
             },
             ..Folder::default()
         },
+        tolerances: None,
     }
 }
 
@@ -240,25 +262,39 @@ pub fn mistakes(
     poses: &[usize],
 ) -> Result<Vec<Mistake>, Error> {
     let case = case(robot, plain(robot, variant, folder), file, folder, poses);
-    recognise::mistakes(&case, None)
+    of_case(&case, None, folder)
+}
+
+/// Mistakes of a case and in how the carts of its folder are numbered. These are compared with where tracks run once
+/// other mistakes are mended: on a machine that fits none, any numbering may look right.
+fn of_case(
+    case: &Case<'_>,
+    known: Option<&Judged>,
+    folder: &Folder,
+) -> Result<Vec<Mistake>, Error> {
+    let Recognised {
+        mut mistakes,
+        machine,
+    } = recognise::recognised(case, known)?;
+    if mistakes.iter().all(|mistake| mistake.kind != "carts") {
+        mistakes.extend(machine.and_then(|machine| numbering::mistake(&machine, folder)));
+    }
+    Ok(mistakes)
 }
 
 /// Refuses measurements with a mistake that leaves nothing to be learnt from them: of set 1, or in how the carts of sets
 /// 2 and 3 are numbered. Noise, tolerances and dimensions are not refused: an effect that the model lacks looks like
-/// them. `machine` has been fitted to set 1.
+/// them.
 ///
 /// # Errors
 /// The first mistake, with its mend.
 pub fn refuse(
-    machine: &Machine,
+    (robot, variant): (&Robot, &Variant),
     file: &RobotFile,
     folder: &Folder,
     poses: &[usize],
 ) -> Result<(), Error> {
-    let (robot, variant) = (&machine.robot, &machine.variant);
-    let mut found = mistakes(robot, variant, file, folder, poses)?;
-    found.extend(numbering::mistake(machine, folder));
-    match found
+    match mistakes(robot, variant, file, folder, poses)?
         .into_iter()
         .find(|mistake| mistake.is_absurd && mistake.is_of_measurements())
     {
@@ -348,16 +384,18 @@ pub fn of_calibration_knowing(
     verdict.judge(&machine.variant, beyond);
     let is_off =
         recognise::is_beyond_noise(&judged.misfit()) || verdict.residual_over_noise < LEAST_RATIO;
+    let nominal = &case.prepared()?.nominal;
     let suspect = verdict.status > Status::Consistent
         || is_off
-        || hypothesis::widest_tolerance_m(&case.file) > LARGEST_MISFIT * case.mean_length_m();
+        || hypothesis::widest_tolerance_m(&machine.variant, nominal)
+            > LARGEST_MISFIT * case.mean_length_m();
     let plain = plain(robot, &machine.variant, folder);
     let fit = (calibration.judged())
         .filter(|_| plain.name == machine.variant.name && weighing.outliers.is_empty());
     let found = || match (suspect, known.take()) {
         (true, None) => {
             let case = self::case(robot, plain, file, folder, poses);
-            recognise::mistakes(&case, fit).map(Some)
+            of_case(&case, fit, folder).map(Some)
         }
         (_, found) => Ok(found),
     };
@@ -373,8 +411,9 @@ pub fn of_calibration_knowing(
         let is_noise = |mistake: &&Mistake| mistake.kind == "noise";
         let found = found.iter().filter(|own| is_off || !is_noise(own));
         verdict.blame(found.cloned().collect());
+    } else {
+        verdict.blame(numbering::mistake(machine, folder).into_iter().collect());
     }
-    verdict.blame(numbering::mistake(machine, folder).into_iter().collect());
     verdict.conclude(&case);
     verdict.tell(weighing);
     if verdict.status != Status::Absurd {

@@ -6,6 +6,7 @@ use tau_robot::robot::Robot;
 
 use crate::trust::hypothesis::{Case, Hypothesis, THOUSAND};
 use crate::trust::mistake::Mistake;
+use crate::trust::numbering::{self, CART_POSES};
 use crate::trust::{ABSURD_TOLERANCES, general};
 
 const ROBOT: &str = "robot.toml";
@@ -93,6 +94,7 @@ fn of(case: &Case<'_>, hypothesis: &Hypothesis, values: &[f64]) -> Mistake {
     let (kind, file, what, mend) = match hypothesis {
         Hypothesis::Commands(columns) => commands(case.robot, columns),
         Hypothesis::Sign(command) => sign(case.robot, *command),
+        Hypothesis::Carts(carts) => return numbering::described(case.robot, CART_POSES, carts),
         Hypothesis::Axes {
             columns,
             signs,

@@ -59,6 +59,14 @@ impl UnknownPose {
         self.readings.iter().map(|reading| self.sample(reading))
     }
 
+    /// A failure of kinematics at its first reading.
+    fn failed(&self, error: tau_kinematics::Error) -> Error {
+        match self.readings.first() {
+            Some(reading) => Error::at_row(&reading.place, error),
+            None => Error::at_pose(self.number, error),
+        }
+    }
+
     /// Sample of its first reading.
     pub(super) fn first_sample(&self) -> Option<Sample> {
         self.readings.first().map(|reading| self.sample(reading))
@@ -208,8 +216,7 @@ impl<'a> Assembly<'a> {
             };
             let view = sample.view();
             let reached = machine.forward_fitted(&view);
-            let reached = reached
-                .map_err(|error| Error::at_pose(pose.number, machine.explained(error, &view)))?;
+            let reached = reached.map_err(|error| pose.failed(machine.explained(error, &view)))?;
             pose.base = reached.pose;
         }
         Ok(())
@@ -232,7 +239,7 @@ impl<'a> Assembly<'a> {
             let reached = machine.forward_each_roughly(&starts, ROUGH_STEP);
             for ((index, sample), reached) in sought.iter().zip(reached) {
                 let explained = |error| machine.explained(error, &sample.view());
-                let failed = |error| Error::at_pose(sample.number, explained(error));
+                let failed = |error| poses[*index].failed(explained(error));
                 poses[*index].base = reached.map_err(failed)?;
             }
             Ok(())
@@ -269,7 +276,6 @@ impl<'a> Assembly<'a> {
                 continue;
             };
             let view = sample.view();
-            let failed = |error| Error::at_pose(pose.number, machine.explained(error, &view));
             let from_reference = || {
                 let known = match (machine.at_reference(&view), &stated) {
                     // A drawing may be so rough that links can't have their lengths where the machine is said to stand.
@@ -288,6 +294,7 @@ impl<'a> Assembly<'a> {
                     .or_else(|_| machine.forward_fitted(&view.at(*near))),
                 None => from_reference(),
             };
+            let failed = |error| pose.failed(machine.explained(error, &view));
             pose.base = reached.map_err(failed)?.pose;
             before = Some((sample.commands_m.clone(), pose.base));
         }

@@ -53,7 +53,7 @@ pub(super) fn all_sets<'a>(
         division.calibration.contains(&number)
     };
     let poses: Vec<usize> = (0..folder.tcp_poses.len()).filter(calibrates).collect();
-    trust::refuse(&near.machine, file, folder, &poses)?;
+    trust::refuse((robot, variant), file, folder, &poses)?;
     let frames = Frames::of(&near.machine, file, folder);
     let mut samples = Sample::all(robot, folder, &poses, &frames);
     let described = Prepared::new(robot, variant, file, Some(folder), &poses)?;

@@ -3,6 +3,7 @@
 use nalgebra::DMatrix;
 
 use super::rows::RowIndex;
+use crate::problem::POSE_UNKNOWNS;
 
 /// A column of which the others leave less than this share depends on them: rounding leaves some 1e-13 of columns of
 /// these sizes, and what is weaker than 1e-10 no measurement tells from nothing.
@@ -46,49 +47,93 @@ impl Dense {
     /// Turns the columns by the poses into a basis, and takes it out of the others.
     pub(super) fn project(&mut self) {
         let height = self.rows.len();
-        self.rank = orthonormalize(&mut self.own, height);
-        let basis = &self.own[..self.rank * height];
+        let mut basis = Basis::new(height, self.own.len());
+        basis.orthonormalize(&mut self.own);
+        self.rank = basis.rank;
         for column in self.columns.chunks_exact_mut(height.max(1)) {
-            take_out(basis, column);
+            basis.take_out(&self.own, column);
         }
     }
 }
 
-/// Takes the directions of an orthonormal basis out of a column.
-fn take_out(basis: &[f64], column: &mut [f64]) {
-    // Twice is enough (W. Kahan in B. N. Parlett, The Symmetric Eigenvalue Problem, 1980, section 6.9).
-    for _ in 0..2 {
-        for direction in basis.chunks_exact(column.len()) {
-            let share = dot(direction, column);
-            for (entry, direction) in column.iter_mut().zip(direction) {
-                *entry -= share * direction;
-            }
-        }
-    }
+/// An orthonormal basis in front of the columns that it was made of.
+///
+/// Poses that distances couple share few rows, so that most directions are zero in most. These are passed over, which
+/// changes no sum but by exact zeros: hundreds of poses would take seconds.
+struct Basis {
+    height: usize,
+    rank: usize,
+    /// True if directions are those of several poses.
+    is_sparse: bool,
+    /// Rows in which directions are not zero, one direction after the other, and where each ends; none where all rows count.
+    rows: Vec<usize>,
+    ends: Vec<usize>,
 }
 
-/// Turns columns of a height into an orthonormal basis of them, in front of the others; its size. Those that depend on
-/// others are left out.
-fn orthonormalize(columns: &mut [f64], height: usize) -> usize {
-    let mut rank = 0;
-    if height == 0 {
-        return 0;
-    }
-    for start in (0..columns.len()).step_by(height) {
-        let (basis, rest) = columns.split_at_mut(start);
-        let own = &mut rest[..height];
-        let size = dot(own, own).sqrt();
-        take_out(&basis[..rank * height], own);
-        let left = dot(own, own).sqrt();
-        if left > DEPENDENT * size {
-            for entry in own.iter_mut() {
-                *entry /= left;
-            }
-            columns.copy_within(start..start + height, rank * height);
-            rank += 1;
+impl Basis {
+    /// An empty basis, for so many entries of columns of a height.
+    fn new(height: usize, entries: usize) -> Self {
+        Self {
+            height,
+            rank: 0,
+            is_sparse: entries > POSE_UNKNOWNS * height,
+            rows: vec![],
+            ends: vec![],
         }
     }
-    rank
+
+    /// Turns columns into an orthonormal basis of them, in front of the others. Those that depend on others are left out.
+    fn orthonormalize(&mut self, columns: &mut [f64]) {
+        let height = self.height;
+        if height == 0 {
+            return;
+        }
+        for start in (0..columns.len()).step_by(height) {
+            let (basis, rest) = columns.split_at_mut(start);
+            let own = &mut rest[..height];
+            let size = dot(own, own).sqrt();
+            self.take_out(basis, own);
+            let left = dot(own, own).sqrt();
+            if left > DEPENDENT * size {
+                for entry in own.iter_mut() {
+                    *entry /= left;
+                }
+                if self.is_sparse {
+                    let rows = own.iter().enumerate().filter(|(_, entry)| **entry != 0.0);
+                    self.rows.extend(rows.map(|(row, _)| row));
+                    self.ends.push(self.rows.len());
+                }
+                columns.copy_within(start..start + height, self.rank * height);
+                self.rank += 1;
+            }
+        }
+    }
+
+    /// Takes the directions out of a column; they stand in front of others.
+    fn take_out(&self, directions: &[f64], column: &mut [f64]) {
+        let directions = &directions[..self.rank * self.height];
+        // Twice is enough (W. Kahan in B. N. Parlett, The Symmetric Eigenvalue Problem, 1980, section 6.9).
+        for _ in 0..2 {
+            let mut start = 0;
+            for (index, direction) in directions.chunks_exact(self.height.max(1)).enumerate() {
+                if !self.is_sparse {
+                    let share = dot(direction, column);
+                    for (entry, direction) in column.iter_mut().zip(direction) {
+                        *entry -= share * direction;
+                    }
+                    continue;
+                }
+                let rows = &self.rows[start..self.ends[index]];
+                start = self.ends[index];
+                let share: f64 = rows.iter().map(|&row| direction[row] * column[row]).sum();
+                if share != 0.0 {
+                    for &row in rows {
+                        column[row] -= share * direction[row];
+                    }
+                }
+            }
+        }
+    }
 }
 
 pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
@@ -146,9 +191,9 @@ impl Triangle {
 
 /// Orthonormal basis of the columns of a matrix; those that depend on others are left out.
 pub(super) fn orthonormal(mut matrix: DMatrix<f64>) -> DMatrix<f64> {
-    let height = matrix.nrows();
-    let rank = orthonormalize(matrix.as_mut_slice(), height);
-    matrix.columns(0, rank).into_owned()
+    let mut basis = Basis::new(matrix.nrows(), matrix.len());
+    basis.orthonormalize(matrix.as_mut_slice());
+    matrix.columns(0, basis.rank).into_owned()
 }
 
 /// Upper triangle of a triangle with more rows beneath.
@@ -163,4 +208,48 @@ pub(super) fn stacked(triangle: &DMatrix<f64>, more: &[DMatrix<f64>]) -> DMatrix
         at += rows.nrows();
     }
     all.qr().unpack_r()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Columns of a chain of poses, each of which shares a row with the next.
+    #[test]
+    fn rows_without_a_share_are_passed_over_without_a_trace() {
+        let (poses, each) = (5, 9);
+        let height = poses * each + poses - 1;
+        let mut seed = 1_u64;
+        let mut random = || {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (seed >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
+        };
+        let mut columns = vec![0.0; POSE_UNKNOWNS * poses * height];
+        for (index, column) in columns.chunks_exact_mut(height).enumerate() {
+            let pose = index / POSE_UNKNOWNS;
+            let shared = [pose.checked_sub(1), (pose + 1 < poses).then_some(pose)];
+            let shared = shared.into_iter().flatten().map(|row| poses * each + row);
+            for row in (pose * each..(pose + 1) * each).chain(shared) {
+                column[row] = random();
+            }
+        }
+        // A column that depends on others, and one of no pose.
+        let last = columns.len() - height;
+        columns.copy_within(..height, last);
+        let mut other: Vec<f64> = (0..height).map(|_| random()).collect();
+        let mut all = (columns.clone(), other.clone());
+        let mut sparse = Basis::new(height, columns.len());
+        assert!(sparse.is_sparse);
+        sparse.orthonormalize(&mut columns);
+        sparse.take_out(&columns, &mut other);
+        let mut dense = Basis {
+            is_sparse: false,
+            ..Basis::new(height, columns.len())
+        };
+        dense.orthonormalize(&mut all.0);
+        dense.take_out(&all.0, &mut all.1);
+        assert_eq!(sparse.rank, POSE_UNKNOWNS * poses - 1);
+        assert!(sparse.rows.len() < sparse.rank * height * 3 / 4);
+        assert_eq!((columns, other), all);
+    }
 }

@@ -6,8 +6,8 @@ use tau_robot::measurements::DISTANCES;
 use super::dense::dot;
 use super::elimination::{ProjectedRow, Reduced};
 use super::fit::Fit;
-use crate::numerics::distribution::{chi2_quantile_above, f_quantile_above};
-use crate::trust::Mistake;
+use crate::numerics::distribution::{chi2_quantile_above, chi2_survival, f_quantile_above};
+use crate::trust::{LEVEL as NOISE_LEVEL, Mistake, NEARER};
 
 /// Chance that two distances in their places are taken for exchanged ones: a hundredth of the usual level, since an answer
 /// is refused for it.
@@ -15,7 +15,8 @@ const LEVEL: f64 = 1e-4;
 
 impl Fit<'_> {
     /// Distances that were exchanged: together with all other rows they fit a machine within its tolerances far better the
-    /// other way round.
+    /// other way round, and then leave no more than the noise, or much less than before. Of rows that fit no machine, some
+    /// distances always fit better in the place of others.
     pub(super) fn exchanged_distances(&self) -> Vec<Mistake> {
         let Some(block) = self.blocks.iter().position(|rows| rows.label == DISTANCES) else {
             return vec![];
@@ -29,6 +30,7 @@ impl Fit<'_> {
         let lines: Vec<usize> = lines.collect();
         let level = LEVEL / (lines.len() * lines.len().saturating_sub(1) / 2) as f64;
         let (mut left, mut squares) = self.left_by_all(block, &reduced);
+        let given = squares;
         let mut found: Vec<[usize; 2]> = vec![];
         while let Some((pair, gain)) = left.best(&found) {
             let of_others =
@@ -39,6 +41,10 @@ impl Fit<'_> {
             left.exchange(pair);
             found.push(pair);
             squares -= gain;
+        }
+        let is_beyond_noise = chi2_survival(squares, degrees) < NOISE_LEVEL;
+        if is_beyond_noise && NEARER.powi(2) * squares > given {
+            return vec![];
         }
         let named = found.into_iter().map(|[one, other]| Mistake {
             kind: "distances",

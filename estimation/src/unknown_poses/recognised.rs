@@ -18,8 +18,8 @@ use crate::numerics::order::smallest_first;
 use crate::numerics::parallel;
 use crate::trust::exchanged::orders;
 use crate::trust::hypothesis::{Hypothesis, THOUSAND, axes};
-use crate::trust::recognise::{CAUTIOUS, CLOSER, NEARER, ODDS, STATED};
-use crate::trust::{ABSURD_TOLERANCES, Mistake, words};
+use crate::trust::recognise::{CAUTIOUS, CLOSER, ODDS, STATED};
+use crate::trust::{ABSURD_TOLERANCES, Mistake, NEARER, words};
 
 /// Poses for a first look at all hypotheses, and for a closer one at the best of them.
 const FEW_POSES: usize = 16;

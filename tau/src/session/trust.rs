@@ -7,7 +7,7 @@ use tau_estimation::weighing::Outlier;
 use tau_kinematics::Machine;
 use tau_robot::InputError;
 use tau_robot::effects::CATALOGUE;
-use tau_robot::measurements::Division;
+use tau_robot::measurements::{Division, Split};
 use tau_robot::robot::Variant;
 
 use super::{Session, VariantKey};
@@ -65,21 +65,29 @@ impl<R> Session<R> {
     /// Mistakes of measurements and parameters that explain why a variant does not fit: none where it does.
     ///
     /// # Errors
-    /// There is no variant of that name; no poses are left to calibrate; columns or values are missing.
+    /// There is no variant of that name; columns or values are missing.
     pub fn mistakes(&self, variant: impl VariantKey<R>) -> Result<Vec<Mistake>, Error> {
         let variant = variant.variant_of(&self.robot)?;
         if self.has_unknown_poses() {
             let (robot, file, folder) = (&self.robot, &self.robot_file, &self.folder);
             return unknown_poses::mistakes(robot, variant, file, folder, &self.row_division());
         }
-        let poses = self.poses()?.division.calibration;
-        trust::mistakes(&self.robot, variant, &self.robot_file, &self.folder, &poses)
+        let poses = (self.poses()).map_or_else(|_| self.every_pose(), |poses| poses.division);
+        let files = (&self.robot_file, &self.folder);
+        trust::mistakes(&self.robot, variant, files.0, files.1, &poses.calibration)
+    }
+
+    /// Mistakes are looked for in all poses where none can be told to take part: commands that a mistake moves out of the
+    /// measured range are no others.
+    fn every_pose(&self) -> Division {
+        let all: Vec<usize> = (0..self.folder.tcp_poses.len()).collect();
+        self.folder.divide(Split::All, &all)
     }
 
     /// Contents of the folder and what they determine, before anything is fitted: of one variant, or of all without effects.
     ///
     /// # Errors
-    /// There is no variant of that name; no poses are left to calibrate.
+    /// There is no variant of that name; no poses are left to calibrate, and no mistake explains it.
     pub fn check(&self, variant: Option<&str>) -> Result<Check, Error> {
         let variants: Vec<&Variant> = match variant {
             Some(name) => vec![self.robot.find(name, "--variant")?],
@@ -97,13 +105,20 @@ impl<R> Session<R> {
             );
         }
         let rows = self.has_unknown_poses().then(|| self.row_division());
-        let division = if rows.is_some() {
-            Division::default()
+        let (division, none) = if rows.is_some() {
+            (Division::default(), None)
         } else {
-            self.poses()?.division
+            match self.poses() {
+                Ok(poses) => (poses.division, None),
+                Err(error) => (self.every_pose(), Some(error)),
+            }
         };
         let files = (&self.robot_file, &self.folder);
         let divisions = (&division, rows.as_ref());
-        trust::check(&self.robot, &variants, files, divisions, CATALOGUE)
+        let found = trust::check(&self.robot, &variants, files, divisions, CATALOGUE)?;
+        match none.filter(|_| found.mistakes.iter().all(|mistake| !mistake.is_absurd)) {
+            Some(error) => Err(error.into()),
+            None => Ok(found),
+        }
     }
 }

@@ -1,0 +1,265 @@
+//! Mistakes that commands recognise together: one is named once, by all of them, with a mend that mends.
+
+use std::fs;
+use std::path::Path;
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::support::{Ran, tau_in};
+
+/// A folder that a line simulates, in `measured`.
+fn simulated(line: &str) -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let line = format!("tau simulate {line} --out DIR/measured -q");
+    tau_in(folder.path(), &line).done();
+    folder
+}
+
+/// Cells of a table in `measured` by column, each row changed; the heading is the first.
+fn change_rows(folder: &Path, file: &str, change: impl Fn(&[String], &mut [String])) {
+    let path = folder.join("measured").join(file);
+    let text = fs::read_to_string(&path).unwrap();
+    let mut rows = (text.lines()).map(|line| line.split(',').map(str::to_owned).collect());
+    let header: Vec<String> = rows.next().unwrap();
+    let mut all = vec![header.join(",")];
+    for mut row in rows {
+        let row: &mut Vec<String> = &mut row;
+        change(&header, row);
+        all.push(row.join(","));
+    }
+    fs::write(path, all.join("\n") + "\n").unwrap();
+}
+
+/// Changes the numbers of a column.
+fn change_column(folder: &Path, file: &str, column: &str, change: impl Fn(f64) -> f64) {
+    change_rows(folder, file, |header, row| {
+        let k = header.iter().position(|name| name == column).unwrap();
+        row[k] = change(row[k].parse().unwrap()).to_string();
+    });
+}
+
+/// Carts 1 and 2 in each other's place.
+fn exchange_carts(folder: &Path, file: &str) {
+    change_column(folder, file, "cart", |cart| match cart {
+        1.0 => 2.0,
+        2.0 => 1.0,
+        other => other,
+    });
+}
+
+/// Kinds, files and words of the mistakes that a command names, and how it ends.
+fn named(folder: &Path, line: &str) -> (Vec<[String; 3]>, Ran) {
+    let ran = tau_in(folder, &format!("tau {line} -q --json -"));
+    let found: Value = serde_json::from_str(&ran.out).unwrap_or_default();
+    let all = [&found["mistakes"], &found["fit"]["mistakes"]];
+    let all = all.into_iter().filter_map(Value::as_array).flatten();
+    let words = |mistake: &Value| {
+        ["kind", "file", "what"].map(|field| mistake[field].as_str().unwrap().to_owned())
+    };
+    (all.map(words).collect(), ran)
+}
+
+/// The same mistake, and no other, is what check and calibration name.
+#[track_caller]
+fn all_name(folder: &Path, with: &str, [kind, file, words]: [&str; 3]) {
+    for command in ["check", "calibrate --out DIR/out"] {
+        let (verb, rest) = command.split_once(' ').unwrap_or((command, ""));
+        let line = format!("{verb} DIR/measured {with} --variant Full {rest}");
+        let (found, ran) = named(folder, &line);
+        assert_eq!(found.len(), 1, "{line}: {found:?} {}", ran.err);
+        assert_eq!(found[0][..2], [kind, file], "{line}: {found:?}");
+        assert!(found[0][2].contains(words), "{line}: {found:?}");
+        assert_eq!(ran.code, 1, "{line}: {}", ran.err);
+    }
+}
+
+#[test]
+fn exchanged_carts_are_named_before_a_fit_and_after() {
+    for file in ["cart_poses.csv", "cart_positions.csv"] {
+        let folder = simulated("--seed 1");
+        let line = "tau calibrate DIR/measured --variant Full --out DIR/clean -q";
+        tau_in(folder.path(), line).done();
+        exchange_carts(folder.path(), file);
+        all_name(
+            folder.path(),
+            "",
+            ["carts", file, "cart 2 on `one`, cart 1 on `two`"],
+        );
+        let line = "evaluate DIR/measured --variant Full --robot DIR/clean/robot.toml";
+        let (found, ran) = named(folder.path(), line);
+        assert_eq!((found.len(), ran.code), (1, 1), "{found:?} {}", ran.err);
+        assert_eq!(found[0][..2], ["carts", file]);
+    }
+}
+
+/// Carts are compared with the tracks of the mended machine: no other numbering looks right on one that fits nothing.
+#[test]
+fn mistakes_of_poses_are_none_of_carts() {
+    let folder = simulated("--seed 1");
+    change_column(folder.path(), "tcp_poses.csv", "z_m", |z| -z);
+    all_name(folder.path(), "", ["axes", "tcp_poses.csv", "the z axis"]);
+
+    let folder = simulated("--seed 1");
+    change_rows(folder.path(), "tcp_poses.csv", |header, row| {
+        let place = |column: &str| header.iter().position(|name| name == column).unwrap();
+        row.swap(place("q1_m"), place("q2_m"));
+    });
+    let expected = [
+        "commands",
+        "tcp_poses.csv",
+        "`q1_m` and `q2_m` are exchanged",
+    ];
+    all_name(folder.path(), "", expected);
+}
+
+/// Where tracks follow the measured paths, a wrong numbering spoils the fit itself.
+#[test]
+fn exchanged_carts_of_measured_paths_are_named() {
+    let with = "--model ROBOTS/four_track.tau";
+    for file in ["cart_poses.csv", "cart_positions.csv"] {
+        let folder = simulated(&format!("{with} --random --poses 60"));
+        exchange_carts(folder.path(), file);
+        let words = "cart 2 on `east`, cart 1 on `north`, cart 3 on `west`";
+        all_name(folder.path(), with, ["carts", file, words]);
+    }
+}
+
+/// Tolerances of the whole machine's parameters count like those of links.
+#[test]
+fn tolerances_of_parameters_in_other_units_are_named() {
+    for (model, factor, words) in [
+        ("linear_delta", 1e-3, "too small"),
+        ("rotary_delta", 1e-3, "too small"),
+        ("five_bar", 1e-3, "too small"),
+        ("linear_delta", 1e3, "too large"),
+    ] {
+        let with = format!("--model {model}");
+        let folder = simulated(&with);
+        let line = format!("tau init {model} --out DIR/measured/robot.toml --force");
+        tau_in(folder.path(), &line).done();
+        let path = folder.path().join("measured/robot.toml");
+        let text = fs::read_to_string(&path).unwrap();
+        let scaled = text.lines().map(|line| {
+            let noise = [("position_m", "1e-5"), ("rotation_rad", "4e-5")];
+            let noise = noise
+                .into_iter()
+                .find(|(key, _)| line.starts_with(key) && line.ends_with('"'));
+            if let Some((key, value)) = noise {
+                return format!("{key} = {value}\n");
+            }
+            let Some((before, after)) = line.split_once("tol = ") else {
+                return format!("{line}\n");
+            };
+            let end = after.find([' ', ',', '}']).unwrap_or(after.len());
+            let tolerance: f64 = after[..end].parse().unwrap();
+            format!("{before}tol = {:e}{}\n", factor * tolerance, &after[end..])
+        });
+        let scaled: String = scaled.collect();
+        assert_ne!(scaled, text);
+        fs::write(&path, scaled).unwrap();
+        all_name(folder.path(), &with, ["tolerances", "robot.toml", words]);
+    }
+}
+
+/// A parameter that measurements bias is free as any other: what completes squares of its prior is no misfit.
+#[test]
+fn a_parameter_of_the_machine_far_off_is_named() {
+    let with = "--model linear_delta";
+    let folder = simulated(with);
+    let path = folder.path().join("measured/robot.toml");
+    let text = fs::read_to_string(&path).unwrap();
+    let wrong = "\n[parameters]\nradius = { value = 0.24, tol = 1e-3 }\n";
+    fs::write(&path, text + wrong).unwrap();
+    all_name(folder.path(), with, ["dimension", "robot.toml", "`radius`"]);
+}
+
+/// Whatever fits no machine is no matter of two distances, though some always fit better in each other's place.
+#[test]
+fn distances_of_what_fits_no_machine_are_in_their_places() {
+    let folder =
+        simulated("--model hexapod --measure heights,distances --poses 90 --random --seed 0");
+    let with = "DIR/measured --model hexapod --variant Full";
+    let line = format!("tau calibrate {with} --out DIR/clean -q");
+    tau_in(folder.path(), &line).done();
+    let path = folder.path().join("measured/heights.csv");
+    let text = fs::read_to_string(&path).unwrap();
+    let exchanged = text.replacen("q1_m,q2_m", "q2_m,q1_m", 1);
+    assert_ne!(text, exchanged);
+    fs::write(&path, exchanged).unwrap();
+    for command in [
+        "check",
+        "calibrate --out DIR/out",
+        "evaluate --robot DIR/clean/robot.toml",
+    ] {
+        let (verb, rest) = command.split_once(' ').unwrap_or((command, ""));
+        let (found, ran) = named(folder.path(), &format!("{verb} {with} {rest}"));
+        assert!(found.is_empty(), "{command}: {found:?}");
+        assert_eq!(
+            ran.code,
+            u8::from(verb != "check"),
+            "{command}: {}",
+            ran.err
+        );
+    }
+}
+
+/// A command that counts the other way leaves no pose in the range of the carts, or out of reach of the links: what follows
+/// from a mistake is not named before it, and the verdict is there for programs without a fit.
+#[test]
+fn mistakes_that_leave_no_fit_are_named_first() {
+    for with in ["--model linear_delta", "--model hexapod --cart-poses 0"] {
+        let folder = simulated(with);
+        let model = with.split(" --cart").next().unwrap();
+        let line = format!("tau calibrate DIR/measured {model} --variant Full --out DIR/clean -q");
+        tau_in(folder.path(), &line).done();
+        change_column(folder.path(), "tcp_poses.csv", "q1_m", |q| -q);
+        let expected = [
+            "command_sign",
+            "tcp_poses.csv",
+            "`q1_m` counts the other way",
+        ];
+        all_name(folder.path(), model, expected);
+        let line = "--variant Full --robot DIR/clean/robot.toml";
+        let line = format!("evaluate DIR/measured {model} {line}");
+        let (found, ran) = named(folder.path(), &line);
+        assert_eq!((found.len(), ran.code), (1, 1), "{found:?} {}", ran.err);
+        let fit = serde_json::from_str::<Value>(&ran.out).unwrap()["fit"].clone();
+        assert_eq!(fit["status"], "absurd");
+        let words = "error: absurd: In tcp_poses.csv, `q1_m` counts the other way";
+        assert!(ran.err.starts_with(words), "{}", ran.err);
+        assert!(!ran.err.contains("remove its row"), "{}", ran.err);
+    }
+}
+
+/// Where nothing explains it, poses out of the measured range stay an error of the input.
+#[test]
+fn poses_out_of_range_without_a_mistake_are_refused() {
+    let folder = simulated("--model linear_delta");
+    change_column(folder.path(), "cart_poses.csv", "q_m", |q| q + 10.0);
+    let ran = tau_in(folder.path(), "tau check DIR/measured --model linear_delta");
+    assert_eq!(ran.code, 2, "{}", ran.err);
+    assert!(ran.err.contains("none of the"), "{}", ran.err);
+}
+
+/// A pose that can't be found from its commands is told by its row.
+#[test]
+fn poses_that_commands_do_not_give_have_their_place() {
+    let folder = simulated("--model hexapod --measure positions");
+    change_column(folder.path(), "tcp_positions.csv", "q1_m", |q| -q);
+    for command in ["check", "calibrate --out DIR/out"] {
+        let (verb, rest) = command.split_once(' ').unwrap_or((command, ""));
+        let line = format!("tau {verb} DIR/measured --model hexapod --variant Full {rest}");
+        let ran = tau_in(folder.path(), &line);
+        assert_eq!(ran.code, 1, "{}", ran.err);
+        let words = [
+            "tcp_positions.csv:6: pose 5: no solution",
+            "compare its commands",
+        ];
+        assert!(
+            words.iter().all(|words| ran.err.contains(words)),
+            "{}",
+            ran.err
+        );
+    }
+}
