@@ -11,7 +11,7 @@ use tau_robot::robot::{Robot, Variant};
 use tau_robot::robot_file::{RobotFile, StatedNoise};
 
 use super::fit::Fit;
-use super::starts::{self, Search};
+use super::starts;
 use super::{ROUGH_COST, RowDivision, UnknownPoses, calibrate};
 use crate::calibration::{self, Error, Prepared};
 use crate::numerics::order::smallest_first;
@@ -24,6 +24,8 @@ use crate::trust::{ABSURD_TOLERANCES, Mistake, NEARER, words};
 /// Poses for a first look at all hypotheses, and for a closer one at the best of them.
 const FEW_POSES: usize = 16;
 const POSES: usize = 60;
+/// Steps of the first look: Newton's method squares its error with each, so that those which are near are told.
+const FEW_STEPS: usize = 8;
 
 /// Measurements and the robot that they are of.
 #[derive(Clone, Copy)]
@@ -141,21 +143,18 @@ impl Case<'_> {
         words::beside(rivals)
     }
 
-    /// Least squares of some rows after a rough fit, tolerances among them; `None` where there is none.
+    /// Squares of some rows after a few steps from the drawing, tolerances among them; `None` where there are none. Rows without
+    /// a mistake lie near the drawing.
     fn cost(&self, folder: &Folder, division: &RowDivision) -> Option<f64> {
         let file = &self.file.completed(self.robot);
         let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
         let prepared = Prepared::new(self.robot, self.variant, file, Some(folder), &all).ok()?;
         let is_sketch = starts::sketched(&prepared).is_some();
         let machine = prepared.machine.clone();
-        let mut fit = Fit::from(&prepared, machine, file, folder, division, is_sketch).ok()?;
-        let options = calibration::Options {
-            solver: Search::Descent.options(&self.options.solver, division.calibration.len()),
-            ..self.options.clone()
-        };
-        let mut values = fit.start.clone();
-        fit.approach(&mut values, &options).ok()?;
-        let solution = fit.solved(&values, ROUGH_COST, &options).ok()?;
+        let fit = Fit::from(&prepared, machine, file, folder, division, is_sketch).ok()?;
+        let mut options = self.options.clone();
+        options.solver.max_iterations = FEW_STEPS;
+        let solution = fit.solved(&fit.start, ROUGH_COST, &options).ok()?;
         Some(solution.cost).filter(|cost| cost.is_finite())
     }
 
