@@ -81,7 +81,9 @@ fn unknown_poses(
 ) -> Result<Outcome, Failure> {
     let (rows, basis) = session.unseen_rows(resolve::asked_split(&arguments.input)?)?;
     let variant = arguments.variant.name.as_str();
-    let found = session.evaluate_unknown_poses(variant, &rows)?;
+    let found = session.evaluate_unknown_poses(variant, &rows);
+    let found =
+        found.map_err(|error| trust::explained(session, variant, error, target.as_ref()))?;
     let verdict = found.verdict();
     let (robot, folder) = (session.robot(), &session.folder().name);
     let title = format!("{}, {variant}, {folder}", robot.name);
