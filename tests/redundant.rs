@@ -75,7 +75,7 @@ fn what_the_model_lacks_is_found_where_drives_contradict_each_other() {
 #[test]
 fn what_the_model_lacks_is_no_wrong_noise() {
     let folder = tempfile::tempdir().unwrap();
-    let hidden = GROWING.replace("2e-5", "1e-4");
+    let hidden = GROWING.replace("2e-5", "3e-4");
     simulate(folder.path(), "four_lines", 5, &hidden);
     let fit = evaluated(folder.path(), "four_lines", "measured/robot.toml");
     assert_eq!(fit["status"], "inconsistent", "{}", fit["why"]);

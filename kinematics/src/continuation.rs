@@ -7,8 +7,9 @@ use super::forward::LARGEST_MISMATCH_M;
 use super::inputs::Sample;
 use super::inverse::{InverseOptions, Reached};
 use super::least_norm::least_norm;
-use super::machine::{Machine, POSE_COLUMNS};
+use super::machine::Machine;
 use super::newton::{self, Settled};
+use super::pose::POSE_COLUMNS;
 use super::{Error, Pose};
 
 /// Largest correction after a step, as a share of the step that the tangent foretold. Where two ways of assembling the

@@ -5,7 +5,8 @@ use tau_robot::robot::Plate;
 
 use super::inputs::Sample;
 use super::inverse::Reached;
-use super::machine::{Closures, Machine, POSE_COLUMNS};
+use super::machine::{Closures, Machine};
+use super::pose::POSE_COLUMNS;
 use super::{Error, Pose, newton};
 
 /// Below this smallest singular value a pose counts as singular: a micrometre of error in a link

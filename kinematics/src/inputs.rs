@@ -8,9 +8,8 @@ use tau_robot::measurements::{Conditions, TcpPose};
 use tau_robot::robot::Input;
 use tau_robot::robot_file::Reference;
 
-use super::Pose;
-use super::machine::POSE_COLUMNS;
 use super::paths::{Path, Segment};
+use super::pose::{POSE_COLUMNS, Pose};
 use super::statics::{Forces, Statics};
 
 /// Knowledge besides the samples themselves.

@@ -5,8 +5,9 @@ use tau_robot::measurements::Conditions;
 use tau_robot::robot::{Arm, Instance, Value};
 
 use super::inputs::Sample;
-use super::machine::{Machine, POSE_COLUMNS};
+use super::machine::Machine;
 use super::newton::{self, Settled};
+use super::pose::POSE_COLUMNS;
 use super::{Error, Pose};
 
 /// Steps in which half a turn of a crank is searched, to either side: no link closes and opens again within three degrees

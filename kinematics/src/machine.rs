@@ -6,9 +6,7 @@ use tau_robot::robot::{Arm, Input, Instance, ResidualKind, Robot, TrackShape, Va
 use super::Error;
 use super::inputs::{Sample, Surroundings};
 use super::paths::Path;
-
-/// Columns of [`Closures::jacobian`] that belong to the pose: translation, then rotation vector.
-pub const POSE_COLUMNS: usize = 6;
+use super::pose::POSE_COLUMNS;
 
 /// A variant of a robot with a value for each parameter.
 #[derive(Clone)]

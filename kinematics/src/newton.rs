@@ -4,7 +4,8 @@ use nalgebra::{DMatrix, DVector, Matrix6, Vector3};
 
 use super::inputs::Sample;
 use super::least_norm::least_norm;
-use super::machine::{Closures, Machine, POSE_COLUMNS, Scratch};
+use super::machine::{Closures, Machine, Scratch};
+use super::pose::POSE_COLUMNS;
 use super::{Error, Pose};
 
 const MAX_ITERATIONS: usize = 60;

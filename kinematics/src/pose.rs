@@ -2,6 +2,9 @@
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
+/// Columns of a pose in derivatives: translation, then rotation vector.
+pub const POSE_COLUMNS: usize = 6;
+
 /// Position T and rotation R of the TCP frame in the measurement frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {

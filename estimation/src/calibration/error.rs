@@ -6,8 +6,6 @@ use tau_kinematics as kinematics;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::TCP_POSES;
 
-use crate::problem::RowPlace;
-
 /// Why a calibration, or what builds on one, failed.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Error {
@@ -48,12 +46,12 @@ impl Error {
     }
 
     /// The same of a pose whose commands stand in a row of any file.
-    pub(crate) fn at_row(place: &RowPlace, error: kinematics::Error) -> Self {
-        match Self::at_pose(place.pose, error) {
+    pub(crate) fn at_row(row: (&'static str, usize), pose: u32, error: kinematics::Error) -> Self {
+        match Self::at_pose(pose, error) {
             Self::Kinematics { pose, error, .. } => Self::Kinematics {
                 pose,
                 error,
-                row: Some((place.file, place.line)),
+                row: Some(row),
             },
             error => error,
         }

@@ -179,6 +179,8 @@ fn predicted(judged: Judged, known: &Uncertainty) -> Misfit {
 /// Rows of the factor of all unknowns of a fit: points of measured paths count as noise.
 fn factor_of(known: &Uncertainty, joint: &Joint) -> DMatrix<f64> {
     let of_parameters = known.factor_of(&joint.used);
-    let unknowns = joint.used.len() + joint.displacements();
-    of_parameters.resize_vertically(unknowns, 0.0)
+    let (parameters, columns) = of_parameters.shape();
+    let mut factor = DMatrix::zeros(parameters + joint.displacements(), columns);
+    factor.rows_mut(0, parameters).copy_from(&of_parameters);
+    factor
 }

@@ -33,6 +33,16 @@ pub(super) struct DriveReading {
     pub(super) place: RowPlace,
 }
 
+impl DriveReading {
+    /// A failure of kinematics there.
+    pub(super) fn failed(&self, error: tau_kinematics::Error) -> Error {
+        let RowPlace {
+            file, line, pose, ..
+        } = self.place;
+        Error::at_row((file, line), pose, error)
+    }
+}
+
 /// A pose of the plate that is unknown.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct UnknownPose {
@@ -62,7 +72,7 @@ impl UnknownPose {
     /// A failure of kinematics at its first reading.
     fn failed(&self, error: tau_kinematics::Error) -> Error {
         match self.readings.first() {
-            Some(reading) => Error::at_row(&reading.place, error),
+            Some(reading) => reading.failed(error),
             None => Error::at_pose(self.number, error),
         }
     }

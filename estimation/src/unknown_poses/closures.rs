@@ -50,8 +50,7 @@ impl Assembly<'_> {
                     let filled = family.fill(&machine.surroundings, &view, &mut found.data);
                     filled.map_err(|missing| sample.lacks_in(reading.place.file, missing))?;
                     found.own.extend(own..own + POSE_UNKNOWNS);
-                    let failed =
-                        |error| Error::at_row(&reading.place, machine.explained(error, &view));
+                    let failed = |error| reading.failed(machine.explained(error, &view));
                     let by_pose = machine.closures(&view).map_err(failed)?;
                     let is_gross = |link: usize| {
                         chosen.left_out.contains(&RowPlace {

@@ -8,7 +8,8 @@ use super::rows::{Kind, KindFit};
 use crate::numerics::distribution::chi2_survival;
 use crate::trust::weighing_words::{deviation, repeat_to};
 use crate::trust::{
-    FileFit, LARGEST_MISFIT, LISTED, Mistake, PoseFit, Pull, Status, Verdict, general, shorten,
+    FileFit, LARGEST_MISFIT, LEVEL, LISTED, Mistake, PoseFit, Pull, Status, Verdict, general,
+    shorten,
 };
 use crate::weighing::Outlier;
 
@@ -126,9 +127,15 @@ impl UnknownPoses {
         let mut why = vec![];
         let mut status = Status::Consistent;
         if self.is_consistent() {
+            let is_too_small = chi2_survival(self.chi2, self.dof) > 1.0 - LEVEL;
             why.push(format!(
-                "Residuals are {} times their noise, {} of them beyond what the fit absorbs.",
+                "Residuals are {} times their noise{}, {} of them beyond what the fit absorbs.",
                 general(ratio, 3),
+                if is_too_small {
+                    ", which is stated too large"
+                } else {
+                    ""
+                },
                 general(self.dof, 3)
             ));
             // Noise that was estimated from residuals holds what the model misses.

@@ -4,7 +4,7 @@
 
 use tau_runtime::{Kernel, Lanes};
 
-use crate::machine::POSE_COLUMNS;
+use crate::pose::POSE_COLUMNS;
 
 /// Divides the rows of systems by the lengths of their gradients by translation; norms of the right-hand sides.
 pub(super) struct Scale {

@@ -571,7 +571,7 @@ impl Fit<'_> {
         Ok(found)
     }
 
-    fn mean_length_m(&self) -> f64 {
+    pub(in super::super) fn mean_length_m(&self) -> f64 {
         let sample = self
             .assembly
             .poses
