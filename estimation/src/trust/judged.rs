@@ -106,11 +106,20 @@ impl Judged {
         self.misfit
     }
 
-    /// The sum of squares of residuals and priors, without what only completes them: that grows with tolerances, and would
-    /// count against all that are wide.
+    /// The sum of squares of residuals and priors. The bias of the score, which the fit takes off, is that of small departures
+    /// and no evidence: of wide tolerances and dimensions far off it would be most.
     pub(crate) fn total(&self) -> f64 {
-        let completed: f64 = self.descent.joint.completed().sum();
-        self.descent.residuals.norm_squared() - completed
+        let Descent {
+            joint,
+            residuals,
+            fitted,
+            ..
+        } = &self.descent;
+        let of_priors = joint.priors.iter().zip(fitted).filter_map(|(prior, at)| {
+            let sigma = prior.sigma()?;
+            Some(((at - prior.value) / sigma).powi(2))
+        });
+        residuals.rows(0, joint.rows.len()).norm_squared() + of_priors.sum::<f64>()
     }
 
     /// Terms beside the sum of squares in −2 ln of the evidence, but for constants of the robot: volumes of noise
