@@ -140,7 +140,7 @@ fn the_region_of_unknown_poses_is_told_by_what_is_known_there() {
     assert!(4 * far < all, "{far} of {all}");
 }
 
-/// What is known of lengths beside joints that were calibrated with them says nothing of lengths alone: 169 µm would be
+/// Standard deviations of lengths beside joints that were calibrated with them say nothing of lengths alone: 169 µm would be
 /// expected where 17 are measured.
 #[test]
 fn standard_deviations_of_another_variant_are_not_stated() {

@@ -174,7 +174,7 @@ fn a_parameter_of_the_machine_far_off_is_named() {
     all_name(folder.path(), with, ["dimension", "robot.toml", "`radius`"]);
 }
 
-/// Whatever fits no machine is no matter of two distances, though some always fit better in each other's place.
+/// Rows that fit no machine are no matter of two distances, though some always fit better in each other's place.
 #[test]
 fn distances_of_what_fits_no_machine_are_in_their_places() {
     let folder =

@@ -23,7 +23,7 @@ pub(crate) struct Case<'a> {
     pub(crate) file: Arc<RobotFile>,
     /// TCP poses, which all take part, and set 2 where the variant takes it; nothing else.
     pub(crate) folder: Folder,
-    /// What tolerances are, where they are not as given.
+    /// Tolerances, where they are not as given.
     pub(crate) tolerances: Option<Hypothesis>,
 }
 
