@@ -63,6 +63,9 @@ pub struct Options {
     /// True if a scale of the whole machine that no measurement determines is fitted all the same, where poses are
     /// unknown.
     pub free_scale: bool,
+    /// True if mistakes of rows are recognised where these are not met and poses are unknown, before more is tried to fit
+    /// them as they are.
+    pub recognises_mistakes: bool,
 }
 
 /// A combination of parameters that the data do not determine.

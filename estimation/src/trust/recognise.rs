@@ -16,6 +16,7 @@ use crate::numerics::distribution::chi2_survival;
 use crate::numerics::order::{largest_first, smallest_first};
 use crate::numerics::parallel;
 use crate::problem::{Closures, Residuals};
+use crate::samples::Sample;
 use crate::trust::exchanged::exchanged_commands;
 use crate::trust::first_look::FirstLook;
 use crate::trust::hypothesis::{self, Case, Hypothesis, THOUSAND};
@@ -29,10 +30,10 @@ use crate::weighing::weigh_fitted;
 pub(crate) const ODDS: f64 = 1e3;
 /// Poses for a first look at all hypotheses, and for a closer one at the best of them: as many as calibrations usually
 /// have, whose own fits serve then.
-const FEW_POSES: usize = 12;
-const POSES: usize = 100;
+pub(crate) const FEW_POSES: usize = 12;
+pub(crate) const POSES: usize = 100;
 /// Iterations of the closer look at a few poses: enough for places of tracks that are known to centimetres.
-const FEW_ITERATIONS: usize = 4;
+pub(crate) const FEW_ITERATIONS: usize = 4;
 /// Iterations of a whole descent.
 pub(crate) const ITERATIONS: usize = 40;
 /// Hypotheses that a closer look is taken at, and dimensions that are set free, the most suspect first: each costs a whole
@@ -277,8 +278,14 @@ fn candidates(case: &Case<'_>, given: Option<&Judged>) -> Vec<Hypothesis> {
     let few = case.thinned(FEW_POSES);
     let mut all = exchanged_commands(&few);
     all.extend(numbering::drawn(&few));
-    let signs = (0..case.robot.commands).map(Hypothesis::Sign);
-    all.extend(signs.filter(|sign| is_another_machine(&few, sign)));
+    let prepared = few.prepared();
+    let has_sign = |&command: &usize| {
+        (prepared.as_ref()).map_or(true, |Prepared { machine, .. }| {
+            has_sign(machine, few.samples(), command, few.mean_length_m())
+        })
+    };
+    let signs = (0..case.robot.commands).filter(has_sign);
+    all.extend(signs.map(Hypothesis::Sign));
     all.extend(hypothesis::axes());
     all.extend(hypothesis::angles());
     all.push(Hypothesis::Millimetres);
@@ -304,19 +311,26 @@ fn candidates(case: &Case<'_>, given: Option<&Judged>) -> Vec<Hypothesis> {
         .collect()
 }
 
-/// False where a hypothesis changes closures by less than what makes another machine, so that other values of parameters
-/// would do: a length that is even in its command hardly knows its sign.
-fn is_another_machine(case: &Case<'_>, hypothesis: &Hypothesis) -> bool {
-    let Ok(Prepared { machine, .. }) = case.prepared() else {
-        return true;
-    };
-    let (given, mended) = (case.samples(), case.mended(hypothesis).samples());
-    let changes = given.iter().zip(&mended).filter_map(|(given, mended)| {
-        let [given, mended] = [given, mended].map(|sample| machine.closures(&sample.view()));
-        Some((mended.ok()?.residuals - given.ok()?.residuals).amax())
+/// False where the sign of a command changes closures by less than what makes another machine, so that other values of
+/// parameters would do: a length that is even in its command hardly knows its sign.
+pub(crate) fn has_sign(
+    machine: &Machine,
+    samples: impl IntoIterator<Item = Sample>,
+    command: usize,
+    length_m: f64,
+) -> bool {
+    let changes = samples.into_iter().filter_map(|sample| {
+        let given = machine.closures(&sample.view()).ok()?;
+        let mut commands_m = sample.view().commands_m.to_vec();
+        Hypothesis::Sign(command).mend_commands(&mut commands_m, None);
+        let mended = tau_kinematics::Sample {
+            commands_m: &commands_m,
+            ..sample.view()
+        };
+        let mended = machine.closures(&mended).ok()?;
+        Some((mended.residuals - given.residuals).amax())
     });
-    let largest = changes.fold(0.0, f64::max);
-    largest > LARGEST_MISFIT * case.mean_length_m()
+    changes.fold(0.0, f64::max) > LARGEST_MISFIT * length_m
 }
 
 /// The best hypotheses at a first look, of those that leave less there than the case as given does.

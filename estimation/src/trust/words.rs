@@ -92,14 +92,10 @@ fn nothing() -> Mistake {
 
 fn of(case: &Case<'_>, hypothesis: &Hypothesis, values: &[f64]) -> Mistake {
     let (kind, file, what, mend) = match hypothesis {
-        Hypothesis::Commands(columns) => commands(case.robot, columns),
-        Hypothesis::Sign(command) => sign(case.robot, *command),
+        Hypothesis::Commands(_) | Hypothesis::Sign(_) | Hypothesis::Axes { .. } => {
+            return of_measurements(case.robot, hypothesis, TCP_POSES);
+        }
         Hypothesis::Carts(carts) => return numbering::described(case.robot, CART_POSES, carts),
-        Hypothesis::Axes {
-            columns,
-            signs,
-            turned,
-        } => axes(*columns, *signs, *turned),
         Hypothesis::Angles {
             axes,
             fixed,

@@ -56,7 +56,7 @@ use starts::Search;
 
 pub use estimated::{EstimatedPoses, Placed, Side};
 pub use evaluation::{
-    HeldErrors, JudgedRows, KindErrors, Moved, PlaceEstimate, RowError, evaluate, mistakes_of,
+    HeldErrors, JudgedRows, KindErrors, Moved, PlaceEstimate, RowError, evaluate,
 };
 pub use gauge::Freedom;
 pub use heldout::{HeldOut, HeldOutKind};
@@ -111,7 +111,7 @@ pub fn rank(
 /// # Errors
 /// [`Error::Input`] where columns, noise or values are missing, where every row is needed to determine the parameters,
 /// and where a scale is free; [`Error::Kinematics`] where a pose can't be found from the nominal machine;
-/// [`Error::NotConverged`].
+/// [`Error::NotConverged`]. Where a mistake of the rows leaves no fit, [`mistakes`] says so.
 pub fn calibrate(
     robot: &Robot,
     variant: &Variant,
@@ -120,42 +120,7 @@ pub fn calibrate(
     division: &RowDivision,
     options: &calibration::Options,
 ) -> Result<UnknownPoses, Error> {
-    let rows = (folder, division);
-    calibrated((robot, variant, file), rows, options, Effort::Whole)
-}
-
-/// The same with mistakes of the rows, where these are not met: what would mend them is tried before more is tried to fit
-/// them as they are. Where nothing fits them, [`mistakes`] says why.
-///
-/// # Errors
-/// As [`calibrate`].
-pub fn calibrate_recognising(
-    robot: &Robot,
-    variant: &Variant,
-    file: &RobotFile,
-    folder: &Folder,
-    division: &RowDivision,
-    options: &calibration::Options,
-) -> Result<UnknownPoses, Error> {
-    let rows = (folder, division);
-    calibrated((robot, variant, file), rows, options, Effort::Recognising)
-}
-
-/// Effort of a calibration whose first fit misses the measurements.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Effort {
-    /// Noise is widened where that helps.
-    Whole,
-    /// The same, unless a mistake of rows explains it.
-    Recognising,
-}
-
-fn calibrated(
-    (robot, variant, stated): (&Robot, &Variant, &RobotFile),
-    (folder, division): (&Folder, &RowDivision),
-    options: &calibration::Options,
-    effort: Effort,
-) -> Result<UnknownPoses, Error> {
+    let stated = file;
     let file = &stated.completed(robot);
     refuse_tracker_effects(variant, folder)?;
     let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
@@ -194,14 +159,17 @@ fn calibrated(
         None => fitted(nominal(), division, Search::Stated),
     };
     let (mut is_explained, mut mistakes) = (sketch_m.is_some(), vec![]);
-    if effort == Effort::Recognising {
+    if options.recognises_mistakes {
         let case = recognised::Case {
             robot,
             variant,
             file: stated,
             folder,
             division,
-            options,
+            options: &calibration::Options {
+                recognises_mistakes: false,
+                ..options.clone()
+            },
         };
         mistakes = case.explaining(first.as_ref());
         is_explained |= !mistakes.is_empty();

@@ -6,7 +6,6 @@
 
 use std::collections::BTreeSet;
 
-use tau_kinematics::Sample;
 use tau_robot::measurements::{Folder, PlateKind, TCP_POSES};
 use tau_robot::robot::{Robot, Variant};
 use tau_robot::robot_file::{RobotFile, StatedNoise};
@@ -20,14 +19,10 @@ use crate::numerics::order::smallest_first;
 use crate::numerics::parallel;
 use crate::trust::exchanged::orders;
 use crate::trust::hypothesis::{Hypothesis, THOUSAND, axes};
-use crate::trust::recognise::{CAUTIOUS, CLOSER, ODDS, STATED};
-use crate::trust::{ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, Mistake, NEARER, words};
-
-/// Poses for a first look at all hypotheses, and for a closer one at the best of them.
-const FEW_POSES: usize = 16;
-const POSES: usize = 60;
-/// Steps of the first look: Newton's method squares its error with each, so that those which are near are told.
-const FEW_STEPS: usize = 8;
+use crate::trust::recognise::{
+    CAUTIOUS, CLOSER, FEW_ITERATIONS, FEW_POSES, ODDS, POSES, STATED, has_sign,
+};
+use crate::trust::{ABSURD_TOLERANCES, LEVEL, Mistake, NEARER, words};
 
 /// Measurements and the robot that they are of.
 #[derive(Clone, Copy)]
@@ -98,19 +93,15 @@ impl Case<'_> {
             Err(Error::Input(_)) => return vec![],
             Err(_) => None,
         };
-        if given.is_some_and(|given| given.is_consistent() && is_plausible(given)) {
-            return given
-                .and_then(|given| self.wrong_noise(given))
-                .into_iter()
-                .collect();
-        }
         let thinned = self.division.thinned(self.folder, POSES);
         let case = Case {
             division: thinned.as_ref().unwrap_or(self.division),
             ..*self
         };
-        let of_rows = case.of_rows(given.map(UnknownPoses::residual_over_noise));
-        let of_noise = || given.and_then(|given| self.wrong_noise(given));
+        let is_met = given.is_some_and(|given| given.is_consistent() && is_plausible(given));
+        let ratio = given.map(UnknownPoses::residual_over_noise);
+        let of_rows = (!is_met).then(|| case.of_rows(ratio)).flatten();
+        let of_noise = || given.and_then(|given| case.wrong_noise(given));
         of_rows.or_else(of_noise).into_iter().collect()
     }
 
@@ -146,7 +137,7 @@ impl Case<'_> {
     }
 
     /// Squares of some rows after a few steps from the drawing, tolerances among them; `None` where there are none. Rows without
-    /// a mistake lie near the drawing.
+    /// a mistake lie near the drawing, and Newton's method squares its error with each step.
     fn cost(&self, folder: &Folder, division: &RowDivision) -> Option<f64> {
         let file = &self.file.completed(self.robot);
         let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
@@ -155,7 +146,7 @@ impl Case<'_> {
         let machine = prepared.machine.clone();
         let fit = Fit::from(&prepared, machine, file, folder, division, is_sketch).ok()?;
         let mut options = self.options.clone();
-        options.solver.max_iterations = FEW_STEPS;
+        options.solver.max_iterations = FEW_ITERATIONS;
         let solution = fit.solved(&fit.start, ROUGH_COST, &options).ok()?;
         Some(solution.cost).filter(|cost| cost.is_finite())
     }
@@ -178,9 +169,16 @@ impl Case<'_> {
             scopes.extend(files.iter().copied().map(Some));
         }
         let commands = orders(robot.commands).into_iter().map(Hypothesis::Commands);
-        let signs = (0..robot.commands).filter(|&command| self.has_sign(command));
-        let signs = signs.map(Hypothesis::Sign);
-        let of_commands: Vec<Hypothesis> = commands.chain(signs).collect();
+        let file = &self.file.completed(robot);
+        let fit = Fit::new(robot, self.variant, file, folder, self.division);
+        let signs = (0..robot.commands).filter(|&command| {
+            // Poses that the drawing can't take say nothing against it.
+            fit.as_ref().map_or(true, |fit| {
+                let (samples, length_m) = (fit.assembly.samples(), fit.mean_length_m());
+                has_sign(&fit.machine, samples, command, length_m)
+            })
+        });
+        let of_commands: Vec<Hypothesis> = commands.chain(signs.map(Hypothesis::Sign)).collect();
         let places = [PlateKind::Position.file(), TCP_POSES];
         let of_places = files.iter().filter(|file| places.contains(file));
         let of_places = of_places.flat_map(|file| {
@@ -201,29 +199,6 @@ impl Case<'_> {
                 file,
             })
             .collect()
-    }
-
-    /// False where the sign of a command changes closures by less than what makes another machine, so that other values of
-    /// parameters would do: a length that is even in its command hardly knows its sign.
-    fn has_sign(&self, command: usize) -> bool {
-        let file = &self.file.completed(self.robot);
-        let (robot, variant) = (self.robot, self.variant);
-        let Ok(fit) = Fit::new(robot, variant, file, self.folder, self.division) else {
-            return true;
-        };
-        let samples = fit.assembly.samples();
-        let changes = samples.filter_map(|sample| {
-            let given = fit.machine.closures(&sample.view()).ok()?;
-            let mut commands_m = sample.view().commands_m.to_vec();
-            commands_m[command] = -commands_m[command];
-            let mended = Sample {
-                commands_m: &commands_m,
-                ..sample.view()
-            };
-            let mended = fit.machine.closures(&mended).ok()?;
-            Some((mended.residuals - given.residuals).amax())
-        });
-        changes.fold(0.0, f64::max) > LARGEST_MISFIT * fit.mean_length_m()
     }
 
     fn described(&self, trial: &Trial) -> Mistake {

@@ -97,7 +97,7 @@ impl<R> Session<R> {
     }
 
     /// Calibrates a variant on all measurements of the plate, the true pose of each being unknown: see
-    /// [`unknown_poses::calibrate_recognising`].
+    /// [`unknown_poses::calibrate`]; mistakes of rows are recognised.
     ///
     /// # Errors
     /// As there.
@@ -109,7 +109,11 @@ impl<R> Session<R> {
         let variant = variant.variant_of(&self.robot)?;
         let (robot, file, folder) = (&self.robot, &self.robot_file, &self.folder);
         let division = self.row_division();
-        unknown_poses::calibrate_recognising(robot, variant, file, folder, &division, options)
+        let options = Options {
+            recognises_mistakes: true,
+            ..options.clone()
+        };
+        unknown_poses::calibrate(robot, variant, file, folder, &division, &options)
     }
 
     /// Errors of measurements with the parameters of the session's robot file, the true pose of each being unknown: see
@@ -127,7 +131,8 @@ impl<R> Session<R> {
         let mut held =
             unknown_poses::evaluate(robot, variant, file, folder, rows, &self.options())?;
         if held.verdict().status > Status::Consistent && held.mistakes.is_empty() {
-            held.mistakes = unknown_poses::mistakes_of(robot, variant, file, folder, rows)?;
+            let division = rows.division();
+            held.mistakes = unknown_poses::mistakes(robot, variant, file, folder, &division)?;
         }
         Ok(held)
     }

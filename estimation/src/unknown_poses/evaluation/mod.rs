@@ -48,7 +48,7 @@ pub struct JudgedRows {
 
 impl JudgedRows {
     /// The division by which they alone calibrate.
-    fn division(&self) -> RowDivision {
+    pub fn division(&self) -> RowDivision {
         RowDivision {
             calibration: self.poses.clone(),
             distances: self.distances.clone(),
@@ -197,20 +197,6 @@ pub fn evaluate(
         found.within_tolerances = fitted.ok().map(|fitted| fitted.verdict());
     }
     Ok(found)
-}
-
-/// Mistakes in these measurements that explain why they are not met.
-///
-/// # Errors
-/// As [`evaluate`].
-pub fn mistakes_of(
-    robot: &Robot,
-    variant: &Variant,
-    file: &RobotFile,
-    folder: &Folder,
-    rows: &JudgedRows,
-) -> Result<Vec<Mistake>, Error> {
-    super::mistakes(robot, variant, file, folder, &rows.division())
 }
 
 /// The same, and true if exact closures are missed that are not taken for loose.
