@@ -113,8 +113,12 @@ impl Search<'_> {
                 cosines.push(cosine);
             }
         }
-        // One effect at several places may be meant as well.
-        let mut tried = BTreeSet::from([self.bench.candidates[removed.candidate].effect]);
+        // One effect at several places may be meant as well: any other that is significant, and its own in the stead of
+        // an amplitude that all places have in common.
+        let mut tried = BTreeSet::new();
+        if !self.is_common(removed.candidate) {
+            tried.insert(self.bench.candidates[removed.candidate].effect);
+        }
         let significant: Vec<usize> = (without.table.scores.iter())
             .filter(|score| self.is_significant(score))
             .map(|score| score.candidate)

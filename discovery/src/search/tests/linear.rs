@@ -140,14 +140,14 @@ fn candidate(bench: &CandidateSet, name: &str, place: &str) -> usize {
 fn named(search: &Search<'_>, change: &Move) -> Vec<String> {
     let members = change.members.iter().map(|member| member.candidate);
     let all = members.chain(change.unnamed.iter().map(|unnamed| unnamed.0));
-    let mut names: Vec<String> = all
-        .map(|candidate| {
-            let Candidate { name, at, .. } = &search.bench.candidates[candidate];
-            format!("{name}({at})")
-        })
-        .collect();
+    let mut names: Vec<String> = all.map(|candidate| name_of(search, candidate)).collect();
     names.sort();
     names
+}
+
+fn name_of(search: &Search<'_>, candidate: usize) -> String {
+    let Candidate { name, at, .. } = &search.bench.candidates[candidate];
+    format!("{name}({at})")
 }
 
 /// The cost of one amplitude among twelve names without families: of the fall of −2 ln L where its F test has its
@@ -349,6 +349,31 @@ fn an_amplitude_in_common_is_split() {
         moves[0].predicted,
         fall(before, DEGREES) + cost() + further(),
     );
+}
+
+/// Places with amplitudes of their own may be meant by one that all have in common, where they fit as well.
+#[test]
+fn places_are_rivals_of_an_amplitude_in_common() {
+    let world = World::new("");
+    let input = world.input();
+    let alone = 2e-5 * gap(&[0]) + 2e-5 * gap(&[1]);
+    let everywhere = 2e-5 * gap(&[0, 1, 2]);
+    for (signal, rivals) in [(alone, vec!["gap(one)", "gap(two)"]), (everywhere, vec![])] {
+        let rows = noise() + signal;
+        let mut search = world.search(&input, &rows, &[used("gap", "all", gap(&[0, 1, 2]))]);
+        let found = search.found().remove(0);
+        let told = found.rivals.iter().flat_map(|rival| &rival.candidates);
+        let mut told: Vec<String> = told.map(|&told| name_of(&search, told)).collect();
+        told.sort();
+        assert_eq!(told, rivals);
+        let after = left(&rows, &[offsets(), vec![gap(&[0]), gap(&[1])]].concat());
+        let by_common = left(&rows, &[offsets(), vec![gap(&[0, 1, 2])]].concat());
+        let change = fall(by_common, after) + cost() + further();
+        assert_eq!(
+            change < search.input.options.constants.as_good,
+            !rivals.is_empty()
+        );
+    }
 }
 
 /// An optional parameter joins its effect where there is something for it, and only there.

@@ -1,5 +1,7 @@
 //! Counts of verdicts on virtual machines: mistakes that are named rightly, and clean folders that are consistent.
 
+mod rows;
+#[path = "../support/mod.rs"]
 mod support;
 
 use clap::Parser;
@@ -22,6 +24,9 @@ struct Arguments {
     /// Clean folders of each robot.
     #[arg(long, default_value_t = 100)]
     clean: u64,
+    /// Machines of each robot whose poses are not measured, for each mistake and for none.
+    #[arg(long, default_value_t = 3)]
+    rows: u64,
     /// All that is said of mistakes, not only where none is named rightly.
     #[arg(long)]
     texts: bool,
@@ -217,6 +222,7 @@ fn main() {
         calibrated.print(name, "calibrated");
         predicted.print(name, "evaluated");
     }
+    rows::print(arguments.rows);
 }
 
 /// Verdicts by status, and the sum of χ² over its degrees of freedom.
