@@ -16,6 +16,12 @@ use tau_robot::robot::{Owner, Variant};
 
 use super::{Error, Input, Unknown};
 
+/// Noise of links, as a share of that of positions, that the search allows for where redundant drives are stated to be
+/// exact and the base contradicts them: it adds a hundredth to the variance of what poses move. Contradictions would be
+/// thousands of times what exact drives leave, and parameters that reconcile them at any price make another machine, beside
+/// which no effect looks like itself.
+const LOOSE_SHARE: f64 = 0.1;
+
 /// The base fitted to all sets, and their samples with the loads of the arm.
 pub(super) fn base_fit(
     input: &Input<'_>,
@@ -28,6 +34,7 @@ pub(super) fn base_fit(
         file,
         folder,
         division,
+        options,
         ..
     } = *input;
     let free = variant::free_turning(model, index, Some(variant));
@@ -56,17 +63,23 @@ pub(super) fn base_fit(
     trust::refuse(of, file, folder, &division.calibration)?;
     let mut samples = samples_in(&frames);
     place_plates(&machine, file, &mut samples);
-    let joint = Joint::new(machine.clone(), &prepared.nominal, &samples, file.noise)?;
     let about_lines = outliers::deviations(outliers::about_lines(&samples), &samples);
     weights.extend(outliers::weights(&about_lines).drain(weights.len()..));
     let robust = |joint| Fit::robust(joint, &values, weights.clone(), &samples, file.noise);
-    let is_met = |fit: &Fit| !fit.joint.misses_exact(fit.residuals.as_slice());
-    // Closures of exact drives tell effects apart that nothing else does: where the base misses them, they take part as
-    // stated, with the noise that the misfit makes of all closures.
+    let joint = Joint::new(machine.clone(), &prepared.nominal, &samples, file.noise)?;
+    let far_beyond = options.constants.far_beyond;
+    let is_met = |fit: &Fit| {
+        let scale = fit.scales[Component::Closure as usize];
+        !fit.joint.misses_exact(fit.residuals.as_slice()) && scale < far_beyond
+    };
     let fit = match robust(joint.clone()) {
         found if !joint.has_exact() => found?,
         Ok(found) if is_met(&found) => found,
-        _ => robust(joint.without_exact(1.0))?,
+        _ => {
+            let mut loose = machine;
+            loose.surroundings.length_noise.links_m = LOOSE_SHARE * file.noise.position_m;
+            robust(Joint::new(loose, &prepared.nominal, &samples, file.noise)?)?
+        }
     };
     let off_m = fit.scales[Component::Closure as usize] * file.noise.position_m;
     if off_m > LARGEST_MISFIT * mean_length_m(&fit) {

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use tau_estimation::calibration::length_noise;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::distribution::chi2_survival;
 use tau_estimation::numerics::parallel;
@@ -344,8 +345,18 @@ fn remarks(search: &Search<'_>, whiteness: Option<&Whiteness>) -> Vec<String> {
             remarks.push(what.to_owned());
         }
     }
+    let search_allows = &search.state.fit.joint.machine.surroundings.length_noise;
+    let allows_more = *search_allows != length_noise(search.input.robot, search.input.file);
+    if allows_more {
+        remarks.push(format!(
+            "drives contradict each other by more than exact ones could, so that the search took links for as uncertain as \
+             {:.2} µm: state the noise of drives (`[drives]` of `robot.toml`)",
+            1e6 * search_allows.links_m
+        ));
+    }
     for scale in misfit::noise_scales(&search.state.fit) {
-        if !(0.85..1.15).contains(&scale.factor) {
+        let is_usual = (0.85..1.15).contains(&scale.factor);
+        if !is_usual && !(allows_more && scale.factor < 1.0) {
             remarks.push(format!(
                 "the noise of set {} ({}) is {:.2} times the stated one",
                 scale.set, scale.of, scale.factor

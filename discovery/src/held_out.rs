@@ -3,6 +3,7 @@
 //! Where poses were measured: the position error at the tool. Where they are unknown: what is left of a pose's
 //! measurements once the plate stands where they fit best.
 
+use tau_estimation::calibration::length_noise;
 use tau_estimation::evaluation::{Summary, evaluate};
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::joint::unknown::HeldOut;
@@ -40,7 +41,9 @@ pub(super) fn floor(input: &Input<'_>, fit: &Fit) -> Result<Floor, Error> {
         let all = &input.division.validation;
         let taken = spread(all.len(), count(input.options.constants.most_poses));
         let poses: Vec<usize> = taken.into_iter().map(|pose| all[pose]).collect();
-        return floor::floor(fit, &machine(fit), input.folder, &poses, input.file.noise);
+        let mut machine = machine(fit);
+        machine.surroundings.length_noise = length_noise(input.robot, input.file);
+        return floor::floor(fit, &machine, input.folder, &poses, input.file.noise);
     };
     let found = of_unknown(input, unknown, fit)?;
     let count = found.expected_m2.len().max(1) as f64;

@@ -217,6 +217,8 @@ impl State {
         } = *input;
         let mut prepared =
             Prepared::new(robot, &variant, file, Some(folder), &division.calibration)?;
+        let noise = &self.fit.joint.machine.surroundings.length_noise;
+        (prepared.machine.surroundings.length_noise).clone_from(noise);
         // A found effect is there: its prior keeps what the data do not tell within what is plausible,
         // and must not pull back what they do.
         let found = own_effects..own_effects + members.len();
@@ -255,8 +257,7 @@ impl State {
             &prepared.nominal,
             &bench.samples,
             file.noise,
-        )?
-        .like(&self.fit.joint);
+        )?;
         let start = joint.fitted(&values);
         Fit::near(
             joint,

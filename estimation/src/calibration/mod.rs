@@ -34,7 +34,7 @@ pub use error::Error;
 pub use nominal::Nominal;
 pub(crate) use output::reference;
 pub use output::{LinkResult, LinkSigma, ParameterEstimate};
-pub use prepared::Prepared;
+pub use prepared::{Prepared, length_noise};
 pub use registration::{Line, MOUNTING_M, NominalTrack, Registration};
 pub(crate) use registration::{set_2, set_3};
 pub(crate) use shared_noise::factor_with_shared_noise;

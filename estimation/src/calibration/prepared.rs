@@ -116,7 +116,7 @@ impl Prepared {
 }
 
 /// Stated noise of drives and links; noise that is to be estimated is not known here.
-fn length_noise(robot: &Robot, file: &RobotFile) -> LengthNoise {
+pub fn length_noise(robot: &Robot, file: &RobotFile) -> LengthNoise {
     let known = |stated: Option<StatedNoise>| match stated {
         Some(StatedNoise::Known(sigma)) => sigma,
         _ => 0.0,

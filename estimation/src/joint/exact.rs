@@ -37,17 +37,6 @@ impl Joint {
         self
     }
 
-    /// The same with exact closures treated as another treats its own.
-    #[must_use]
-    pub fn like(self, other: &Self) -> Self {
-        if other.has_exact() {
-            self
-        } else {
-            let shares = other.rows.iter().map(|row| row.share);
-            self.without_exact(shares.fold(1.0, f64::min))
-        }
-    }
-
     /// True if residuals, in units of the stated noise, miss the bounds.
     pub fn misses_exact(&self, residuals: &[f64]) -> bool {
         let [_, (squares, count)] = self.by_exactness(residuals);

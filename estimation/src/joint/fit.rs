@@ -49,7 +49,8 @@ impl Fit {
         let variant = &joint.machine.variant;
         searched::start(&mut problem, variant, &joint.used, range_m, &options).map_err(failed)?;
         let solution = tau_solver::solve(&problem, &options).map_err(failed)?;
-        if !solution.converged() || solution.parameters.iter().any(|value| !value.is_finite()) {
+        // A start need not be the minimum: from there each round of the robust fit goes on.
+        if solution.parameters.iter().any(|value| !value.is_finite()) {
             return Err(not_converged(joint, &solution.termination.to_string()));
         }
         let residuals = joint.residuals(&solution.parameters, &factors);
