@@ -73,6 +73,25 @@ fn carts_tell_how_tracks_run() {
     assert!((rms - 1.0).abs() < 0.2, "{rms}");
 }
 
+/// Where tracks run follows from parameters of the whole machine: carts tell how far a command carries them.
+#[test]
+fn carts_tell_parameters_of_formulas() {
+    let folder = tempfile::tempdir().unwrap();
+    let line =
+        "tau simulate --out DIR/measured --model linear_delta --variant Scaled --measure positions";
+    tau_in(folder.path(), line).done();
+    let scale = || {
+        let line = "tau calibrate DIR/measured --variant Scaled --out DIR/out --force --json -";
+        sigma(&tau_in(folder.path(), line).json(), "scale")
+    };
+    let with = scale();
+    for name in ["cart_poses.csv", "cart_positions.csv"] {
+        fs::remove_file(folder.path().join("measured").join(name)).unwrap();
+    }
+    let ratio = with / scale();
+    assert!(ratio < 0.8, "{ratio}");
+}
+
 /// A wave of 20 µm on a rack, that carts tell more of than the plate: what is written is what is said.
 #[test]
 fn discovery_writes_what_carts_and_plate_say_together() {

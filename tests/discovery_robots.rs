@@ -82,6 +82,36 @@ gravity_m_s2 = [0.0, 0.0, -9.81]
     assert!((value - 7e-7).abs() < 4.0 * sigma, "{along}");
 }
 
+/// Where tracks follow from formulas too, their carts show what the arm alone does not: a wave of 4 µm on a rack, and how a
+/// cart turns.
+#[test]
+fn carts_on_tracks_by_formulas_take_part() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, effect) in [
+        (
+            "rack_pitch(b)",
+            "rack_pitch(b):sine=4e-6,cosine=2e-6,period=0.0133",
+        ),
+        (
+            "angular_motion(b)",
+            "angular_motion(b):roll2=1.5e-2,pitch2=1.5e-2",
+        ),
+    ] {
+        let measured = folder.path().join(name);
+        let line = format!("--seed 100 --random-approach --effect {effect}");
+        let line = format!(
+            "tau simulate --model linear_delta --out {} {line}",
+            measured.display()
+        );
+        tau_in(folder.path(), &line).done();
+        let line = format!("tau discover {} --out DIR/out --json -", measured.display());
+        let found = tau_in(folder.path(), &line).json();
+        assert_eq!(effects(&found), [name]);
+        let remarks = found["remarks"].to_string();
+        assert!(!remarks.contains("is missing"), "{remarks}");
+    }
+}
+
 /// Without poses too, what is written is what is said: a period starts where it was found, not in the middle of its range.
 #[test]
 fn a_period_is_written_where_it_was_found() {

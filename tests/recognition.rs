@@ -93,6 +93,27 @@ fn exchanged_carts_are_named_before_a_fit_and_after() {
     }
 }
 
+/// Upright tracks a decimetre apart, that follow from formulas: targets sit further from their carts than that, so that only
+/// carts with commands of their own tell their numbers.
+#[test]
+fn exchanged_carts_between_near_tracks_are_named_where_commands_tell() {
+    let with = "--model linear_delta";
+    let unnoticed = |folder: &Path, with: &str| {
+        let line = format!("tau check DIR/measured {with} -q --json -");
+        let found: Value = serde_json::from_str(&tau_in(folder, &line).out).unwrap();
+        found["exchange_unnoticed"].clone()
+    };
+    let folder = simulated(with);
+    let expected = serde_json::json!(["cart_poses.csv"]);
+    assert_eq!(unnoticed(folder.path(), with), expected);
+    exchange_carts(folder.path(), "cart_positions.csv");
+    let words = "cart 2 on `a`, cart 1 on `b`";
+    all_name(folder.path(), with, ["carts", "cart_positions.csv", words]);
+
+    let folder = simulated("--seed 1");
+    assert_eq!(unnoticed(folder.path(), ""), serde_json::json!([]));
+}
+
 /// Carts are compared with the tracks of the mended machine: no other numbering looks right on one that fits nothing.
 #[test]
 fn mistakes_of_poses_are_none_of_carts() {

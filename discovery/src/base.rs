@@ -58,7 +58,7 @@ pub(super) fn base_fit(
     let alone = alone.without_exact(CLOSURE_SHARE);
     let (values, mut weights) = Fit::of_set_1(&alone, &of_set_1)?;
     let machine = prepared.machine.with_values(values.clone());
-    let frames = Frames::of(&machine, file, folder);
+    let frames = Frames::of(&machine, folder);
     let of = (&machine.robot, &machine.variant);
     trust::refuse(of, file, folder, &division.calibration)?;
     let mut samples = samples_in(&frames);
@@ -108,7 +108,7 @@ fn of_unknown_poses(
         known.copied().unwrap_or(*value)
     });
     let machine = prepared.machine.with_values(values.collect());
-    let frames = Frames::of(&machine, file, folder);
+    let frames = Frames::of(&machine, folder);
     let mut samples = Sample::all(robot, folder, &division.calibration, &frames);
     Sample::sort_by_time(&mut samples);
     place_plates(&machine, file, &mut samples);

@@ -330,18 +330,19 @@ fn far_from_drawing(fit: &Fit) -> Vec<String> {
 fn remarks(search: &Search<'_>, whiteness: Option<&Whiteness>) -> Vec<String> {
     let mut remarks = Vec::new();
     // Without measured poses, no set of the tracker takes part.
-    let takes_sets = search.input.unknown.is_none() && Shape::from(search.input.robot).has_carts();
-    for (set, what) in [
+    let input = search.input;
+    let takes_sets = input.unknown.is_none() && Shape::from(input.robot).has_carts();
+    for (is_missing, what) in [
         (
-            2,
+            input.folder.cart_poses.is_empty(),
             "set 2 (`cart_poses.csv`) is missing: it would show straightness and rotation of the carts, apart from the arm's load",
         ),
         (
-            3,
+            input.folder.cart_positions.is_empty(),
             "set 3 (`cart_positions.csv`) is missing: it would show the carts under load, and errors along the tracks at many commands",
         ),
     ] {
-        if takes_sets && !search.bench.samples.iter().any(|sample| sample.set == set) {
+        if takes_sets && is_missing {
             remarks.push(what.to_owned());
         }
     }

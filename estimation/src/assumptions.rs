@@ -6,9 +6,7 @@ use tau_robot::measurements::Folder;
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::RobotFile;
 
-use crate::calibration::{
-    Line, MOUNTING_M, NominalTrack, Registration, prepared::mean_rotation, set_2, set_3,
-};
+use crate::calibration::{Line, MOUNTING_M, Registration, prepared::mean_rotation, set_2, set_3};
 use crate::numerics::order::smallest_first;
 
 /// Checks of what the models assume.
@@ -131,7 +129,7 @@ fn compare_sets(robot: &Robot, file: &RobotFile, folder: &Folder) -> Vec<TrackCo
     let pairs: Vec<Option<Pairs>> = (0..robot.tracks.len())
         .map(|track| Pairs::new(folder, track, &to_measurement_frame))
         .collect();
-    let Some(rotation) = alignment(robot, file, &pairs) else {
+    let Some(rotation) = alignment(file, &pairs) else {
         return Vec::new();
     };
     pairs
@@ -216,29 +214,25 @@ impl Pairs {
 }
 
 /// The rotation that best carries set 3 onto the paths.
-fn alignment(robot: &Robot, file: &RobotFile, pairs: &[Option<Pairs>]) -> Option<Rotation3<f64>> {
-    let present: Vec<(&Pairs, Option<NominalTrack>)> = pairs
-        .iter()
-        .zip(NominalTrack::all(robot, file))
-        .filter_map(|(pairs, nominal)| Some((pairs.as_ref()?, nominal)))
-        .collect();
+fn alignment(file: &RobotFile, pairs: &[Option<Pairs>]) -> Option<Rotation3<f64>> {
+    let present: Vec<&Pairs> = pairs.iter().flatten().collect();
     if present.is_empty() {
         return None;
     }
     let count = present.len() as f64;
     let path_centre = present
         .iter()
-        .map(|(p, _)| p.path_centre)
+        .map(|pairs| pairs.path_centre)
         .sum::<Vector3<f64>>()
         / count;
     let measured_centre = present
         .iter()
-        .map(|(p, _)| p.measured_centre)
+        .map(|pairs| pairs.measured_centre)
         .sum::<Vector3<f64>>()
         / count;
     let correlation: Matrix3<f64> = present
         .iter()
-        .map(|(pairs, _)| {
+        .map(|pairs| {
             let paths: Matrix3<f64> = pairs
                 .path
                 .iter()

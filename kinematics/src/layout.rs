@@ -76,23 +76,44 @@ impl Joint<'_> {
         if let Some([axis, centre]) = self.crank {
             return centre + Rotation3::new(axis * command) * (self.offset - centre);
         }
-        let Machine {
-            variant,
-            surroundings,
-            ..
-        } = self.machine;
-        let shape = variant.tracks.get(track).map(|model| model.shape);
-        let path = surroundings.paths.get(track).and_then(Option::as_ref);
-        match (shape, path) {
-            (Some(TrackShape::Piecewise), Some(path)) => {
-                self.offset + xyz(self.rotation.into()) * path.at(command)
-            }
-            _ => self.offset + self.direction * command,
+        match self.machine.measured_path(track) {
+            Some(path) => self.offset + xyz(self.rotation.into()) * path.at(command),
+            None => self.offset + self.direction * command,
         }
     }
 }
 
 impl Machine {
+    /// Place (m) at q = 0 of each joint that rides on a track's cart, and its motion per command, a measured path straight
+    /// between its ends, whether they are parameters or follow from formulas; in order of link or cluster. None on a crank.
+    pub fn joint_lines(&self, track: usize) -> Vec<[Vector3<f64>; 2]> {
+        let path = self.measured_path(track);
+        let own = self.closure_instances().map(|closure| self.joint(closure));
+        own.filter(|joint| joint.track == Some(track) && joint.crank.is_none())
+            .map(|joint| {
+                let direction = path.map_or(joint.direction, |path| {
+                    let (first, last) = path.range();
+                    let chord = (path.at(last) - path.at(first)) / (last - first);
+                    xyz(joint.rotation.into()) * chord
+                });
+                [joint.offset, direction]
+            })
+            .collect()
+    }
+
+    /// The joint of a closure on its cart, its crank or the base.
+    fn joint(&self, closure: &Instance) -> Joint<'_> {
+        let track = self.track_of(closure);
+        Joint {
+            machine: self,
+            track,
+            crank: track.and_then(|track| self.crank(track)),
+            offset: self.value(closure, Value::TrackOffset),
+            direction: self.value(closure, Value::TrackDirection),
+            rotation: self.dimension(closure, "track_rotation"),
+        }
+    }
+
     /// The joints at a pose and its commands (m); `ranges_m` are the lowest and highest of each command, between which
     /// tracks are drawn.
     pub fn layout(&self, pose: &Pose, commands_m: &[f64], ranges_m: &[(f64, f64)]) -> Layout {
@@ -108,14 +129,7 @@ impl Machine {
                 tau_robot::robot::Arm::Reduced => (None, closure.of),
             };
             let cluster = &self.robot.clusters[cluster];
-            let joint = Joint {
-                machine: self,
-                track: cluster.track,
-                crank: cluster.track.and_then(|track| self.crank(track)),
-                offset: self.value(closure, Value::TrackOffset),
-                direction: self.value(closure, Value::TrackDirection),
-                rotation: self.dimension(closure, "track_rotation"),
-            };
+            let joint = self.joint(closure);
             let plate = pose.position + pose.rotation * self.value(closure, Value::PlateJoint);
             let start = joint.at(command(cluster.track).unwrap_or(0.0));
             links.push(Rod {

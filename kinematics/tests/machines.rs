@@ -180,3 +180,21 @@ fn drums_pay_out_line_with_build_up() {
         assert!(closure.abs() < 1e-12, "{closure}");
     }
 }
+
+/// Joints on carts by formulas stand where a formula by hand puts them; cranks have no lines.
+#[test]
+fn lines_of_joints_follow_from_formulas() {
+    let delta = machine(DESCRIBED[0].1, "Scaled");
+    let (radius, endstop, arm) = (0.14_f64, 0.3, 0.333_f64);
+    for (track, degrees) in [210.0_f64, 330.0, 90.0].into_iter().enumerate() {
+        let [line] = delta.joint_lines(track)[..] else {
+            panic!("one joint rides on each cart");
+        };
+        let (sine, cosine) = degrees.to_radians().sin_cos();
+        let height = endstop + (arm.powi(2) - radius.powi(2)).sqrt();
+        let expected = Vector3::new(radius * cosine, radius * sine, height);
+        assert!((line[0] - expected).norm() < 1e-12, "{track}: {line:?}");
+        assert!((line[1] + Vector3::z()).norm() < 1e-12, "{track}: {line:?}");
+    }
+    assert!(machine(DESCRIBED[1].1, "Full").joint_lines(0).is_empty());
+}

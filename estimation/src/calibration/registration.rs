@@ -3,13 +3,13 @@
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use tau_kinematics::{nearest_rotation, xyz};
 use tau_robot::measurements::Folder;
-use tau_robot::robot::Robot;
-use tau_robot::robot_file::{LinkValues, RobotFile, Value};
+use tau_robot::robot::{Robot, Value as Geometry};
+use tau_robot::robot_file::{Dimensions, LinkValues, RobotFile, Value};
 
 /// Distance at which a target may be mounted from its cart's reference point (m), one standard deviation per
 /// axis: nobody measures it.
 pub const MOUNTING_M: f64 = 0.1;
-/// Tolerance of a direction that the file does not give with one.
+/// Tolerance of a direction that the file does not give with one, as where it follows from a formula.
 const DIRECTION_TOLERANCE: f64 = 1e-2;
 
 /// Straight line with even scale through points at commands: `origin + q · direction`.
@@ -69,7 +69,8 @@ impl Line {
 }
 
 impl NominalTrack {
-    /// Every track of a robot; `None` where neither links nor clusters of the file give its place.
+    /// Every track of a robot; `None` of a crank, and where neither links, by their values or formulas, nor clusters give
+    /// its place.
     pub fn all(robot: &Robot, file: &RobotFile) -> Vec<Option<Self>> {
         (0..robot.tracks.len())
             .map(|track| Self::of(robot, file, track))
@@ -77,20 +78,31 @@ impl NominalTrack {
     }
 
     fn of(robot: &Robot, file: &RobotFile, track: usize) -> Option<Self> {
+        if robot.is_angle(track) {
+            return None;
+        }
+        let dimensions = Dimensions::new(robot, file);
         let shared = file
             .tracks
             .get(&robot.tracks[track])
             .and_then(|v| v.track_direction.as_ref());
-        let links = robot.links_of_track(track);
-        let links = links
-            .iter()
-            .filter_map(|&link| file.links.get(&robot.links[link].name));
+        let tolerance = |value: Option<&Value>| value.map_or(0.0, |value| value.tol);
+        let links = robot.links_of_track(track).into_iter().map(|link| {
+            let line = Line {
+                origin: dimensions.vector(link, Geometry::TrackOffset)?.into(),
+                direction: dimensions.vector(link, Geometry::TrackDirection)?.into(),
+            };
+            let stated = file.links.get(&robot.links[link].name);
+            let direction = stated.and_then(|values| values.track_direction.as_ref());
+            let offset = stated.and_then(|values| values.track_offset.as_ref());
+            Some((line, tolerance(direction.or(shared)), tolerance(offset)))
+        });
         let clusters = robot
             .clusters
             .iter()
             .filter(|cluster| cluster.track == Some(track));
         let clusters = clusters.filter_map(|cluster| file.clusters.get(&cluster.name));
-        let place = |values: &LinkValues| {
+        let of_cluster = |values: &LinkValues| {
             let direction = values.track_direction.as_ref().or(shared)?;
             let offset = values.track_offset.as_ref()?;
             let line = Line {
@@ -99,9 +111,9 @@ impl NominalTrack {
             };
             Some((line, direction.tol, offset.tol))
         };
-        let mut places: Vec<(Line, f64, f64)> = links.filter_map(place).collect();
+        let mut places: Vec<(Line, f64, f64)> = links.flatten().collect();
         if places.is_empty() {
-            places = clusters.filter_map(place).collect();
+            places = clusters.filter_map(of_cluster).collect();
         }
         if places.is_empty() {
             return None;

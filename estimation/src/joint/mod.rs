@@ -491,7 +491,7 @@ pub(crate) mod tests {
         let poses: Vec<usize> = in_range.into_iter().step_by(5).collect();
         let variant = robot.variant("FullPiecewise").unwrap();
         let prepared = Prepared::new(&robot, variant, &file, Some(&folder), &poses).unwrap();
-        let frames = Frames::of(&prepared.machine, &file, &folder);
+        let frames = Frames::of(&prepared.machine, &folder);
         let samples = Sample::all(&robot, &folder, &poses, &frames);
         let joint = Joint::new(prepared.machine, &prepared.nominal, &samples, file.noise).unwrap();
         assert!(joint.displacements() > 0);

@@ -2,14 +2,12 @@
 
 use nalgebra::Vector3;
 use tau_kinematics::track_axes;
-use tau_robot::robot::Owner;
 use tau_robot::robot_file::Noise;
 
 use super::{Component, Joint};
 use crate::calibration::Line;
 use crate::joint::variant::{ROTATIONS, TURNING};
 use crate::samples::Sample;
-use crate::samples::frames::joints_on;
 
 impl Joint {
     /// Start of the fit of all sets: values that fit set 1, and carts that turn as set 2 sees them.
@@ -30,10 +28,11 @@ impl Joint {
                     }
                 }
             }
-            let (Some(line), Some(direction)) = (Line::fit(&points), self.direction(track)) else {
+            let joints = self.machine.joint_lines(track);
+            let (Some(line), Some([_, direction])) = (Line::fit(&points), joints.first()) else {
                 continue;
             };
-            for (target, axis) in ROTATIONS.iter().zip(track_axes(direction)) {
+            for (target, axis) in ROTATIONS.iter().zip(track_axes(*direction)) {
                 let name = format!(
                     "{TURNING}({}).{}",
                     self.machine.robot.tracks[track],
@@ -47,19 +46,5 @@ impl Joint {
             }
         }
         self.fitted(&values)
-    }
-
-    /// Direction of a track, or of the first path on its cart.
-    fn direction(&self, track: usize) -> Option<Vector3<f64>> {
-        let variant = &self.machine.variant;
-        (joints_on(&self.machine, track).into_iter())
-            .chain([Owner::Track(track)])
-            .find_map(|owner| {
-                let value = |k| {
-                    let index = variant.parameter(owner, "track_direction", Some(k))?;
-                    Some(self.machine.values[index])
-                };
-                Some(Vector3::new(value(0)?, value(1)?, value(2)?))
-            })
     }
 }

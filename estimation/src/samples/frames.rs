@@ -1,11 +1,9 @@
 //! Approximate frames of the tracker in sets 2 and 3: the fit does the rest.
 
 use nalgebra::Vector3;
-use tau_kinematics::{Machine, Pose, xyz, zyz};
+use tau_kinematics::{Machine, Pose, zyz};
 use tau_robot::measurements::Folder;
 use tau_robot::robot::Arm;
-use tau_robot::robot_file::RobotFile;
-
 use tau_runtime::Owner;
 
 use crate::calibration::registration::{Line, NominalTrack, Registration, set_2, set_3};
@@ -28,18 +26,16 @@ pub(crate) struct Frame(Registration);
 
 impl Frames {
     /// `machine` has been fitted to set 1, which settles where its tracks run.
-    pub fn of(machine: &Machine, file: &RobotFile, folder: &Folder) -> Self {
-        let robot = &machine.robot;
-        let nominal: Vec<Option<NominalTrack>> = NominalTrack::all(robot, file)
-            .into_iter()
-            .enumerate()
-            .map(|(track, nominal)| fitted_track(machine, track).or(nominal))
+    pub fn of(machine: &Machine, folder: &Folder) -> Self {
+        let tracks = 0..machine.robot.tracks.len();
+        let fitted: Vec<Option<NominalTrack>> = (tracks.clone())
+            .map(|track| fitted_track(machine, track))
             .collect();
         let register = |points: &dyn Fn(usize) -> Vec<(f64, Vector3<f64>)>| {
-            let lines: Vec<Option<Line>> = (0..robot.tracks.len())
+            let lines: Vec<Option<Line>> = (tracks.clone())
                 .map(|track| Line::fit(&points(track)))
                 .collect();
-            Registration::of(&nominal, &lines).map(Frame)
+            Registration::of(&fitted, &lines).map(Frame)
         };
         Self {
             set2: register(&|track| set_2(folder, track)),
@@ -66,37 +62,12 @@ pub(crate) fn joints_on(machine: &Machine, track: usize) -> Vec<Owner> {
 
 /// A track as fitted, its path straight between its ends: the mean over the joints that ride on its cart.
 pub(crate) fn fitted_track(machine: &Machine, track: usize) -> Option<NominalTrack> {
-    let variant = &machine.variant;
-    let joints = joints_on(machine, track);
-    let vector = |owner: Owner, quantity: &str| {
-        let value = |k| Some(machine.values[variant.parameter(owner, quantity, Some(k))?]);
-        Some(Vector3::new(value(0)?, value(1)?, value(2)?))
-    };
-    let chord = || {
-        let path = machine.surroundings.paths.get(track)?.as_ref()?;
-        let (first, last) = path.range();
-        Some((path.at(last) - path.at(first)) / (last - first))
-    };
-    let direction = |owner: Owner| {
-        vector(owner, "track_direction").or_else(|| {
-            let angles = vector(owner, "track_rotation")?;
-            Some(xyz(angles.into()) * chord()?)
-        })
-    };
-    let lines = joints
-        .iter()
-        .map(|&joint| {
-            Some((
-                vector(joint, "track_offset")?,
-                direction(joint).or_else(|| direction(Owner::Track(track)))?,
-            ))
-        })
-        .collect::<Option<Vec<_>>>()?;
+    let lines = machine.joint_lines(track);
     let count = lines.len() as f64;
     (!lines.is_empty()).then(|| NominalTrack {
         line: Line {
-            origin: lines.iter().map(|line| line.0).sum::<Vector3<f64>>() / count,
-            direction: lines.iter().map(|line| line.1).sum::<Vector3<f64>>() / count,
+            origin: lines.iter().map(|line| line[0]).sum::<Vector3<f64>>() / count,
+            direction: lines.iter().map(|line| line[1]).sum::<Vector3<f64>>() / count,
         },
         direction_tolerance: DIRECTION,
         offset_tolerance_m: OFFSET_M,

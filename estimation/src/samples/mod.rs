@@ -372,7 +372,7 @@ mod tests {
         let file = prototype::robot_file().unwrap();
         let variant = robot.variant("Full").unwrap();
         let prepared = Prepared::new(&robot, variant, &file, Some(&folder), &poses).unwrap();
-        let frames = Frames::of(&prepared.machine, &file, &folder);
+        let frames = Frames::of(&prepared.machine, &folder);
         let in_file = Sample::all(&robot, &folder, &poses, &frames);
         let key = |sample: &Sample| (sample.set, sample.track, sample.number);
         let order = |samples: &[Sample]| samples.iter().map(key).collect::<Vec<_>>();

@@ -19,6 +19,7 @@ use crate::problem::{self, Closures, Residuals};
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
 use crate::trust::mistake::Mistake;
+use crate::trust::numbering;
 use crate::trust::reach::Reach;
 use crate::trust::verdict::mistakes;
 use crate::uncertainty::Uncertainty;
@@ -105,6 +106,8 @@ pub struct Gap {
 pub struct Check {
     /// Files that are there.
     pub files: Vec<FileFacts>,
+    /// Those in which carts that exchange their numbers would go unnoticed.
+    pub exchange_unnoticed: Vec<&'static str>,
     /// Variants.
     pub variants: Vec<Checked>,
     /// Effects of the catalogue.
@@ -143,8 +146,13 @@ pub fn check(
         None => mistakes(robot, variant, file, folder, &division.calibration),
         Some(rows) => unknown_poses::mistakes(robot, variant, file, folder, rows),
     });
+    let drawn = (variants.first())
+        .and_then(|variant| Prepared::new(robot, variant, file, Some(folder), &[]).ok());
     Ok(Check {
         files: files(robot, folder),
+        exchange_unnoticed: drawn.map_or_else(Vec::new, |drawn| {
+            numbering::unnoticed(&drawn.machine, folder)
+        }),
         variants: variants
             .iter()
             .map(|variant| checked(robot, variant, file, folder, (&division.calibration, rows)))

@@ -54,7 +54,7 @@ pub(super) fn all_sets<'a>(
     };
     let poses: Vec<usize> = (0..folder.tcp_poses.len()).filter(calibrates).collect();
     trust::refuse((robot, variant), file, folder, &poses)?;
-    let frames = Frames::of(&near.machine, file, folder);
+    let frames = Frames::of(&near.machine, folder);
     let mut samples = Sample::all(robot, folder, &poses, &frames);
     let described = Prepared::new(robot, variant, file, Some(folder), &poses)?;
     let prepared = if samples.len() > poses.len() {

@@ -70,6 +70,7 @@ fn an_absurd_one_asks_for_the_mend_and_nothing_else() {
             is_absurd: true,
         });
     study.check = Some(Check {
+        exchange_unnoticed: vec![],
         files: vec![],
         variants: vec![],
         effects: vec![],

@@ -108,6 +108,7 @@ pub fn check(check: &Check) -> Value {
     json!({
         "meaningful": check.is_meaningful(),
         "files": check.files.iter().map(file).collect::<Vec<_>>(),
+        "exchange_unnoticed": check.exchange_unnoticed,
         "variants": variants,
         "effects": effects
             .map(|effect| json!({ "name": effect.name, "visible": effect.lacks.is_empty(), "lacks": effect.lacks }))

@@ -45,6 +45,10 @@ pub fn check(check: &Check, width: usize) -> String {
     screen.line("Files");
     for own in &check.files {
         file(&mut screen, own);
+        if check.exchange_unnoticed.contains(&own.file) {
+            let words = "carts that exchange their numbers go unnoticed here, so near each other do they run";
+            screen.say_within("    ", words);
+        }
     }
     screen.gap();
     screen.line("What the data determine");
