@@ -11,6 +11,7 @@ mod calibration;
 mod carts_beside;
 mod cli;
 mod codegen;
+mod curvature;
 mod derivatives;
 mod discover_command;
 mod discovery;

@@ -10,6 +10,7 @@ mod assembly;
 mod carts;
 mod closures;
 mod coupled;
+mod curvature;
 mod dense;
 mod elimination;
 pub mod errors_in_variables;
