@@ -30,6 +30,7 @@ mod generated_discovery;
 mod gross_rows;
 mod hand_written;
 mod hangprinter;
+mod held_out_rows;
 mod kinematics;
 mod klipper;
 mod layout;

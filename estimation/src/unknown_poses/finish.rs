@@ -24,6 +24,7 @@ impl Fit<'_> {
         (reduced, leverages): (&Reduced, &[Vec<f64>]),
         rank: Rank,
         (solution, iterations): (&Solution, usize),
+        options: &calibration::Options,
     ) -> Result<UnknownPoses, Error> {
         let shared = self.shared();
         let variance = self.loss_variance(reduced, leverages);
@@ -64,7 +65,9 @@ impl Fit<'_> {
         let shown: Vec<_> = readings.iter().map(Sample::view).collect();
         let reference = calibration::reference(&machine, &shown);
         calibration.file.reference = reference.or(calibration.file.reference);
-        let held_out = heldout::HeldOut::of(&machine, self, &values[..shared])?;
+        let factor = self.spread(&reduced.triangle, variance, f64::INFINITY);
+        let known = (&values[..shared], factor);
+        let held_out = heldout::HeldOut::of(&machine, self, known, options)?;
         // Carts have the noise that they show: among their many rows, what misses the plate would be lost.
         let of_plate = || kinds.iter().filter(|fit| !fit.kind.is_of_carts());
         Ok(UnknownPoses {
