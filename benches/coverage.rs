@@ -1,10 +1,13 @@
 //! Coverage of 95 % intervals on virtual machines: how often the truth lies within 1.96 stated standard deviations.
 
+#[path = "support/coverage.rs"]
+mod intervals;
 mod support;
 
 use std::collections::BTreeMap;
 
 use clap::Parser;
+use intervals::Coverage;
 use tau::calibration::{Calibration, Options, calibrate};
 use tau::simulation::{Machine, Noise, Poses as Planned, Simulation, simulate};
 use tau_estimation::trust::{Status, of_calibration};
@@ -28,6 +31,9 @@ struct Arguments {
     /// Only robots whose name contains this.
     #[arg(long, default_value = "")]
     robot: String,
+    /// Seed of the first folder.
+    #[arg(long, default_value_t = 31_000)]
+    seed: u64,
     /// Variant that is calibrated.
     #[arg(long, default_value = "Full")]
     variant: String,
@@ -129,8 +135,8 @@ fn truth(machine: &Machine, parameter: &Parameter) -> Option<(&'static str, f64)
 
 #[derive(Default)]
 struct Counts {
-    /// By kind of parameter: inside, inside of widened intervals, all.
-    kinds: BTreeMap<&'static str, [usize; 3]>,
+    /// By kind of parameter, of intervals as stated and widened.
+    kinds: BTreeMap<&'static str, [Coverage; 2]>,
     consistent: usize,
     left_out: usize,
     wrongly: usize,
@@ -139,16 +145,20 @@ struct Counts {
 
 impl Counts {
     fn add(&mut self, found: &Calibration, machine: &Machine, widening: f64) {
+        self.kinds.values_mut().flatten().for_each(Coverage::next);
         for (estimate, &index) in found.parameters.iter().zip(&found.used) {
             let parameter = &found.machine.variant.parameters[index];
             let Some((kind, truth)) = truth(machine, parameter) else {
                 continue;
             };
             let off = (estimate.value - truth).abs() / estimate.sigma;
-            let counts = self.kinds.entry(kind).or_default();
-            counts[0] += usize::from(off < HALF_WIDTH);
-            counts[1] += usize::from(off < HALF_WIDTH * widening);
-            counts[2] += 1;
+            let [stated, widened] = self.kinds.entry(kind).or_insert_with(|| {
+                let mut coverage = Coverage::default();
+                coverage.next();
+                [coverage.clone(), coverage]
+            });
+            stated.add(off < HALF_WIDTH);
+            widened.add(off < HALF_WIDTH * widening);
         }
     }
 }
@@ -171,10 +181,7 @@ fn main() {
             }
             let counts = counted(&robot, &file, &case, &arguments);
             let by_kind: Vec<String> = (counts.kinds.iter())
-                .map(|(kind, [stated, widened, all])| {
-                    let share = |count: &usize| *count as f64 / *all as f64;
-                    format!("{kind} {:.3} → {:.3}", share(stated), share(widened))
-                })
+                .map(|(kind, [stated, widened])| format!("{kind} {stated} → {widened}"))
                 .collect();
             let folders = arguments.folders as f64;
             println!(
@@ -195,7 +202,7 @@ fn counted(robot: &Robot, file: &RobotFile, case: &Case, arguments: &Arguments) 
     let variant = robot.variant(&arguments.variant).unwrap();
     for seed in 0..arguments.folders {
         let mut simulation = Simulation {
-            seed: 31_000 + seed,
+            seed: arguments.seed + seed,
             random_poses: 0,
             noise: case.noise.clone(),
             ..Simulation::new(robot.clone(), file.clone())

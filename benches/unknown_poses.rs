@@ -5,10 +5,14 @@
 //! cargo bench -p tau-benches --bench unknown_poses -- --growth
 //! ```
 
+#[path = "support/coverage.rs"]
+mod intervals;
+
 use std::collections::BTreeMap;
 use std::time::Instant;
 
 use clap::Parser;
+use intervals::Coverage;
 use tau::calibration::Options;
 use tau::measurements::{PlateKind, Split};
 use tau::simulation::{Build, Machine, Measure, Poses, Simulation, TrackPoints, simulate};
@@ -34,6 +38,15 @@ struct Arguments {
     /// Folders of each case.
     #[arg(long, default_value_t = 200)]
     folders: u64,
+    /// Seed of the first folder.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Only parameters of which the standard deviation is less than this share of the tolerance.
+    #[arg(long, default_value_t = 0.2)]
+    told: f64,
+    /// Factor on noise and tolerances, of which the smaller ones leave less to curvature.
+    #[arg(long, default_value_t = 1.0)]
+    scale: f64,
     /// Only cases whose name contains this.
     #[arg(long, default_value = "")]
     case: String,
@@ -232,12 +245,19 @@ fn cases() -> Vec<Case> {
 }
 
 impl Case {
-    fn robot(&self) -> (Robot, RobotFile) {
+    fn robot(&self, scale: f64) -> (Robot, RobotFile) {
         let robot = Robot::from_text(self.description).unwrap();
-        let noise = format!("[noise]\nposition_m = {NOISE_M:e}\nrotation_rad = 4e-5\n");
+        let [position, rotation] = [scale * NOISE_M, scale * 4e-5];
+        let noise = format!("[noise]\nposition_m = {position:e}\nrotation_rad = {rotation:e}\n");
         let text = format!("robot = \"{}\"\n{noise}{}", robot.name, self.more);
         let file = RobotFile::parse_for(&text, "robot.toml", &robot).unwrap();
-        let file = file.completed(&robot);
+        let mut file = file.completed(&robot);
+        for link in file.links.values_mut() {
+            let places = [&mut link.plate_joint, &mut link.track_offset];
+            let others = [&mut link.length, &mut link.track_direction];
+            let values = places.into_iter().chain(others).flatten();
+            values.for_each(|value| value.tol *= scale);
+        }
         (robot, file)
     }
 
@@ -343,29 +363,39 @@ fn truth(parameter: &Parameter, robot: &Robot, machine: &Machine) -> Option<(&'s
 /// Parameters within their intervals.
 #[derive(Default)]
 struct Counts {
-    within: u32,
-    all: u32,
+    within: Coverage,
+    /// By the covariance alone.
+    to_first_order: Coverage,
     squares: f64,
     /// Largest error, in standard deviations.
     most: f64,
 }
 
 impl Counts {
-    fn add(&mut self, z: f64) {
-        self.all += 1;
-        self.within += u32::from(z.abs() < HALF_WIDTH);
+    fn add(&mut self, off: f64, [sigma, first_order]: [f64; 2]) {
+        let z = off.abs() / sigma;
+        self.within.add(z < HALF_WIDTH);
+        (self.to_first_order).add(off.abs() / first_order < HALF_WIDTH);
         self.squares += z * z;
-        self.most = self.most.max(z.abs());
+        self.most = self.most.max(z);
     }
 
-    /// Number, share within, root mean square and largest of the errors over their standard deviations.
+    fn next(&mut self) {
+        self.within.next();
+        self.to_first_order.next();
+    }
+
+    /// Number, share within and by the covariance alone, root mean square and largest of the errors over their standard
+    /// deviations.
     fn columns(&self) -> String {
-        let count = f64::from(self.all.max(1));
-        let (share, rms) = (
-            f64::from(self.within) / count,
-            (self.squares / count).sqrt(),
-        );
-        format!("{} | {share:.3} | {rms:.3} | {:.1}", self.all, self.most)
+        let rms = (self.squares / self.within.count()).sqrt();
+        format!(
+            "{} | {} | {} | {rms:.3} | {:.1}",
+            self.within.count(),
+            self.within,
+            self.to_first_order,
+            self.most
+        )
     }
 }
 
@@ -376,21 +406,23 @@ fn main() {
         return;
     }
     println!(
-        "| case | poses | parameters | coverage of 95 % | rms z | largest | chi2/dof | too large | ms a fit |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- |"
+        "| case | poses | parameters | coverage of 95 % | to first order | rms z | largest | chi2/dof | too large | ms a fit |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |"
     );
     for case in cases()
         .iter()
         .filter(|case| case.name.contains(&arguments.case))
     {
-        let (robot, file) = case.robot();
+        let (robot, file) = case.robot(arguments.scale);
         let (mut told, mut kinds) = (Counts::default(), BTreeMap::<_, Counts>::new());
         let (mut chi2, mut dof, mut seconds, mut fits) = (0.0, 0.0, 0.0, 0.0);
         let mut too_large = 0;
-        for seed in 0..arguments.folders {
+        for seed in arguments.seed..arguments.seed + arguments.folders {
             let Some((found, machine, took)) = case.fit(&robot, &file, case.poses, seed) else {
                 continue;
             };
             let fitted = &found.calibration;
+            told.next();
+            kinds.values_mut().for_each(Counts::next);
             for (place, &index) in fitted.used.iter().enumerate() {
                 let parameter = &fitted.machine.variant.parameters[index];
                 let own = &fitted.parameters[place];
@@ -398,10 +430,17 @@ fn main() {
                     continue;
                 };
                 // Where the prior says more than the data, the drawing of the machine is tested and not the fit.
-                if (own.tolerance).is_some_and(|tolerance| own.sigma < 0.2 * tolerance) {
-                    let z = (own.value - truth) / own.sigma;
-                    told.add(z);
-                    kinds.entry(kind).or_default().add(z);
+                let first_order = fitted.covariance[place][place].sqrt();
+                let is_told = |tolerance| first_order < arguments.told * tolerance;
+                if own.tolerance.is_some_and(is_told) {
+                    let (off, sigmas) = (own.value - truth, [own.sigma, first_order]);
+                    told.add(off, sigmas);
+                    let of_kind = kinds.entry(kind).or_insert_with(|| {
+                        let mut counts = Counts::default();
+                        counts.next();
+                        counts
+                    });
+                    of_kind.add(off, sigmas);
                 }
             }
             chi2 += found.chi2;
@@ -443,7 +482,7 @@ fn growth() {
     println!("| samples | s a fit | us a sample | peak MB |\n| --- | --- | --- | --- |");
     let cases = cases();
     let case = &cases[1];
-    let (robot, file) = case.robot();
+    let (robot, file) = case.robot(1.0);
     for samples in [1000, 3000, 10_000, 30_000, 100_000] {
         if let Some((_, _, seconds)) = case.fit(&robot, &file, samples, 1) {
             let each = 1e6 * seconds / f64::from(samples as u32);

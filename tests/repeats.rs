@@ -6,6 +6,7 @@ use tau::calibration::Options;
 use tau::measurements::{Folder, PlateKind, Split};
 use tau::robot_file::RobotFile;
 use tau::simulation::{Measure, Noise, Simulation, simulate};
+use tau::trust::Status;
 use tau::unknown_poses::{KindRepeats, RowDivision, UnknownPoses, calibrate};
 use tau::weighing::Treatment;
 
@@ -185,8 +186,65 @@ fn an_effect_shows_as_lack_of_fit_and_noise_as_scatter() {
     let repeats = repeats_of(&found, "heights.csv");
     assert!((repeats.sigma / NOISE_M - 1.0).abs() < 0.4, "{repeats:?}");
     assert!(repeats.lack_of_fit.unwrap().p_value < 1e-6, "{repeats:?}");
-    let why = found.verdict().why.join(" ");
+    let verdict = found.verdict();
+    let why = verdict.why.join(" ");
     assert!(why.contains("it lacks something."), "{why}");
+    assert_eq!(verdict.status, Status::Inconsistent);
+}
+
+/// Of noise that is estimated from residuals the verdict says that their size tells nothing. Where readings are repeated
+/// their scatter does, and finds nothing in a right model.
+#[test]
+fn noise_that_is_estimated_proves_no_model() {
+    let asked = std::env::var("MACHINES").ok();
+    let machines = asked.and_then(|count| count.parse().ok()).unwrap_or(20);
+    let estimated =
+        "[noise.heights]\nheight_m = \"estimate\"\n[noise.distances]\ndistance_m = \"estimate\"\n";
+    let mut alarms = 0;
+    for seed in 1..=machines {
+        for readings in [1, 3] {
+            let (file, folder) = heights(estimated, |simulation| {
+                simulation.seed = 500 + seed;
+                simulation.readings = readings;
+            });
+            let verdict = fit("Nominal", &file, &folder).verdict();
+            alarms += u64::from(verdict.status > Status::Consistent);
+            let why = verdict.why.join(" ");
+            assert!(!why.contains("times their noise"), "{why}");
+            let tells_nothing = "the size of its residuals, which says nothing of the model";
+            let tells = "of the model its repeated readings tell";
+            // By chance a distance is measured twice.
+            let mut said = why.split("The noise of ");
+            let of_heights = said.find(|own| own.starts_with("heights.csv was estimated"));
+            let of_heights = of_heights.expect(&why);
+            assert_eq!(of_heights.contains(tells_nothing), readings == 1, "{why}");
+            assert_eq!(of_heights.contains(tells), readings > 1, "{why}");
+        }
+    }
+    println!("{alarms} of {} folders", 2 * machines);
+    // One in a thousand is allowed to be.
+    assert!(alarms <= 1 + machines / 100, "{alarms} of {machines}");
+}
+
+/// Residuals beyond a stated noise are not diluted by many whose noise is estimated.
+#[test]
+fn stated_noise_is_tested_beside_estimated_noise() {
+    let more = "[noise.heights]\nheight_m = \"estimate\"\n";
+    let (file, mut folder) = heights(more, |simulation| simulation.readings = 1);
+    let consistent = fit("Nominal", &file, &folder);
+    assert_eq!(consistent.verdict().status, Status::Consistent);
+    // The distances' own error, of 1.6 times their noise beside it.
+    let mut random = Random(1);
+    for row in &mut folder.distances {
+        row.distance_m += 1.6 * NOISE_M * random.normal();
+    }
+    let found = fit("Nominal", &file, &folder);
+    assert_eq!(
+        found.verdict().status,
+        Status::Inconsistent,
+        "{:?}",
+        found.verdict().why
+    );
 }
 
 /// Of the six closures of a reading three tell of noise: a drive moves two links.

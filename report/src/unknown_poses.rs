@@ -1,7 +1,9 @@
 //! Calibrations from poses that are unknown, in words and as JSON.
 
 use serde_json::{Value, json};
-use tau::unknown_poses::{GrossRow, KindRepeats, Rank, RowDivision, RowPlace, UnknownPoses};
+use tau::unknown_poses::{
+    GrossRow, HeldOutFit, KindRepeats, Rank, RowDivision, RowPlace, UnknownPoses,
+};
 
 use crate::gauge::{gauge_json, open};
 use crate::number::general;
@@ -53,13 +55,7 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
             Some(_) => "Rows far off, which count less",
         });
     }
-    for row in found.gross.iter().take(LISTED) {
-        let RowPlace {
-            file, line, pose, ..
-        } = row.place;
-        let place = place((file, line, pose), link(found, row));
-        screen.say_within("  ", &far_off(&place, row.sigmas));
-    }
+    list_gross(&mut screen, found, &found.gross);
     let mut moved: Vec<_> = found.calibration.parameters.iter().collect();
     if !moved.is_empty() {
         screen.gap();
@@ -92,27 +88,54 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
     }
     if let Some(held_out) = &found.held_out {
         screen.gap();
-        let ratio = held_out.residual_over_noise;
-        let ratio = ratio.map_or_else(String::new, |ratio| {
-            format!(", residuals {} times their noise", general(ratio, 3))
-        });
         screen.say(&format!(
-            "Held out: {} residuals of {} poses{ratio}",
-            held_out.rows, held_out.poses
+            "Held out: {} residuals of {} poses{}",
+            held_out.rows,
+            held_out.poses,
+            times_noise(&held_out.all)
         ));
-        for kind in &held_out.predicted {
-            screen.line(&format!(
-                "  {:<20} predicted from the drives to {} rms, {} at most ({} rows)",
-                kind.file,
-                length(kind.rms, "m"),
-                length(kind.max, "m"),
-                kind.rows
-            ));
+        list_predicted(&mut screen, &held_out.all);
+        if let Some(without) = &held_out.without_gross {
+            screen.gap();
+            screen.line("Held-out rows far off the others");
+            list_gross(&mut screen, found, &held_out.gross);
+            screen.say(&format!("Without them{}", times_noise(without)));
+            list_predicted(&mut screen, without);
         }
     }
     screen.gap();
     trust::line(&mut screen, &found.verdict());
     screen.into_text()
+}
+
+/// Measurements far off the others, line by line.
+fn list_gross(screen: &mut Screen, found: &UnknownPoses, gross: &[GrossRow]) {
+    for row in gross.iter().take(LISTED) {
+        let RowPlace {
+            file, line, pose, ..
+        } = row.place;
+        let place = place((file, line, pose), link(found, row));
+        screen.say_within("  ", &far_off(&place, row.sigmas));
+    }
+}
+
+fn times_noise(fit: &HeldOutFit) -> String {
+    let ratio = fit.residual_over_noise;
+    ratio.map_or_else(String::new, |ratio| {
+        format!(", residuals {} times their noise", general(ratio, 3))
+    })
+}
+
+fn list_predicted(screen: &mut Screen, fit: &HeldOutFit) {
+    for kind in &fit.predicted {
+        screen.line(&format!(
+            "  {:<20} predicted from the drives to {} rms, {} at most ({} rows)",
+            kind.file,
+            length(kind.rms, "m"),
+            length(kind.max, "m"),
+            kind.rows
+        ));
+    }
 }
 
 /// Name of the link whose drive read grossly.
@@ -170,6 +193,24 @@ fn repeats(repeats: &KindRepeats) -> Value {
     })
 }
 
+fn gross_row(found: &UnknownPoses, row: &GrossRow) -> Value {
+    let RowPlace {
+        file, line, pose, ..
+    } = row.place;
+    json!({
+        "file": file, "line": line, "pose": pose, "sigmas": row.sigmas, "link": link(found, row),
+    })
+}
+
+fn held_out_fit(fit: &HeldOutFit) -> Value {
+    json!({
+        "residual_over_noise": fit.residual_over_noise,
+        "predicted": fit.predicted.iter().map(|kind| json!({
+            "file": kind.file, "rows": kind.rows, "rms_m": kind.rms, "max_m": kind.max,
+        })).collect::<Vec<_>>(),
+    })
+}
+
 /// The same as JSON.
 pub fn json(found: &UnknownPoses) -> Value {
     let rank = &found.rank;
@@ -198,18 +239,19 @@ pub fn json(found: &UnknownPoses) -> Value {
         "objects": found.objects.iter().map(|own| json!({
             "name": own.name, "unit": own.unit, "value": own.value, "sigma": own.sigma,
         })).collect::<Vec<_>>(),
-        "gross_rows": found.gross.iter().map(|row| json!({
-            "file": row.place.file, "line": row.place.line, "pose": row.place.pose, "sigmas": row.sigmas, "weight": row.weight,
-            "link": link(found, row),
-        })).collect::<Vec<_>>(),
-        "held_out": found.held_out.as_ref().map(|own| json!({
-            "poses": own.poses,
-            "rows": own.rows,
-            "residual_over_noise": own.residual_over_noise,
-            "predicted": own.predicted.iter().map(|kind| json!({
-                "file": kind.file, "rows": kind.rows, "rms_m": kind.rms, "max_m": kind.max,
-            })).collect::<Vec<_>>(),
-        })),
+        "gross_rows": found.gross.iter().map(|row| {
+            let mut own = gross_row(found, row);
+            own["weight"] = json!(row.weight);
+            own
+        }).collect::<Vec<_>>(),
+        "held_out": found.held_out.as_ref().map(|own| {
+            let mut all = held_out_fit(&own.all);
+            all["poses"] = json!(own.poses);
+            all["rows"] = json!(own.rows);
+            all["gross_rows"] = own.gross.iter().map(|row| gross_row(found, row)).collect();
+            all["without_gross_rows"] = json!(own.without_gross.as_ref().map(held_out_fit));
+            all
+        }),
         "noise_factor": found.widened,
         "cost": found.calibration.cost,
         "iterations": found.calibration.iterations,

@@ -302,6 +302,8 @@ fn from_prepared(
         values: problem::values(machine, used, &solution.parameters),
         covariance: (factor.as_deref())
             .map_or_else(|| triangle::rows(&covariance), triangle::squared),
+        // Measured poses leave no motion open along which parameters would curve.
+        second_order: vec![0.0; used.len()],
         factor,
         undetermined: combinations(&identifiability, name),
         cost: solution.cost,
@@ -336,7 +338,9 @@ pub(crate) struct Fitted {
     pub(crate) used: Vec<usize>,
     /// Their covariance, priors included.
     pub(crate) covariance: Vec<Vec<f64>>,
-    /// Its lower triangle; `None` where nothing determines a parameter.
+    /// Mean squares of their errors of second order.
+    pub(crate) second_order: Vec<f64>,
+    /// Lower triangle of the covariance; `None` where nothing determines a parameter.
     pub(crate) factor: Option<Vec<Vec<f64>>>,
     pub(crate) undetermined: Vec<Combination>,
     pub(crate) cost: f64,
@@ -356,7 +360,7 @@ pub(crate) fn finish(
         &machine,
         &prepared.nominal,
         &fitted.used,
-        &fitted.covariance,
+        (&fitted.covariance, &fitted.second_order),
     );
     let name = |place: usize| estimates[place].name.clone();
     let mut sigmas = vec![0.0; machine.values.len()];

@@ -66,7 +66,7 @@ pub(super) fn estimates(
     machine: &Machine,
     nominal: &[Nominal],
     used: &[usize],
-    covariance: &[Vec<f64>],
+    (covariance, second_order): (&[Vec<f64>], &[f64]),
 ) -> Vec<ParameterEstimate> {
     used.iter()
         .enumerate()
@@ -78,7 +78,7 @@ pub(super) fn estimates(
                 nominal: nominal[index].value,
                 tolerance: nominal[index].tolerance,
                 value: machine.values[index],
-                sigma: covariance[place][place].sqrt(),
+                sigma: (covariance[place][place] + second_order[place]).sqrt(),
             }
         })
         .collect()

@@ -43,6 +43,7 @@ impl Prepared {
         let covariance: Vec<Vec<f64>> = used.iter().map(covariance).collect();
         let fitted = Fitted {
             factor: triangle::lower(&covariance),
+            second_order: vec![0.0; used.len()],
             covariance,
             values: stated.values,
             undetermined: vec![],

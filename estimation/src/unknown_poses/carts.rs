@@ -145,6 +145,7 @@ fn joined(
         (&settled.reduced, &leverages),
         plate.rank.clone(),
         (&settled.solution, near.iterations + settled.iterations),
+        options,
     )?;
     Ok(UnknownPoses {
         loss: plate.loss,

@@ -60,7 +60,7 @@ pub(super) struct Raw {
     /// Block, sample and residual of each.
     pub(super) rows: Vec<RowIndex>,
     /// Indices of the free unknowns of its poses.
-    own: Vec<usize>,
+    pub(super) own: Vec<usize>,
 }
 
 impl Raw {
@@ -117,7 +117,7 @@ pub(super) struct Elimination<'a> {
     /// Values of the shared unknowns.
     shared: &'a [f64],
     /// Number of unknowns of the poses.
-    own: usize,
+    pub(super) own: usize,
     /// Residuals and derivatives of each block.
     linearized: Vec<Linearized>,
     clusters: Clusters,
@@ -245,7 +245,8 @@ impl<'a> Elimination<'a> {
         found.into_iter().map(|(_, row)| row).collect()
     }
 
-    fn raw(&self, cluster: &Cluster) -> Raw {
+    /// Derivatives of a cluster's rows.
+    pub(super) fn raw(&self, cluster: &Cluster) -> Raw {
         let count = self.row_count(cluster);
         let mut by_shared = DMatrix::zeros(count, self.shared.len());
         let mut by_own = DMatrix::zeros(count, cluster.own.len());
@@ -266,6 +267,27 @@ impl<'a> Elimination<'a> {
             rows,
             own: self.clusters.own[cluster.own.clone()].to_vec(),
         }
+    }
+
+    /// Adds what columns of the shared unknowns and of the poses' change the rows of a cluster by, times a factor.
+    pub(super) fn add_change(
+        &self,
+        cluster: &Cluster,
+        (by_shared, by_own): (&DMatrix<f64>, &DMatrix<f64>),
+        factor: f64,
+        change: &mut DMatrix<f64>,
+    ) {
+        let own = &self.clusters.own[cluster.own.clone()];
+        let add = |at, place, entry: f64| {
+            let moved = match place {
+                Place::Shared(shared) => by_shared.row(shared),
+                Place::Own(place) => by_own.row(own[place]),
+            };
+            for (own, moved) in change.row_mut(at).iter_mut().zip(moved.iter()) {
+                *own += factor * entry * moved;
+            }
+        };
+        self.each_entry(cluster, &mut vec![], &mut vec![], add);
     }
 
     fn row_count(&self, cluster: &Cluster) -> usize {

@@ -5,6 +5,7 @@
 //! which the six closures of a pose share, and at the true pose all of them hold. Here every pose is as unknown as
 //! one that nothing measured; sets 2 and 3 join with their frames and the mountings of their targets.
 
+use nalgebra::DVector;
 use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot::{Robot, Variant};
 use tau_robot::robot_file::RobotFile;
@@ -59,10 +60,12 @@ pub fn calibrate(
     let closure_m = closures.map_or(0.0, |kind| fit.assembly.kinds[kind].sigma);
     let settled = fit.settled_beside_carts(options, None)?;
     let measured: Vec<&TcpPose> = poses.iter().map(|&pose| &folder.tcp_poses[pose]).collect();
+    // Measured poses leave no motion open along which parameters would curve.
+    let covariance = fit.covariance(&settled.reduced.triangle, 1.0);
     let fitted = fit.fitted(
         (&settled.solution, settled.iterations),
         &settled.reduced,
-        1.0,
+        (&covariance, &DVector::zeros(fit.shared())),
     )?;
     Ok(ErrorsInVariables {
         calibration: Calibration {

@@ -24,23 +24,30 @@ impl Fit<'_> {
         (reduced, leverages): (&Reduced, &[Vec<f64>]),
         rank: Rank,
         (solution, iterations): (&Solution, usize),
+        options: &calibration::Options,
     ) -> Result<UnknownPoses, Error> {
         let shared = self.shared();
         let variance = self.loss_variance(reduced, leverages);
         let covariance = self.covariance(&reduced.triangle, variance);
+        let second_order = self.second_order(values, &reduced.triangle, variance);
+        let sigmas: Vec<f64> = (covariance.diagonal() + &second_order)
+            .map(f64::sqrt)
+            .data
+            .into();
         let count = self.used.len();
         let mut kinds = self.kind_fits(reduced, leverages);
         for (kind, repeats) in kinds.iter_mut().zip(self.repeats(values, reduced)) {
             kind.repeats = repeats;
         }
         let machine = self.machine_at(values);
-        let fitted = self.fitted((solution, iterations), reduced, variance)?;
+        let told = (&covariance, &second_order);
+        let fitted = self.fitted((solution, iterations), reduced, told)?;
         let objects: Vec<ObjectEstimate> = (self.assembly.object_unknowns().enumerate())
             .map(|(index, unknown)| ObjectEstimate {
                 name: unknown.name.clone(),
                 unit: unknown.unit,
                 value: values[count + index],
-                sigma: covariance[(count + index, count + index)].sqrt(),
+                sigma: sigmas[count + index],
             })
             .collect();
         let poses = self.assembly.poses.len();
@@ -48,7 +55,7 @@ impl Fit<'_> {
             poses,
             ..calibration::finish(&self.prepared, self.file, &[], fitted)?
         };
-        self.write_objects(&mut calibration.file, values, &covariance);
+        self.write_objects(&mut calibration.file, values, &sigmas);
         // Of a machine that was drawn elsewhere, the stated one is none.
         let readings = self.assembly.poses.iter().filter_map(|pose| {
             let own = (pose.readings.iter()).find(|own| !self.left_out.contains(&own.place));
@@ -58,7 +65,9 @@ impl Fit<'_> {
         let shown: Vec<_> = readings.iter().map(Sample::view).collect();
         let reference = calibration::reference(&machine, &shown);
         calibration.file.reference = reference.or(calibration.file.reference);
-        let held_out = heldout::HeldOut::of(&machine, self, &values[..shared])?;
+        let factor = self.spread(&reduced.triangle, variance, f64::INFINITY);
+        let known = (&values[..shared], factor);
+        let held_out = heldout::HeldOut::of(&machine, self, known, options)?;
         // Carts have the noise that they show: among their many rows, what misses the plate would be lost.
         let of_plate = || kinds.iter().filter(|fit| !fit.kind.is_of_carts());
         Ok(UnknownPoses {
@@ -91,12 +100,13 @@ impl Fit<'_> {
         })
     }
 
-    /// Parameters of the variant as described: carts beside the plate have more.
+    /// Parameters of the variant as described: carts beside the plate have more. Of all shared unknowns, the covariance and
+    /// mean squares of second order are as told.
     pub(super) fn fitted(
         &self,
         (solution, iterations): (&Solution, usize),
         reduced: &Reduced,
-        variance: f64,
+        (all, second_order): (&DMatrix<f64>, &DVector<f64>),
     ) -> Result<Fitted, Error> {
         let values = &solution.parameters;
         let machine = &self.prepared.machine;
@@ -113,7 +123,6 @@ impl Fit<'_> {
         for (&index, &place) in used.iter().zip(&places) {
             found[index] = values[place];
         }
-        let all = self.covariance(&reduced.triangle, variance);
         let row = |&i: &usize| places.iter().map(|&j| all[(i, j)]).collect();
         let covariance: Vec<Vec<f64>> = places.iter().map(row).collect();
         let mut undetermined = self.undetermined(&reduced.triangle, values)?;
@@ -122,6 +131,7 @@ impl Fit<'_> {
         undetermined.retain(|known| known.terms.first().is_some_and(|(name, _)| is_told(name)));
         Ok(Fitted {
             values: found,
+            second_order: places.iter().map(|&place| second_order[place]).collect(),
             factor: triangle::lower(&covariance),
             covariance,
             undetermined,
@@ -157,16 +167,11 @@ impl Fit<'_> {
     }
 
     /// Writes places found into the robot file.
-    pub(super) fn write_objects(
-        &self,
-        file: &mut RobotFile,
-        values: &[f64],
-        covariance: &DMatrix<f64>,
-    ) {
+    pub(super) fn write_objects(&self, file: &mut RobotFile, values: &[f64], sigmas: &[f64]) {
         for object in &self.assembly.objects {
             let at = self.used.len() + object.first;
             let own: Vec<f64> = values[at..at + 3].to_vec();
-            let sigma: Vec<f64> = (at..at + 3).map(|k| covariance[(k, k)].sqrt()).collect();
+            let sigma = sigmas[at..at + 3].to_vec();
             let tol = |k: usize| object.unknowns[k].prior.map_or(WIDE_M, |prior| prior.1);
             let name = if object.name.is_empty() {
                 "ball"

@@ -281,19 +281,9 @@ impl<'a> Fit<'a> {
         triangle: &DMatrix<f64>,
         variance: f64,
     ) -> (DMatrix<f64>, Vec<bool>) {
-        let scales = self.scales();
+        let (scales, values, v_t) = self.known(triangle, variance);
         let width = scales.len();
-        let priors = DMatrix::from_diagonal(&DVector::from_iterator(
-            width,
-            self.has_prior()
-                .into_iter()
-                .map(|has| f64::from(u8::from(has))),
-        ));
-        let data = scaled(triangle, &scales) / variance.sqrt();
-        let all = stacked(&data, &[priors]);
-        let (values, v_t) = singular::right(all);
-        let largest = values.max();
-        let least = largest * f64::EPSILON * 8.0 * width as f64;
+        let least = least_known(&values);
         let mut covariance = DMatrix::zeros(width, width);
         let mut lost = vec![false; width];
         for (k, &value) in values.iter().enumerate() {
@@ -312,6 +302,33 @@ impl<'a> Fit<'a> {
             }
         }
         (covariance, lost)
+    }
+
+    /// Columns of a factor of that covariance; of combinations that are known to less than `most` in units of tolerances.
+    pub(super) fn spread(&self, triangle: &DMatrix<f64>, variance: f64, most: f64) -> DMatrix<f64> {
+        let (scales, values, v_t) = self.known(triangle, variance);
+        let least = least_known(&values);
+        let taken = (0..values.len()).filter(|&k| values[k] > least && values[k] < most);
+        let taken: Vec<usize> = taken.collect();
+        DMatrix::from_fn(scales.len(), taken.len(), |row, column| {
+            let k = taken[column];
+            scales[row] * v_t[(k, row)] / values[k]
+        })
+    }
+
+    /// Units of the shared unknowns, and by singular values and vectors what data and priors know of them in these.
+    fn known(
+        &self,
+        triangle: &DMatrix<f64>,
+        variance: f64,
+    ) -> (Vec<f64>, DVector<f64>, DMatrix<f64>) {
+        let scales = self.scales();
+        let priors = self.has_prior().into_iter();
+        let priors = priors.map(|has| f64::from(u8::from(has)));
+        let priors = DMatrix::from_diagonal(&DVector::from_iterator(scales.len(), priors));
+        let data = scaled(triangle, &scales) / variance.sqrt();
+        let (values, v_t) = singular::right(stacked(&data, &[priors]));
+        (scales, values, v_t)
     }
 
     pub(super) fn rank(&self, reduced: &Reduced, machine: &Machine) -> Rank {
@@ -419,4 +436,9 @@ impl<'a> Fit<'a> {
         }
         fits
     }
+}
+
+/// What is known of a combination that is lost in rounding.
+fn least_known(values: &DVector<f64>) -> f64 {
+    values.max() * f64::EPSILON * 8.0 * values.len() as f64
 }

@@ -10,6 +10,7 @@ mod assembly;
 mod carts;
 mod closures;
 mod coupled;
+mod curvature;
 mod dense;
 mod elimination;
 pub mod errors_in_variables;
@@ -59,7 +60,7 @@ pub use evaluation::{
     HeldErrors, JudgedRows, KindErrors, Moved, PlaceEstimate, RowError, evaluate,
 };
 pub use gauge::Freedom;
-pub use heldout::{HeldOut, HeldOutKind};
+pub use heldout::{HeldOut, HeldOutFit, HeldOutKind};
 pub use objects::Object;
 pub use outcome::{GrossRow, ObjectEstimate, Rank, RowDivision, UnknownPoses};
 pub use recognised::mistakes;
@@ -216,6 +217,7 @@ fn fitted(mut fit: Fit<'_>, options: &calibration::Options) -> Result<UnknownPos
         (&settled.reduced, &settled.leverages),
         rank,
         (&settled.solution, settled.iterations),
+        options,
     )?;
     Ok(UnknownPoses {
         mistakes,

@@ -322,9 +322,23 @@ impl UnknownPoses {
         (squares / f64::max(rows, 1.0)).sqrt()
     }
 
+    /// Squares of the residuals whose noise is stated, and what is left of their number: noise that was estimated from residuals
+    /// makes these what is expected, whatever the model.
+    pub(super) fn of_stated(&self) -> (f64, f64) {
+        let is_tested = |fit: &&KindFit| {
+            let has_noise = !fit.kind.is_exact() || fit.is_missed();
+            has_noise && !fit.kind.is_of_carts() && !fit.kind.is_estimated()
+        };
+        let stated = self.kinds.iter().filter(is_tested);
+        stated.fold((0.0, 0.0), |(chi2, dof), fit| {
+            (chi2 + fit.chi2(), dof + fit.dof())
+        })
+    }
+
     /// True if residuals are no larger than the stated noise lets expect.
     pub fn is_consistent(&self) -> bool {
-        chi2_survival(self.chi2, self.dof.max(1e-9)) > SIGNIFICANT
+        let (chi2, dof) = self.of_stated();
+        chi2_survival(chi2, dof.max(1e-9)) > SIGNIFICANT
     }
 }
 

@@ -17,6 +17,10 @@ use crate::weighing::Outlier;
 /// lacks: of a hundred parameters, one in a hundred and fifty machines has one by chance.
 const FAR_PULL: f64 = 4.0;
 
+/// Noise that is estimated is as large as the residuals, whatever these hold.
+pub(super) const ESTIMATED_FROM_RESIDUALS: &str =
+    "that is the size of its residuals, which says nothing of the model";
+
 impl UnknownPoses {
     /// Mean length of the links at the reference (m); infinite where there is none.
     fn length_m(&self) -> f64 {
@@ -51,6 +55,14 @@ impl UnknownPoses {
             (repeats.within_over_noise, noise),
             repeats.lack_of_fit.as_ref().map(|test| ("values", test)),
         ))
+    }
+
+    /// True if the model misses the means of a kind's repeated readings by more than their scatter lets expect, of all kinds
+    /// with such a test by no more than chance allows (Bonferroni).
+    fn lacks_fit(&self, fit: &KindFit) -> bool {
+        let test = |fit: &KindFit| fit.repeats?.lack_of_fit;
+        let tests = self.kinds.iter().filter_map(test).count();
+        test(fit).is_some_and(|test| test.p_value * (tests as f64) < SIGNIFICANT)
     }
 
     /// Reasons for the size of the residuals, as far as repeated readings tell: noise that scatters more than stated, or a
@@ -91,7 +103,7 @@ impl UnknownPoses {
             } else {
                 format!(", or the noise of {} is larger", others.join(" and "))
             };
-            if (repeats.lack_of_fit).is_some_and(|test| test.p_value < SIGNIFICANT) {
+            if self.lacks_fit(fit) {
                 causes.push(format!(
                     "Readings of {own} repeat to {}, the model misses their means by {}: it lacks something{or_noise}.",
                     in_words(repeats.sigma),
@@ -123,23 +135,30 @@ impl UnknownPoses {
 
     /// Residuals against noise and parameters against tolerances.
     pub fn verdict(&self) -> Verdict {
-        let ratio = self.residual_over_noise();
+        let (chi2, dof) = self.of_stated();
+        let ratio = (chi2 / dof.max(1e-9)).sqrt();
         let mut why = vec![];
         let mut status = Status::Consistent;
         if self.is_consistent() {
-            let is_too_small = chi2_survival(self.chi2, self.dof) > 1.0 - LEVEL;
-            why.push(format!(
-                "Residuals are {} times their noise{}, {} of them beyond what the fit absorbs.",
-                general(ratio, 3),
-                if is_too_small {
-                    ", which is stated too large"
-                } else {
-                    ""
-                },
-                general(self.dof, 3)
-            ));
+            if dof > 0.0 {
+                let is_too_small = chi2_survival(chi2, dof) > 1.0 - LEVEL;
+                why.push(format!(
+                    "Residuals are {} times their noise{}, {} of them beyond what the fit absorbs.",
+                    general(ratio, 3),
+                    if is_too_small {
+                        ", which is stated too large"
+                    } else {
+                        ""
+                    },
+                    general(dof, 3)
+                ));
+            }
             // Noise that was estimated from residuals holds what the model misses.
-            why.extend(self.causes(Kind::is_estimated));
+            let is_missed = |fit: &KindFit| fit.kind.is_estimated() && self.lacks_fit(fit);
+            if self.kinds.iter().any(is_missed) {
+                status = Status::Inconsistent;
+                why.extend(self.causes(Kind::is_estimated));
+            }
         } else {
             status = Status::Inconsistent;
             let causes = self.causes(|_| true);
@@ -185,8 +204,13 @@ impl UnknownPoses {
             let Kind { unit, sigma, .. } = kind.kind;
             why.push(match kind.residual_over_noise() {
                 Some(_) => format!(
-                    "The noise of {own} was estimated: {} {unit}.",
-                    general(sigma, 2)
+                    "The noise of {own} was estimated: {} {unit}; {}.",
+                    general(sigma, 2),
+                    if kind.repeats.is_some_and(|own| own.lack_of_fit.is_some()) {
+                        "of the model its repeated readings tell, not the size of its residuals"
+                    } else {
+                        ESTIMATED_FROM_RESIDUALS
+                    }
                 ),
                 None => {
                     format!("The noise of {own} could not be estimated: the fit follows its rows.")
@@ -220,7 +244,7 @@ impl UnknownPoses {
             status,
             chi2: self.chi2,
             dof: self.dof,
-            residual_over_noise: ratio,
+            residual_over_noise: self.residual_over_noise(),
             by_file: kinds
                 .map(|fit| FileFit {
                     file: fit.kind.file,

@@ -23,7 +23,7 @@ const SEEN: f64 = 0.1;
 
 /// Shared unknowns in units in which what is known of them has unit variance: columns of the parameters' covariance
 /// factor, then objects in units of their tolerances, or as they are.
-pub(super) struct Known {
+pub(in super::super) struct Known {
     /// Shared unknowns × columns.
     spread: DMatrix<f64>,
     /// Columns that are those of parameters.
@@ -46,7 +46,7 @@ pub(super) struct Moved {
 }
 
 /// The shared unknowns as the measurements tell them.
-pub(super) struct Found {
+pub(in super::super) struct Found {
     /// Sum of squares of the residuals under noise and covariance.
     pub(super) all: Sum,
     /// The part that no parameters take away.
@@ -90,6 +90,16 @@ impl Known {
             spread,
             columns,
             has_prior: vec![true; columns].into_iter().chain(of_objects).collect(),
+        }
+    }
+
+    /// All as a calibration knows them, by a factor of their covariance.
+    pub(in super::super) fn of_calibration(factor: DMatrix<f64>) -> Self {
+        let columns = factor.ncols();
+        Self {
+            spread: factor,
+            columns,
+            has_prior: vec![true; columns],
         }
     }
 

@@ -32,7 +32,8 @@ use crate::problem::POSE_UNKNOWNS;
 use crate::trust::{Mistake, Verdict};
 use crate::uncertainty::Uncertainty;
 use crate::weighing::{Loss, Treatment};
-use known::{Found, Known, ROUNDING, Sum};
+pub(super) use known::Known;
+use known::{Found, ROUNDING, Sum};
 
 /// Names of the unknowns of a pose.
 const COORDINATES: [&str; POSE_UNKNOWNS] = ["x", "y", "z", "about x", "about y", "about z"];
@@ -222,35 +223,12 @@ fn evaluated(
     let mistakes = fit.exchanged_distances();
     let known = Known::new(&fit, of_parameters.as_ref());
     let is_known = fit.take_noise_of_calibration(options)?;
-    let keeps = is_known || options.treatment.keep_outliers;
     let is_estimated = !is_known && fit.assembly.kinds.iter().any(Kind::is_estimated);
-    // As in a calibration: gross rows are sought before noise is estimated from the others.
-    fit.loss = (is_estimated && !keeps).then_some(Loss::Huber);
-    let mut values = fit.start.clone();
-    let mut rounds = 0;
-    let (reduced, mut found) = loop {
-        rounds += 1;
-        values = fit.followed(&values, options)?;
-        let moved = fit.largest_move(&values);
-        let reduced = fit.elimination(&values).reduce();
-        let found = known.found(&fit, &values, &reduced);
-        let (after, leverages) = fit.after(&values, &reduced, &found.after);
-        let noise = if is_estimated {
-            fit.estimate_noise(&after, &leverages)
-        } else {
-            0.0
-        };
-        let is_settled = moved < SAME_POSE && noise < SAME_NOISE;
-        let left_out = is_settled && !keeps && fit.leave_out_gross(&after, &leverages);
-        let is_last = fit.loss.is_none();
-        if rounds == ROUNDS || (is_settled && is_last && !left_out) {
-            break (reduced, found);
-        }
-        if is_settled && !left_out {
-            fit.loss = None;
-        }
-        fit.rebuild(&mut values)?;
+    let takes = Follows {
+        noise: is_estimated,
+        gross: !is_known && !options.treatment.keep_outliers,
     };
+    let (values, reduced, mut found) = fit.judged_by(&known, &takes, options)?;
     fit.refuse_nothing_left(&reduced, &found)?;
     found.all.degrees -= fit.exact_left(&values, &found.after.covariance);
     found.rest.degrees -= fit.exact_left(&values, &found.free);
@@ -290,7 +268,51 @@ fn evaluated(
     Ok((held, is_missed))
 }
 
+/// Estimates beside poses and places that a judgement makes.
+pub(super) struct Follows {
+    pub(super) noise: bool,
+    /// Gross rows are left out.
+    pub(super) gross: bool,
+}
+
 impl Fit<'_> {
+    /// Values at which poses, places, noise and the rows that take part follow the measurements, with parameters of which so
+    /// much is known.
+    pub(super) fn judged_by(
+        &mut self,
+        known: &Known,
+        follows: &Follows,
+        options: &calibration::Options,
+    ) -> Result<(Vec<f64>, Reduced, Found), Error> {
+        // As in a calibration: gross rows are sought before noise is estimated from the others.
+        self.loss = (follows.noise && follows.gross).then_some(Loss::Huber);
+        let mut values = self.start.clone();
+        let mut rounds = 0;
+        loop {
+            rounds += 1;
+            values = self.followed(&values, options)?;
+            let moved = self.largest_move(&values);
+            let reduced = self.elimination(&values).reduce();
+            let found = known.found(self, &values, &reduced);
+            let (after, leverages) = self.after(&values, &reduced, &found.after);
+            let noise = if follows.noise {
+                self.estimate_noise(&after, &leverages)
+            } else {
+                0.0
+            };
+            let is_settled = moved < SAME_POSE && noise < SAME_NOISE;
+            let left_out = is_settled && follows.gross && self.leave_out_gross(&after, &leverages);
+            let is_last = self.loss.is_none();
+            if rounds == ROUNDS || (is_settled && is_last && !left_out) {
+                return Ok((values, reduced, found));
+            }
+            if is_settled && !left_out {
+                self.loss = None;
+            }
+            self.rebuild(&mut values)?;
+        }
+    }
+
     /// True if drives are more than the freedoms of the plate.
     fn is_redundant(&self) -> bool {
         self.blocks[0].kinds.len() > self.assembly.free.len()

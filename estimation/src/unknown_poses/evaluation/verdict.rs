@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use super::super::rows::AXES;
 use super::super::rows::Kind;
+use super::super::verdict::ESTIMATED_FROM_RESIDUALS;
 use super::HeldErrors;
 use crate::numerics::distribution::{chi2_survival, f_survival};
 use crate::numerics::order::largest_first;
@@ -150,7 +151,7 @@ impl HeldErrors {
                     file.to_owned()
                 };
                 why.push(format!(
-                    "The noise of {of} was estimated: {} {unit}.",
+                    "The noise of {of} was estimated: {} {unit}; {ESTIMATED_FROM_RESIDUALS}.",
                     general(sigma, 2)
                 ));
             }
