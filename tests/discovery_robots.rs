@@ -13,7 +13,7 @@ rotation_rad = 4e-5
 ";
 
 /// A planar body on four cables.
-const CABLES: &str = "robot Cables {
+pub(crate) const CABLES: &str = "robot Cables {
     plate body in plane;
     cluster cables on base {
         link a actuated length { length = 1 m tol 5 mm; track_offset = (1, 0.8, 0) m tol 5 mm; plate_joint = (0.1, -0.05, 0) m tol 0.5 mm; }

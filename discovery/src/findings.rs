@@ -357,7 +357,7 @@ fn remarks(search: &Search<'_>, whiteness: Option<&Whiteness>) -> Vec<String> {
     }
     for scale in misfit::noise_scales(&search.state.fit) {
         let is_usual = (0.85..1.15).contains(&scale.factor);
-        if !is_usual && !(allows_more && scale.factor < 1.0) {
+        if !(is_usual || allows_more && scale.factor < 1.0) {
             remarks.push(format!(
                 "the noise of set {} ({}) is {:.2} times the stated one",
                 scale.set, scale.of, scale.factor

@@ -1,6 +1,6 @@
 //! Noise that is estimated, and rows far off.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::elimination::Reduced;
 use super::fit::Fit;
@@ -15,8 +15,8 @@ use crate::problem::Component;
 /// Chance that the largest of all residuals is taken for a gross one though none is: one folder in a hundred loses a
 /// good row.
 const GROSS_LEVEL: f64 = 0.01;
-/// Share of all rows above which those far off are no gross ones but part of what is measured: the model or the noise
-/// is wrong then.
+/// Share of all rows, and of those of a file or of a drive, above which those far off are no gross ones but part of what
+/// is measured: the model or the noise is wrong then.
 const MOST_GROSS: f64 = 0.1;
 /// Median of the absolute value of a normal deviate.
 const MEDIAN_OF_NORMAL: f64 = 0.674_489_750_196_081_7;
@@ -117,17 +117,10 @@ impl Fit<'_> {
             all.filter(|(_, _, _, left)| *left > 1.0 - ABSORBED)
         };
         let mut far: Vec<GrossRow> = judged()
-            .map(|(block, k, residual, left)| {
-                let rows = &self.blocks[block];
-                let each = rows.kinds.len();
-                GrossRow {
-                    place: RowPlace {
-                        drive: (block == 0).then_some(k % each),
-                        ..rows.places[k / each]
-                    },
-                    sigmas: residual.abs() / left.sqrt(),
-                    weight: tuned.map_or(1.0, |tuned| tuned.weight(residual.abs())),
-                }
+            .map(|(block, k, residual, left)| GrossRow {
+                place: self.place(block, k),
+                sigmas: residual.abs() / left.sqrt(),
+                weight: tuned.map_or(1.0, |tuned| tuned.weight(residual.abs())),
             })
             .collect();
         let (mut squares, mut degrees) = (0.0, 0.0);
@@ -155,6 +148,16 @@ impl Fit<'_> {
         far
     }
 
+    /// Row of a residual of a block.
+    fn place(&self, block: usize, residual: usize) -> RowPlace {
+        let rows = &self.blocks[block];
+        let each = rows.kinds.len();
+        RowPlace {
+            drive: (block == 0).then_some(residual % each),
+            ..rows.places[residual / each]
+        }
+    }
+
     /// Leaves out gross rows; true if there were any.
     pub(super) fn leave_out_gross(&mut self, reduced: &Reduced, leverages: &[Vec<f64>]) -> bool {
         let mut far = self.gross_rows(reduced, leverages);
@@ -162,10 +165,23 @@ impl Fit<'_> {
         let worst = far.first().map_or(0.0, |row| row.sigmas);
         let mut seen = BTreeSet::new();
         far.retain(|row| row.sigmas > 0.7 * worst && seen.insert(row.place.pose));
-        let total = self.judged(reduced, leverages).count() + self.gross.len();
-        if far.is_empty()
-            || (self.gross.len() + far.len()) as f64 > (MOST_GROSS * total as f64).max(1.0)
-        {
+        let of = |place: RowPlace| (place.file, place.drive);
+        let (mut totals, mut gross) = (BTreeMap::new(), BTreeMap::new());
+        let judged = self.judged(reduced, leverages);
+        let judged = judged.map(|(block, k, _, _)| self.place(block, k));
+        for place in judged.chain(self.gross.iter().map(|row| row.place)) {
+            *totals.entry(of(place)).or_insert(0.0) += 1.0;
+        }
+        for row in self.gross.iter().chain(&far) {
+            *gross.entry(of(row.place)).or_insert(0.0) += 1.0;
+        }
+        far.retain(|row| {
+            let own = of(row.place);
+            gross[&own] <= f64::max(MOST_GROSS * totals[&own], 1.0)
+        });
+        let total: f64 = totals.values().sum();
+        let most = f64::max(MOST_GROSS * total, 1.0);
+        if far.is_empty() || (self.gross.len() + far.len()) as f64 > most {
             return false;
         }
         for row in &mut far {
