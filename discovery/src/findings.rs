@@ -330,19 +330,27 @@ fn remarks(search: &Search<'_>, whiteness: Option<&Whiteness>) -> Vec<String> {
     let mut remarks = Vec::new();
     // Without measured poses, no set of the tracker takes part.
     let takes_sets = search.input.unknown.is_none() && Shape::from(search.input.robot).has_carts();
-    for (set, what) in [
+    let folder = search.input.folder;
+    for (set, is_measured, what) in [
         (
             2,
+            !folder.cart_poses.is_empty(),
             "set 2 (`cart_poses.csv`) is missing: it would show straightness and rotation of the carts, apart from the arm's load",
         ),
         (
             3,
+            !folder.cart_positions.is_empty(),
             "set 3 (`cart_positions.csv`) is missing: it would show the carts under load, and errors along the tracks at many commands",
         ),
     ] {
-        if takes_sets && !search.bench.samples.iter().any(|sample| sample.set == set) {
-            remarks.push(what.to_owned());
+        if !takes_sets || search.bench.samples.iter().any(|sample| sample.set == set) {
+            continue;
         }
+        remarks.push(if is_measured {
+            format!("set {set} takes no part: nothing tells how its frame stands to that of set 1")
+        } else {
+            what.to_owned()
+        });
     }
     for scale in misfit::noise_scales(&search.state.fit) {
         if !(0.85..1.15).contains(&scale.factor) {
