@@ -54,3 +54,4 @@ mod trust;
 mod uncertainty;
 mod unknown_poses;
 mod weighing;
+mod words;
