@@ -56,3 +56,4 @@ mod trust;
 mod uncertainty;
 mod unknown_poses;
 mod weighing;
+mod words;

@@ -232,7 +232,7 @@ fn readings_of_a_pose_count_by_what_they_do_not_share() {
         // Of 225 degrees of freedom, six standard deviations of a standard deviation are 28 %.
         let own = (1.0 - visit).sqrt();
         assert!((repeats.position_m / (1e-5 * own) - 1.0).abs() < 0.28);
-        assert!((repeats.rotation_rad / (4e-5 * own) - 1.0).abs() < 0.28);
+        assert!((repeats.rotation_rad.unwrap() / (4e-5 * own) - 1.0).abs() < 0.28);
         assert_eq!(
             repeats.lack_of_fit.p_value < 1e-3,
             visit > 0.0,

@@ -74,11 +74,11 @@ pub(super) enum Command {
     Completions(Completions),
 }
 
-/// Run the paper's study: every variant calibrated, compared and reported
+/// Study a folder: every variant calibrated, compared and reported
 ///
 /// Checks what the models assume, calibrates every variant without effects on one part of the poses,
-/// compares them on the other part, and computes how much each parameter matters. Prints Tables I, II and
-/// III, and searches for the physical effects that `Full` lacks, as `tau discover` does. Writes an HTML
+/// compares them on the other part, and computes how much each parameter matters. Prints errors, geometry
+/// and sensitivity, and searches for the physical effects that `Full` lacks, as `tau discover` does. Writes an HTML
 /// report, the figures (SVG) and the numbers (JSON). Where poses were not measured, variants are compared by
 /// the errors of measurements that were held out.
 #[derive(Debug, Default, Args)]
@@ -437,14 +437,14 @@ Examples:
   tau kinematics forward measured --variant Full --robot tau-calibration/robot.toml --poses path.csv
 
 Columns read: q1_m, q2_m, …; optional pose, the start x_m, y_m, z_m, alpha_rad, beta_rad, gamma_rad \
-(without angles where the arm is reduced), and time_s, temperature_c, dir1, dir2, … where the variant's \
-effects need them. Columns written: pose, q1_m, …, x_m, y_m, z_m and, unless the arm is reduced, alpha_rad, \
+(without angles where the plate is a point or the arm is reduced), and time_s, temperature_c, dir1, dir2, … where the variant's \
+effects need them. Columns written: pose, q1_m, …, x_m, y_m, z_m and, unless the plate is a point or the arm is reduced, alpha_rad, \
 beta_rad, gamma_rad (ZYZ Euler angles); then standard deviations sigma_x_m, …, sigma_rx_rad, … (of the \
 rotation vector), and inside: 1 in the region of calibration, else 0.")]
 pub(super) struct Forward {
     #[command(flatten)]
     pub(super) with: Kinematic,
-    /// Commands of one pose (m)
+    /// Commands of one pose (m, or rad of cranks and drums)
     #[arg(long, value_name = "Q1,Q2,…", allow_hyphen_values = true)]
     pub(super) commands: Option<Numbers>,
     /// CSV with the commands of many poses; - is standard input
@@ -455,10 +455,10 @@ pub(super) struct Forward {
         required_unless_present = "commands"
     )]
     pub(super) poses: Option<PathBuf>,
-    /// Pose near the first one (m, rad)
+    /// Pose near the first one (m, rad), without angles where the plate is a point or the arm is reduced
     #[arg(
         long,
-        value_name = "X,Y,Z,ALPHA,BETA,GAMMA",
+        value_name = "X,Y,Z[,ALPHA,BETA,GAMMA]",
         allow_hyphen_values = true
     )]
     pub(super) start: Option<Numbers>,

@@ -50,8 +50,14 @@ pub(super) fn run(
     let title = format!("{robot}, {variant}, {folder}");
     let without = without_outliers(&found.errors, &verdict.outliers);
     let width = console.width;
-    let said = report::terminal::evaluation(&found, &verdict.outliers, (basis, widening), width)
-        + &report::trust::terminal::verdict(&verdict, width);
+    let architecture = session.robot().architecture();
+    let said = report::terminal::evaluation(
+        &found,
+        &verdict.outliers,
+        (basis, widening),
+        architecture,
+        width,
+    ) + &report::trust::terminal::verdict(&verdict, width);
     let outcome = Outcome {
         summary: format!("{title}\n\n{said}"),
         remarks: remarks(&session, variant)?,

@@ -1,6 +1,5 @@
 //! Robot, parameters, measurements and variant that the arguments name, read and checked.
 
-use std::fs;
 use std::path::Path;
 
 use tau::input_error::InputError;
@@ -29,7 +28,8 @@ pub(super) fn with_variant(
 }
 
 fn robot_of(input: &arguments::Input) -> Result<Robot, InputError> {
-    robot_with(&input.robot, input.folder.as_deref())
+    let files = files(input.folder.as_deref(), &input.robot);
+    robot(input.robot.model.as_deref(), &files)
 }
 
 fn open(robot: Robot, input: &arguments::Input) -> Result<Session, InputError> {
@@ -71,31 +71,28 @@ pub(super) fn described(description: &Path) -> Result<Robot, InputError> {
     }
 }
 
-/// The robot that is [described], or else the built-in one that parameters are for, or else the Gantry-Tau.
-pub(super) fn robot(
-    description: Option<&Path>,
-    parameters: Option<&Path>,
-) -> Result<Robot, InputError> {
+/// The robot that is [described], or else the built-in one that the robot file is for, or else the Gantry-Tau.
+///
+/// # Errors
+/// The description has mistakes. Without one, the robot file can't be read, or is for another robot than any built-in one:
+/// then nothing else can be judged, since nobody knows what was measured.
+pub(super) fn robot(description: Option<&Path>, files: &Files) -> Result<Robot, InputError> {
     if let Some(description) = description {
         return described(description);
     }
-    let text = parameters.and_then(|path| fs::read_to_string(path).ok());
-    let name = text.as_deref().and_then(RobotFile::robot_named_in);
+    let usual = Robot::from(&tau_generated::gantry_tau::ROBOT);
+    let Some((path, text)) = files.robot_text()? else {
+        return Ok(usual);
+    };
+    let name = RobotFile::robot_named_in(&text);
     let mut built_in = tau_generated::ROBOTS.iter().map(|(_, robot)| *robot);
-    let own = built_in.find(|robot| Some(robot.name) == name.as_deref());
-    Ok(Robot::from(
-        own.unwrap_or(&tau_generated::gantry_tau::ROBOT),
-    ))
-}
-
-/// The same with the parameters of a folder, unless others are given.
-pub(super) fn robot_with(
-    arguments: &arguments::Robot,
-    folder: Option<&Path>,
-) -> Result<Robot, InputError> {
-    let beside = || folder.map(|folder| folder.join("robot.toml"));
-    let parameters = arguments.robot.clone().or_else(beside);
-    robot(arguments.model.as_deref(), parameters.as_deref())
+    match built_in.find(|robot| Some(robot.name) == name.as_deref()) {
+        Some(robot) => Ok(Robot::from(robot)),
+        None => {
+            RobotFile::parse_for(&text, &path.display().to_string(), &usual)?;
+            Ok(usual)
+        }
+    }
 }
 
 /// The split that was asked for, if any was.

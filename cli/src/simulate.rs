@@ -1,6 +1,7 @@
 //! `tau simulate`.
 
 use serde_json::{Value, json};
+use tau::Files;
 use tau::simulation::{Request, Summary};
 use tau_report as report;
 use tau_robot::input_error::both;
@@ -12,15 +13,14 @@ use super::{Failure, arguments};
 
 pub(super) fn run(arguments: &arguments::Simulate) -> Result<Outcome, Failure> {
     let out = &arguments.out;
-    let robot = robot(arguments.model.as_deref(), arguments.robot.as_deref())?;
+    let files = Files {
+        folder: None,
+        robot_file: arguments.robot.clone(),
+    };
+    let robot = robot(arguments.model.as_deref(), &files)?;
     let kept = Kept::of(None, arguments.model.iter().chain(&arguments.robot));
     let (target, ()) = both(Target::resolve(&arguments.json, &kept), check_folder(out))?;
     let made = request(arguments).run(&robot, out)?;
-    let [poses, points, positions] = made.rows;
-    let others = made.others.iter();
-    let others = others.fold(String::new(), |text, (file, rows)| {
-        text + &format!(", {rows} rows of {file}")
-    });
     let effects: Vec<String> = made
         .effects
         .iter()
@@ -31,20 +31,22 @@ pub(super) fn run(arguments: &arguments::Simulate) -> Result<Outcome, Failure> {
     } else {
         effects.join(", ")
     };
-    let remark = (made.out_of_reach > 0).then(|| {
+    let out_of_reach = (made.out_of_reach > 0).then(|| {
         format!(
             "{} points are out of reach and were left out",
             made.out_of_reach
         )
     });
+    let exact = made.drives_are_exact.then(|| {
+        "the drives read exactly, since nothing states their noise: `--noise-drives` states and applies it".to_owned()
+    });
     Ok(Outcome {
         summary: format!(
-            "written: {}, with {poses} TCP poses ({} outliers), {points} cart poses, \
-             {positions} cart positions{others}; {effects}\n",
+            "written: {}, with {}; {effects}\n",
             out.display(),
-            made.outliers
+            contents(&made)
         ),
-        remarks: remark.into_iter().collect(),
+        remarks: out_of_reach.into_iter().chain(exact).collect(),
         json: target.map(|target| {
             let value = json!({
                 "folder": out,
@@ -59,6 +61,26 @@ pub(super) fn run(arguments: &arguments::Simulate) -> Result<Outcome, Failure> {
         }),
         ..Outcome::default()
     })
+}
+
+/// Numbers of what was measured, in words.
+fn contents(made: &Summary) -> String {
+    let [poses, points, positions] = made.rows;
+    let outliers = made.outliers;
+    let sets = [
+        (poses, format!("TCP poses ({outliers} outliers)")),
+        (points, "cart poses".to_owned()),
+        (positions, "cart positions".to_owned()),
+    ];
+    let others = made.others.iter();
+    let others = others.map(|(file, rows)| (*rows, format!("rows of {file}")));
+    let among_others = (outliers > 0 && poses == 0).then(|| (outliers, "outliers".to_owned()));
+    let counted = sets.into_iter().chain(others).chain(among_others);
+    let counted: Vec<String> = counted
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, what)| format!("{count} {what}"))
+        .collect();
+    counted.join(", ")
 }
 
 /// Number of rows of each file, by its name without ending.

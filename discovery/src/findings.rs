@@ -330,24 +330,36 @@ fn far_from_drawing(fit: &Fit) -> Vec<String> {
 fn remarks(search: &Search<'_>, whiteness: Option<&Whiteness>) -> Vec<String> {
     let mut remarks = Vec::new();
     // Without measured poses, no set of the tracker takes part.
-    let input = search.input;
-    let takes_sets = input.unknown.is_none() && Shape::from(input.robot).has_carts();
-    for (is_missing, what) in [
+    let Input {
+        robot,
+        folder,
+        unknown,
+        ..
+    } = *search.input;
+    let takes_sets = unknown.is_none() && Shape::from(robot).has_carts();
+    for (set, is_measured, what) in [
         (
-            input.folder.cart_poses.is_empty(),
+            2,
+            !folder.cart_poses.is_empty(),
             "set 2 (`cart_poses.csv`) is missing: it would show straightness and rotation of the carts, apart from the arm's load",
         ),
         (
-            input.folder.cart_positions.is_empty(),
+            3,
+            !folder.cart_positions.is_empty(),
             "set 3 (`cart_positions.csv`) is missing: it would show the carts under load, and errors along the tracks at many commands",
         ),
     ] {
-        if takes_sets && is_missing {
-            remarks.push(what.to_owned());
+        if !takes_sets || search.bench.samples.iter().any(|sample| sample.set == set) {
+            continue;
         }
+        remarks.push(if is_measured {
+            format!("set {set} takes no part: nothing tells how its frame stands to that of set 1")
+        } else {
+            what.to_owned()
+        });
     }
     let search_allows = &search.state.fit.joint.machine.surroundings.length_noise;
-    let allows_more = *search_allows != length_noise(search.input.robot, search.input.file);
+    let allows_more = *search_allows != length_noise(robot, search.input.file);
     if allows_more {
         remarks.push(format!(
             "drives contradict each other by more than exact ones could, so that the search took links for as uncertain as \

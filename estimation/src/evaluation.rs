@@ -2,6 +2,7 @@
 
 use tau_kinematics::{Machine, Sample};
 use tau_robot::measurements::{Folder, TcpPose};
+use tau_robot::robot::Arm;
 use tau_robot::robot_file::Noise;
 
 use crate::calibration::{Combination, Error, LinkResult, ParameterEstimate};
@@ -102,6 +103,8 @@ impl ErrorSigma {
 pub struct VariantResult {
     /// Name.
     pub name: String,
+    /// One closure per link, or one per cluster.
+    pub arm: Arm,
     /// Position error on the validation poses (Table I).
     pub position_um: Summary,
     /// Largest magnitude of each component of the orientation error (rad), where the model predicts orientation.

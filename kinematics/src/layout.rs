@@ -7,8 +7,8 @@ use tau_robot::robot::{CrankValue, Formula, Input, Instance, Owner, Readable, Tr
 
 use super::{Machine, Pose, xyz};
 
-/// Points of a line across the commands of a piecewise track: the drawing shows its bends, of which a track has a
-/// few.
+/// Points of a line across the commands of a piecewise track or a crank: the drawing shows its bends, of which a track
+/// has a few.
 const PATH_POINTS: usize = 33;
 
 /// The joints of a machine at one pose, in the measurement frame (m).
@@ -29,11 +29,13 @@ pub struct Layout {
     pub base_m: Vec<[f64; 3]>,
 }
 
-/// A track, and the cart on it.
+/// A track with the cart on it, or a crank.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rail {
     /// Name of the track.
     pub name: String,
+    /// True for a crank in place of a cart: its joints run on arcs.
+    pub is_crank: bool,
     /// The line of the cart's reference point, the mean of its joints, from the lowest command to the highest.
     pub line_m: Vec<[f64; 3]>,
     /// The reference point.
@@ -156,7 +158,9 @@ impl Machine {
                 let now = command(Some(track))?;
                 let (low, high) = ranges_m.get(track).copied().unwrap_or((now, now));
                 let at = |step: usize| low + (high - low) * step as f64 / (PATH_POINTS - 1) as f64;
-                let is_straight = self.variant.tracks[track].shape == TrackShape::Linear;
+                let is_crank = self.robot.is_crank(track);
+                let is_straight =
+                    !is_crank && self.variant.tracks[track].shape == TrackShape::Linear;
                 let steps: Vec<usize> = if is_straight {
                     vec![0, PATH_POINTS - 1]
                 } else {
@@ -164,6 +168,7 @@ impl Machine {
                 };
                 Some(Rail {
                     name: name.clone(),
+                    is_crank,
                     line_m: (steps.into_iter())
                         .map(|step| reference(at(step)).into())
                         .collect(),

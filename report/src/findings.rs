@@ -5,19 +5,36 @@ use std::collections::BTreeSet;
 use tau::assumptions::TrackLinearity;
 use tau::evaluation::VariantResult;
 use tau::measurements::PoseCounts;
-use tau::robot::Architecture;
+use tau::robot::{Architecture, Arm};
 use tau::sensitivity::{Sensitivity, Turn};
 use tau::study::results::Study;
 use tau::trust::Verdict;
 use tau::unknown_poses::RowDivision;
 
 use super::number::{fixed, general, largest, shared_decimals};
+use super::parts;
 
-/// Remark where changes of orientation are not summed as in the paper.
-pub(super) fn turn(sensitivity: &Sensitivity) -> Option<&'static str> {
-    (sensitivity.turn == Turn::RotationVector).then_some(
-        "The plate stands level at some pose, where Euler angles mean nothing: orientation is summed by the rotation \
-         vector ω in the measurement frame, not by α, β and γ as in the paper.",
+/// Remark on the coordinates in which changes of orientation are summed where the Euler angles of the files can't be.
+pub(super) fn turn(sensitivity: &Sensitivity, of: Architecture) -> Option<String> {
+    let turns = !of.plate.turning_axes().is_empty();
+    let as_in_paper = if of.is_gantry_tau {
+        " as in the paper"
+    } else {
+        ""
+    };
+    (turns && sensitivity.turn == Turn::RotationVector).then(|| {
+        format!(
+            "The plate stands level at some pose, where Euler angles mean nothing: orientation is summed by the \
+             rotation vector ω in the measurement frame, not by α, β and γ{as_in_paper}."
+        )
+    })
+}
+
+/// Remark in place of sensitivities where there are none.
+pub(super) fn no_sensitivity(sensitivity: &Sensitivity) -> String {
+    format!(
+        "{} calibrates no parameter of a link by itself, so there are no sensitivities of links to show.",
+        sensitivity.variant
     )
 }
 
@@ -91,8 +108,8 @@ pub(super) fn has_cart_poses(study: &Study) -> bool {
 
 /// True if a variant has one link in place of each cluster.
 pub(super) fn has_reduced(study: &Study) -> bool {
-    let mut links = study.variants.iter().flat_map(|variant| &variant.links);
-    links.any(|link| link.plate_joint_m.is_none())
+    let mut variants = study.variants.iter();
+    variants.any(|variant| variant.arm == Arm::Reduced)
 }
 
 /// True if a variant has tracks that follow their measured points.
@@ -148,12 +165,16 @@ pub(super) fn rows(rows: &RowDivision) -> String {
     text
 }
 
-/// The stated noise.
-pub(super) fn noise((position, rotation): (f64, f64)) -> String {
+/// The stated noise, of rotation where the plate turns.
+pub(super) fn noise((position, rotation): (f64, f64), of: Architecture) -> String {
+    let in_rotation = if of.plate.turning_axes().is_empty() {
+        String::new()
+    } else {
+        format!(" and {} µrad in rotation", general(1e6 * rotation, 2))
+    };
     format!(
-        "The stated noise is {} µm in position and {} µrad in rotation (one standard deviation per axis).",
+        "The stated noise is {} µm in position{in_rotation} (one standard deviation per axis).",
         general(1e6 * position, 2),
-        general(1e6 * rotation, 2)
     )
 }
 
@@ -218,17 +239,14 @@ pub(super) fn comparison(study: &Study) -> Option<String> {
 pub(super) fn assumptions(study: &Study) -> Vec<String> {
     let mut sentences = Vec::new();
     let found = &study.assumptions;
-    if !found.orientation.is_empty() {
-        let [a, b, c] = [0, 1, 2].map(|axis| {
-            1e3 * largest(
-                found
-                    .orientation
-                    .iter()
-                    .map(|point| point.deviation_rad[axis]),
-            )
+    let axes = study.architecture.plate.turning_axes();
+    if !found.orientation.is_empty() && !axes.is_empty() {
+        let deviations = axes.iter().map(|&axis| {
+            let points = found.orientation.iter();
+            1e3 * largest(points.map(|point| point.deviation_rad[axis]))
         });
-        let top = a.max(b).max(c);
-        let ratio = top / (1e3 * study.noise.1);
+        let deviations: Vec<f64> = deviations.collect();
+        let ratio = largest(deviations.iter().copied()) / (1e3 * study.noise.1);
         let meaning = if !ratio.is_finite() || !has_reduced(study) {
             String::new()
         } else if ratio > 5.0 {
@@ -241,10 +259,8 @@ pub(super) fn assumptions(study: &Study) -> Vec<String> {
             ": about the stated noise, so the plate's orientation is constant as a reduced arm assumes".to_owned()
         };
         sentences.push(format!(
-            "The orientation departs from its mean by up to {}, {} and {} mrad about x, y and z{meaning}.",
-            general(a, 2),
-            general(b, 2),
-            general(c, 2)
+            "The orientation departs from its mean by up to {}{meaning}.",
+            parts::about_axes(axes, &deviations, 2)
         ));
     }
     if study.architecture.carts == 0 {

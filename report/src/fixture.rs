@@ -7,7 +7,7 @@ use tau::calibration::{Combination, LinkResult, LinkSigma, ParameterEstimate};
 use tau::evaluation::{PoseError, Summary, VariantResult};
 use tau::kinematics::{Layout, Rail, Rod};
 use tau::measurements::PoseCounts;
-use tau::robot::Architecture;
+use tau::robot::{Architecture, Arm};
 use tau::sensitivity::{LinkSensitivity, ParameterSensitivity, Sensitivity, Turn};
 use tau::session::{Input, Record, Stamp};
 use tau::study::results::Study;
@@ -50,8 +50,8 @@ pub(super) fn study() -> Study {
         robot: "GantryTau".to_owned(),
         architecture: Architecture {
             carts: 3,
-            driven_lengths: 0,
             is_gantry_tau: true,
+            ..Architecture::default()
         },
         folder: "data/prototype".to_owned(),
         poses: PoseCounts {
@@ -119,6 +119,7 @@ pub(super) fn layout() -> Layout {
         let own = links.iter().filter(|rod| rod.track == Some(track));
         Rail {
             name: (*name).to_owned(),
+            is_crank: false,
             line_m: vec![[x - 0.7, y, z], [x + 0.7, y, z]],
             cart_m: [x, y, z],
             joints_m: own.map(|rod| rod.ends_m[0]).collect(),
@@ -226,6 +227,7 @@ fn variant(numbers: &mut Numbers, name: &str, size: f64, full: bool) -> VariantR
         .collect();
     VariantResult {
         name: name.to_owned(),
+        arm: if full { Arm::Full } else { Arm::Reduced },
         position_um,
         orientation_rad_max_abs: full.then_some([1.9e-4, 2.1e-4, 1.8e-4]),
         expected_rms_um: None,

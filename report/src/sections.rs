@@ -11,6 +11,7 @@ use super::elements::{Section, figure, number_markup, table};
 use super::figures::Figure;
 use super::findings;
 use super::number::general;
+use super::parts;
 use super::tables;
 use super::trust::tables as verdict_tables;
 
@@ -76,7 +77,7 @@ fn errors(study: &Study, figures: &[Figure]) -> Markup {
         @if let Some(rows) = &study.rows {
             p { (findings::rows(rows)) }
         } @else {
-            p { (findings::poses(study.poses, findings::has_cart_poses(study), study.architecture)) " " (findings::noise(study.noise)) }
+            p { (findings::poses(study.poses, findings::has_cart_poses(study), study.architecture)) " " (findings::noise(study.noise, study.architecture)) }
         }
         @if study.variants.is_empty() {
             p { "No variant was calibrated." }
@@ -92,7 +93,7 @@ fn errors(study: &Study, figures: &[Figure]) -> Markup {
         } @else {
             p {
                 "Each calibrated model predicts the pose of the plate from the commands; the error is predicted minus measured. Position errors are lengths of the three-dimensional difference."
-                @if findings::has_reduced(study) { " A reduced arm predicts no orientation." }
+                @if turns(study) && findings::has_reduced(study) { " A reduced arm predicts no orientation." }
                 @if study.architecture.is_gantry_tau {
                     " Tables I to III and the numbered figures follow those of Dressler, Brogårdh and Robertsson, A Kinematic \
                      Error Model for a Parallel Gantry-Tau Manipulator (ICRA 2010)."
@@ -185,22 +186,35 @@ fn method_of_measurements(study: &Study) -> Markup {
     }
 }
 
+/// True if the plate has an orientation.
+fn turns(study: &Study) -> bool {
+    !study.architecture.plate.turning_axes().is_empty()
+}
+
 fn method(study: &Study) -> Markup {
     if study.rows.is_some() {
         return method_of_measurements(study);
     }
-    let has_carts = study.architecture.carts > 0;
-    let has_driven = study.architecture.driven_lengths > 0;
+    let of = study.architecture;
+    let is_carried = of.carts + of.cranks > 0;
+    let has_driven = of.driven_lengths > 0;
+    let is_point = of.plate.is_point();
+    let carrier = parts::carrier(of);
     html! {
         p {
-            @if has_carts {
-                "Every link has a fixed length between a joint on its cart and a joint on the plate. "
+            @if is_carried {
+                "Every link has a fixed length between a joint on its " (carrier) " and "
             } @else {
-                "Every link reaches from a joint on the fixed base to a joint on the plate. "
+                "Every link reaches from a joint on the fixed base to "
             }
-            "With the plate at position " var { "T" } " and rotation " var { "R" } " (ZYZ Euler angles " (ANGLES) "), the plate joint "
-            var { "P" } " in TCP coordinates and "
-            @if has_carts { "the cart joint " var { "C" } "(" var { "q" } ") at the command " var { "q" } }
+            @if is_point {
+                "the TCP. With it at position " var { "T" } " and "
+            } @else {
+                "a joint on the plate. With the plate at position " var { "T" } " and rotation " var { "R" }
+                @if of.plate.is_in_plane() { " (the angle " var { "α" } " about z)" } @else { " (ZYZ Euler angles " (ANGLES) ")" }
+                ", the plate joint " var { "P" } " in TCP coordinates and "
+            }
+            @if is_carried { "the " (carrier) " joint " var { "C" } "(" var { "q" } ") at the command " var { "q" } }
             @else { "the base joint " var { "C" } }
             ", its residual is"
         }
@@ -210,22 +224,26 @@ fn method(study: &Study) -> Markup {
             } @else {
                 var { "r" } " = " var { "L" } sup { "2" }
             }
-            " − ‖" var { "T" } " + " var { "R P" } " − " var { "C" } @if has_carts { "(" var { "q" } ")" } "‖" sup { "2" }
+            " − ‖" var { "T" } @if !is_point { " + " var { "R P" } } " − " var { "C" } @if is_carried { "(" var { "q" } ")" } "‖" sup { "2" }
         }
         p {
             @if has_driven {
                 "The command " var { "q" } " of a driven link is what its length exceeds " var { "L" } " by"
-                @if has_carts { "; it is left out of the others. " } @else { ". " }
+                @if is_carried { "; it is left out of the others. " } @else { ". " }
             }
             @if findings::has_reduced(study) {
                 "A reduced arm replaces the links of a cluster by one and carries the plate joint in the joint on the other \
                  side: "
                 span.formula {
-                    var { "r" } " = " var { "L" } sup { "2" } " − ‖" var { "T" } " − " var { "C" } @if has_carts { "(" var { "q" } ")" } "‖" sup { "2" }
+                    var { "r" } " = " var { "L" } sup { "2" } " − ‖" var { "T" } " − " var { "C" } @if is_carried { "(" var { "q" } ")" } "‖" sup { "2" }
                 }
                 ". "
             }
-            @if has_carts {
+            @if of.cranks > 0 {
+                "A crank turns the joint by the angle " var { "q" } " about its axis, from " var { "C" } sup { "0" } " at "
+                var { "q" } " = 0. "
+            }
+            @if of.carts > 0 {
                 "A linear track moves the joint by "
                 span.formula { var { "C" } "(" var { "q" } ") = " var { "C" } sup { "0" } " + " var { "q v" } }
                 " with a free direction " var { "v" } ", whose length holds the scale of the actuator."
@@ -240,10 +258,13 @@ fn method(study: &Study) -> Markup {
             " is calibrated by minimising the sum, over the calibration \
              poses, of " span.formula { "(" var { "r" } " / σ" sub { var { "r" } } ")" sup { "2" } } ", plus the sum, over the parameters, of "
             span.formula { "((value − nominal) / tolerance)" sup { "2" } }
-            ". The weights follow from the stated noise of position and rotation, carried into each residual at the nominal values: "
+            ". The weights follow from the stated noise of position" @if turns(study) { " and rotation" }
+            ", carried into each residual at the nominal values: "
             span.formula {
                 "σ" sub { var { "r" } } sup { "2" } " = σ" sub { var { "T" } } sup { "2" } " ‖∂" var { "r" } "/∂" var { "T" } "‖" sup { "2" }
-                " + σ" sub { var { "R" } } sup { "2" } " ‖∂" var { "r" } "/∂" var { "ω" } "‖" sup { "2" }
+                @if turns(study) {
+                    " + σ" sub { var { "R" } } sup { "2" } " ‖∂" var { "r" } "/∂" var { "ω" } "‖" sup { "2" }
+                }
             }
             ". Nominal values and tolerances (one standard deviation) are those of the robot file."
         }
@@ -268,7 +289,7 @@ fn assumptions(study: &Study, figures: &[Figure]) -> Markup {
     html! {
         @for sentence in findings::assumptions(study) { p { (sentence) } }
         @for found in tables::assumptions(study) { (table(&found, "")) }
-        @if study.assumptions.orientation.is_empty() {
+        @if turns(study) && study.assumptions.orientation.is_empty() {
             p { "No orientation was measured." }
         }
         (figure(figures, "figure_4_orientation.svg"))
@@ -288,7 +309,7 @@ fn geometry(study: &Study) -> Markup {
     html! {
         p {
             "Lengths and coordinates in the measurement frame" @if study.rows.is_none() { " of set 1" } " at " var { "q" }
-            " = 0; the plate joint in TCP coordinates."
+            " = 0" @if !study.architecture.plate.is_point() { "; the plate joint in TCP coordinates" } "."
             @if study.rows.is_none() {
                 " The cost is the sum of squared residuals " var { "r" } " over the calibration poses, without weights or priors."
             }
@@ -307,19 +328,17 @@ fn sensitivity(study: &Study, figures: &[Figure]) -> Markup {
     let Some(found) = &study.sensitivity else {
         return html! { p { "No variant with all links was calibrated, so there is no sensitivity to show." } };
     };
+    let Some(letters) = parts::letters(found, study.architecture) else {
+        return html! { p { (findings::no_sensitivity(found)) } };
+    };
     html! {
         p {
             "Each parameter of each link of " (found.variant) " is changed by ±" (number_markup(&general(found.step, 1)))
             " in its SI unit, and the pose predicted anew at " (found.poses) " poses. The tables hold sums over the poses \
              and both signs. Implicit differentiation of the residuals gives the same within "
-            (number_markup(&general(100.0 * found.disagreement, 2))) " %. C is "
-            @if study.architecture.carts > 0 {
-                "the track offset; O the direction of a linear track or the rotation of a piecewise one."
-            } @else {
-                "the joint on the base."
-            }
+            (number_markup(&general(100.0 * found.disagreement, 2))) " %. " (letters)
         }
-        @if let Some(remark) = findings::turn(found) { p { (remark) } }
+        @if let Some(remark) = findings::turn(found, study.architecture) { p { (remark) } }
         @for quantity in tables::sensitivity(found, study.architecture) { (table(&quantity, "wide compact even")) }
         (figure(figures, "figure_9_sensitivity_position.svg"))
         (figure(figures, "figure_10_sensitivity_orientation.svg"))

@@ -29,6 +29,25 @@ pub(super) struct Table {
     pub(super) rows: Vec<Vec<Cell>>,
 }
 
+impl Table {
+    /// Without the columns in which nothing stands in any row.
+    pub(super) fn without_empty_columns(mut self) -> Self {
+        let rows = &self.rows;
+        let has_entry = |column: usize| {
+            let mut cells = rows.iter().map(|row| row.get(column));
+            rows.is_empty() || cells.any(|cell| !matches!(cell, None | Some(Cell::Empty)))
+        };
+        let kept: Vec<bool> = (0..self.columns.len()).map(has_entry).collect();
+        let mut keep = kept.iter();
+        self.columns.retain(|_| keep.next() != Some(&false));
+        for row in &mut self.rows {
+            let mut keep = kept.iter();
+            row.retain(|_| keep.next() != Some(&false));
+        }
+        self
+    }
+}
+
 pub(super) fn columns(groups: &[(&str, &[&str])]) -> Vec<Column> {
     groups
         .iter()

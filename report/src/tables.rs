@@ -3,7 +3,7 @@
 use tau::assumptions::{OrientationPoint, PathDeviation};
 use tau::calibration::{Combination, LinkResult, ParameterEstimate};
 use tau::evaluation::VariantResult;
-use tau::robot::Architecture;
+use tau::robot::{Architecture, Arm};
 use tau::sensitivity::{ParameterSensitivity, Sensitivity, Turn};
 use tau::study::results::Study;
 
@@ -12,14 +12,8 @@ use super::held_errors;
 use super::number::{
     concise, decimals, fixed, general, largest, rms, scientific, shared_decimals, with_sigma,
 };
+use super::parts;
 use super::table::{Cell, Column, Table, columns, number, text};
-
-fn three(value: Option<[f64; 3]>, decimals: usize) -> [Cell; 3] {
-    value.map_or_else(
-        || [Cell::Empty, Cell::Empty, Cell::Empty],
-        |v| v.map(|v| number(v, decimals)),
-    )
-}
 
 /// Errors of each variant: Table I, or, where poses were not measured, those of measurements that were held out.
 pub(super) fn errors(study: &Study) -> Table {
@@ -30,13 +24,14 @@ pub(super) fn errors(study: &Study) -> Table {
         let position = variant.position_um;
         [position.mean, position.max, position.rms]
     });
-    let angles = study
-        .variants
-        .iter()
-        .filter_map(|variant| variant.orientation_rad_max_abs)
-        .flatten();
+    let axes = study.architecture.plate.turning_axes();
+    let angles_mrad = |variant: &VariantResult| {
+        let about = variant.orientation_rad_max_abs;
+        about.map(|about| parts::turning(study.architecture, about.map(|angle| 1e3 * angle)))
+    };
+    let all_angles = study.variants.iter().filter_map(angles_mrad).flatten();
     let decimals = shared_decimals(positions);
-    let angle_decimals = shared_decimals(angles.map(|angle| 1e3 * angle));
+    let angle_decimals = shared_decimals(all_angles);
     let rows = study
         .variants
         .iter()
@@ -46,10 +41,10 @@ pub(super) fn errors(study: &Study) -> Table {
             row.extend(
                 [position.mean, position.max, position.rms].map(|value| number(value, decimals)),
             );
-            let angles = variant
-                .orientation_rad_max_abs
-                .map(|angles| angles.map(|angle| 1e3 * angle));
-            row.extend(three(angles, angle_decimals));
+            match angles_mrad(variant) {
+                Some(angles) => row.extend(angles.into_iter().map(|a| number(a, angle_decimals))),
+                None => row.extend(axes.iter().map(|_| Cell::Empty)),
+            }
             row
         })
         .collect();
@@ -64,11 +59,12 @@ pub(super) fn errors(study: &Study) -> Table {
             ("Position error (µm)", &["mean", "max", "rms"]),
             (
                 "Largest orientation error (mrad)",
-                &["|ωx|", "|ωy|", "|ωz|"],
+                &parts::turning(study.architecture, ["|ωx|", "|ωy|", "|ωz|"]),
             ),
         ]),
         rows,
     }
+    .without_empty_columns()
 }
 
 /// Digits of a quantity with standard deviations, in all its rows.
@@ -121,18 +117,19 @@ pub(super) fn geometry(variant: &VariantResult, of: Architecture) -> Table {
     let direction = any(|link| link.track_direction.is_some());
     let rotation = any(|link| link.track_rotation_rad.is_some());
     let mut groups: Vec<(&str, &[&str])> = vec![
-        ("", if plate { &["Link"] } else { &["Cluster"] }),
+        (
+            "",
+            match variant.arm {
+                Arm::Full => &["Link"],
+                Arm::Reduced => &["Cluster"],
+            },
+        ),
         ("Length (m)", &["L"]),
     ];
     if plate {
         groups.push(("Plate joint P (m)", &["x", "y", "z"]));
     }
-    let joint = if of.carts > 0 {
-        "Track offset C⁰ (m)"
-    } else {
-        "Base joint C (m)"
-    };
-    groups.push((joint, &["x", "y", "z"]));
+    groups.push((parts::joint_heading(of), &["x", "y", "z"]));
     match (direction, rotation) {
         (false, false) => {}
         (true, true) => {
@@ -192,6 +189,7 @@ pub(super) fn geometry(variant: &VariantResult, of: Architecture) -> Table {
         columns: columns(&groups),
         rows,
     }
+    .without_empty_columns()
 }
 
 /// Parameters of the whole machine and of its cranks, which belong to no link; `None` where there are none.
@@ -229,21 +227,24 @@ pub(super) fn turn(turn: Turn) -> &'static str {
     }
 }
 
-/// Table III: position, orientation and cost, one table each.
+/// Table III: position, orientation where the plate turns, and cost, one table each; none where no parameter is a link's.
 pub(super) fn sensitivity(sensitivity: &Sensitivity, of: Architecture) -> Vec<Table> {
     type Quantity = fn(&ParameterSensitivity) -> f64;
-    let quantities: [(&str, Quantity); 3] = [
+    let orientation = format!("orientation, Σ({}) in rad", turn(sensitivity.turn));
+    let turns = !of.plate.turning_axes().is_empty();
+    let quantities: [(bool, &str, Quantity); 3] = [
         (
+            true,
             "position, Σ(‖ΔT⁺‖ + ‖ΔT⁻‖) in mm",
             |parameter| parameter.position_mm,
         ),
-        (
-            &format!("orientation, Σ({}) in rad", turn(sensitivity.turn)),
-            |parameter| parameter.orientation_rad,
-        ),
-        ("change of the cost in m⁴", |parameter| parameter.cost_m4),
+        (turns, &orientation, |parameter| parameter.orientation_rad),
+        (true, "change of the cost in m⁴", |parameter| {
+            parameter.cost_m4
+        }),
     ];
-    let Some(first) = sensitivity.links.first() else {
+    let links = sensitivity.links.first();
+    let Some(first) = links.filter(|link| !link.parameters.is_empty()) else {
         return Vec::new();
     };
     let names: Vec<&str> = first
@@ -262,7 +263,8 @@ pub(super) fn sensitivity(sensitivity: &Sensitivity, of: Architecture) -> Vec<Ta
     }));
     quantities
         .into_iter()
-        .map(|(quantity, value)| {
+        .filter(|(is_there, ..)| *is_there)
+        .map(|(_, quantity, value)| {
             let entries = || {
                 sensitivity
                     .links
@@ -328,18 +330,18 @@ pub(super) fn solver(study: &Study) -> Table {
     }
 }
 
-/// Deviation of the orientation over the grid: one row an angle.
-pub(super) fn orientation(points: &[OrientationPoint]) -> Option<Table> {
-    if points.is_empty() {
+/// Deviation of the orientation over the grid: one row an axis about which the plate turns.
+fn orientation(points: &[OrientationPoint], of: Architecture) -> Option<Table> {
+    let axes = of.plate.turning_axes();
+    if points.is_empty() || axes.is_empty() {
         return None;
     }
-    let rows = ["ωx", "ωy", "ωz"]
+    let rows = axes
         .iter()
-        .enumerate()
-        .map(|(axis, name)| {
+        .map(|&axis| {
             let values = || points.iter().map(|point| 1e3 * point.deviation_rad[axis]);
             vec![
-                text(name),
+                text(["ωx", "ωy", "ωz"][axis]),
                 number(rms(values()), 3),
                 number(largest(values()), 3),
             ]
@@ -401,7 +403,7 @@ pub(super) fn assumptions(study: &Study) -> Vec<Table> {
         .iter()
         .map(|t| (t.track.as_str(), t.points.as_slice()));
     [
-        orientation(&assumptions.orientation),
+        orientation(&assumptions.orientation, study.architecture),
         paths(
             "Linearity of the tracks, deviation from a straight line with even scale",
             linearity,

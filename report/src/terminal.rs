@@ -12,6 +12,7 @@ use tau::weighing::Outlier;
 use super::discovery;
 use super::findings;
 use super::number::general;
+use super::parts;
 use super::screen::Screen;
 use super::tables;
 use super::trust::terminal as trust;
@@ -34,7 +35,7 @@ pub fn study(study: &Study, width: usize) -> String {
             has_cart_poses,
             study.architecture,
         ));
-        screen.say(&findings::noise(study.noise));
+        screen.say(&findings::noise(study.noise, study.architecture));
     }
     for remark in &study.remarks {
         screen.say(remark);
@@ -161,6 +162,7 @@ pub fn variant(
         result.position_um,
         result.orientation_rad_max_abs,
         (result.pose_errors.len(), basis),
+        of,
     );
     expected(
         &mut screen,
@@ -197,6 +199,7 @@ pub fn evaluation(
     evaluation: &Evaluation,
     outliers: &[Outlier],
     (basis, widening): (Basis, f64),
+    of: Architecture,
     width: usize,
 ) -> String {
     let mut screen = Screen::new(width);
@@ -205,6 +208,7 @@ pub fn evaluation(
         evaluation.position_um,
         evaluation.orientation_rad_max_abs,
         (evaluation.errors.len(), basis),
+        of,
     );
     expected(&mut screen, evaluation.expected_rms_um, widening);
     without_outliers(&mut screen, &evaluation.errors, outliers);
@@ -265,6 +269,7 @@ fn position_and_orientation(
     position_um: Summary,
     orientation_rad: Option<[f64; 3]>,
     (poses, basis): (usize, Basis),
+    of: Architecture,
 ) {
     let poses = match basis {
         Basis::Split | Basis::HeldOut => format!("{poses} validation poses"),
@@ -276,11 +281,11 @@ fn position_and_orientation(
     screen.say(&format!(
         "Position error at {poses}: mean {mean} µm, largest {max} µm, rms {rms} µm."
     ));
-    if let Some(angles) = orientation_rad {
-        let [x, y, z] = angles.map(|angle| general(1e3 * angle, 3));
-        screen.say(&format!(
-            "Largest orientation error: {x}, {y} and {z} mrad about x, y and z."
-        ));
+    let axes = of.plate.turning_axes();
+    if let (Some(angles), false) = (orientation_rad, axes.is_empty()) {
+        let angles = parts::turning(of, angles.map(|angle| 1e3 * angle));
+        let about = parts::about_axes(axes, &angles, 3);
+        screen.say(&format!("Largest orientation error: {about}."));
     }
 }
 
@@ -292,20 +297,24 @@ pub fn sensitivity(sensitivity: &Sensitivity, of: Architecture, width: usize) ->
 }
 
 fn sensitivities(screen: &mut Screen, sensitivity: &Sensitivity, of: Architecture) {
+    let Some(letters) = parts::letters(sensitivity, of) else {
+        screen.say(&findings::no_sensitivity(sensitivity));
+        return;
+    };
     for table in tables::sensitivity(sensitivity, of) {
         screen.table(&table);
         screen.gap();
     }
     screen.say(&format!(
-        "{} with steps of {} either way in each parameter, summed over {} poses. C is the track \
-         offset, O its direction or rotation. Implicit differentiation agrees within {} %.",
+        "{} with steps of {} either way in each parameter, summed over {} poses. {letters} Implicit differentiation \
+         agrees within {} %.",
         &sensitivity.variant,
         general(sensitivity.step, 1),
         sensitivity.poses,
         general(100.0 * sensitivity.disagreement, 2)
     ));
-    if let Some(remark) = findings::turn(sensitivity) {
-        screen.say(remark);
+    if let Some(remark) = findings::turn(sensitivity, of) {
+        screen.say(&remark);
     }
 }
 

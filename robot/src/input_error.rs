@@ -174,7 +174,10 @@ impl InputError {
     /// The mistakes of both; of many, the first ones are listed.
     #[must_use]
     pub fn and(mut self, other: Self) -> Self {
-        self.problems.extend(other.problems);
+        // Several inputs may stumble over one mistake.
+        let mut others = other.problems;
+        others.retain(|problem| !self.problems.contains(problem));
+        self.problems.extend(others);
         let unlisted = self.problems.len().saturating_sub(Self::LISTED);
         self.problems.truncate(Self::LISTED);
         self.unlisted += other.unlisted + unlisted;
@@ -317,6 +320,11 @@ impl<'a> Mistakes<'a> {
     /// Number of mistakes so far, listed or not.
     pub(crate) fn len(&self) -> usize {
         self.found.len() + self.unlisted
+    }
+
+    /// Name of the text that they are in.
+    pub(crate) fn source(&self) -> &'a str {
+        self.source.name
     }
 
     /// There are no mistakes so far.

@@ -22,6 +22,8 @@ use crate::input_error::{self, InputError};
 pub struct Robot {
     /// Name in the description.
     pub name: String,
+    /// Name of the description's file, or of the robot where there is none: errors name it.
+    pub source: String,
     /// The whole description, in the language.
     pub description: String,
     /// Freedoms of the plate that the links hold.
@@ -94,19 +96,23 @@ pub struct Instance {
     pub inputs: Vec<Input>,
 }
 
-/// The drives of a robot, by which its parts are called.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// The drives and the plate of a robot, by which its parts are called.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Architecture {
     /// Number of carts on tracks.
     pub carts: usize,
+    /// Number of cranks.
+    pub cranks: usize,
     /// Number of links of driven length.
     pub driven_lengths: usize,
+    /// Freedoms of the plate.
+    pub plate: Plate,
     /// True for that of Dressler, Brogårdh and Robertsson (ICRA 2010): three carts that carry one, two and three links.
     pub is_gantry_tau: bool,
 }
 
 impl Robot {
-    /// The drives.
+    /// The drives and the plate.
     pub fn architecture(&self) -> Architecture {
         let mut on_tracks: Vec<usize> = (0..self.tracks.len())
             .map(|track| self.links_of_track(track).len())
@@ -114,11 +120,28 @@ impl Robot {
         on_tracks.sort_unstable();
         let driven = self.links.iter().filter(|link| link.actuated_by.is_some());
         let driven_lengths = driven.count();
+        let cranks = (0..self.tracks.len())
+            .filter(|&track| self.is_crank(track))
+            .count();
         Architecture {
-            carts: self.tracks.len(),
+            carts: self.tracks.len() - cranks,
+            cranks,
             driven_lengths,
-            is_gantry_tau: on_tracks == [1, 2, 3] && self.links.len() == 6 && driven_lengths == 0,
+            plate: self.plate,
+            is_gantry_tau: on_tracks == [1, 2, 3]
+                && self.links.len() == 6
+                && (cranks, driven_lengths) == (0, 0)
+                && self.plate == Plate::Body,
         }
+    }
+
+    /// True if a crank stands where a track would.
+    pub fn is_crank(&self, track: usize) -> bool {
+        let tracks = self.model.iter().flat_map(|model| &model.tracks);
+        tracks
+            .skip(track)
+            .next()
+            .is_some_and(|track| track.crank.is_some())
     }
 
     /// True if there are more links than freedoms of the plate, so that they fit at matching commands only.
@@ -156,9 +179,7 @@ impl Robot {
     /// True if a quantity of a link, such as `plate_joint`, is a parameter that a file or the description gives.
     pub fn has_parameter(&self, link: usize, quantity: &str) -> bool {
         let track = (self.links.get(link)).and_then(|link| self.clusters.get(link.cluster)?.track);
-        let model = self.model.as_ref();
-        let on_crank = track
-            .is_some_and(|track| model.is_some_and(|model| model.tracks[track].crank.is_some()));
+        let on_crank = track.is_some_and(|track| self.is_crank(track));
         let exists = match quantity {
             "plate_joint" => !self.plate.is_point(),
             "track_direction" => track.is_some() && !on_crank,
@@ -187,7 +208,10 @@ impl Robot {
     pub fn parse(description: &str, name: &str) -> Result<Self, InputError> {
         let model = language::check_text(description)
             .map_err(|errors| InputError::of_description(name, description, &errors))?;
-        Ok(Self::from(&tau_codegen::compile(&model, description)))
+        Ok(Self {
+            source: name.to_owned(),
+            ..Self::from(&tau_codegen::compile(&model, description))
+        })
     }
 
     /// The robot of a `.tau` file.
@@ -381,6 +405,7 @@ impl From<&runtime::Robot> for Robot {
         let model = language::check_text(robot.description).ok();
         Self {
             name: robot.name.into(),
+            source: robot.name.into(),
             description: robot.description.into(),
             plate: model.as_ref().map_or(Plate::Body, |model| model.plate),
             drives: model.as_ref().map_or_else(Vec::new, Model::drives),
@@ -459,6 +484,7 @@ impl From<&CompiledRobot> for Robot {
         let model = &robot.model;
         Self {
             name: model.name.clone(),
+            source: model.name.clone(),
             description: robot.description.clone(),
             plate: model.plate,
             drives: model.drives(),

@@ -54,7 +54,7 @@ impl<'a> Drawing<'a> {
         let mut errors = Errors::default();
         let mut lacks = |what: String| {
             let message = format!("the virtual robot needs {what}");
-            errors.add(InputError::whole("robot.toml", message));
+            errors.add(InputError::whole(&file.source, message));
         };
         let (rods, links) = links(robot, file, &mut lacks);
         let (cranks, of_cranks) = cranks(robot, file, &mut lacks);

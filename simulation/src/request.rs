@@ -141,6 +141,8 @@ pub struct Summary {
     pub outliers: usize,
     /// Points that were out of reach and left out.
     pub out_of_reach: usize,
+    /// True if readings of redundant drives, which are measurements, have no noise.
+    pub drives_are_exact: bool,
 }
 
 impl Request {
@@ -153,7 +155,7 @@ impl Request {
         let simulated = simulate(&self.simulation(robot)?)?;
         simulated.check(folder, robot)?;
         simulated.write(folder)?;
-        Ok(Summary::of(&simulated))
+        Ok(Summary::of(&simulated, robot))
     }
 
     /// The simulation that the request describes.
@@ -443,9 +445,17 @@ impl Request {
 }
 
 impl Summary {
-    fn of(simulated: &SimulatedFolder) -> Self {
-        let SimulatedFolder { folder, truth, .. } = simulated;
+    fn of(simulated: &SimulatedFolder, robot: &Robot) -> Self {
+        let SimulatedFolder {
+            folder,
+            truth,
+            file,
+            ..
+        } = simulated;
+        let mut drives = 0..robot.commands;
         Self {
+            drives_are_exact: robot.is_redundant()
+                && drives.all(|drive| file.noise_of_drive(drive).is_none()),
             rows: [
                 folder.tcp_poses.len(),
                 folder.cart_poses.len(),

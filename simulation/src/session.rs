@@ -46,16 +46,13 @@ impl<'a> Session<'a> {
         // Another assembly would be another machine, of which no variant of the robot file is true.
         let Some(reference) = file.completed(robot).reference else {
             let message = "found no `[reference]`, expected the pose at which the machine stands at some commands";
-            return Err(InputError::whole("robot.toml", message).help(
-                "add `[reference]` with `commands_m`, `position_m` and `orientation_rad` (ZYZ) to the robot file, \
-                 or `reference { … }` to the description",
-            ));
+            return Err(InputError::whole(&file.source, message).help(file.reference_advice(robot)));
         };
         let mut drawing = Drawing::new(robot, file, &reference)?;
         let Some(home) = Commanded::reference(&drawing.nominal, &reference) else {
             let message =
                 "the arm can't be assembled near `[reference]` so that the links hold the plate";
-            return Err(InputError::whole("robot.toml", message).help(
+            return Err(InputError::whole(&file.source, message).help(
                 "compare lengths, joints and the reference with the drawing: in metres, and of the assembly that was built",
             ));
         };
@@ -90,7 +87,7 @@ impl<'a> Session<'a> {
                 "found no `[payload]`, expected one: `{}` follows the forces in the arm",
                 effect.name
             );
-            return Err(InputError::whole("robot.toml", message)
+            return Err(InputError::whole(&file.source, message)
                 .help("add `[payload]` to the robot file, or give its mass with `--payload`"));
         }
         if simulation.noise_force_n.is_some() {

@@ -66,8 +66,8 @@ pub mod measurements {
 /// The instance of a robot: nominal or calibrated parameters with tolerances, noise and loads (`robot.toml`).
 pub mod robot_file {
     pub use tau_robot::robot_file::{
-        Covariance, LinkValues, MeasuredPath, Measuring, Noise, Payload, Provenance, Reference,
-        RobotFile, StatedNoise, Surface, Value,
+        Covariance, LinkValues, MeasuredPath, Measuring, Noise, Origin, Payload, Provenance,
+        Reference, RobotFile, StatedNoise, Surface, Value,
     };
 }
 

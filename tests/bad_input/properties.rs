@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use tau::input_error::InputError;
 use tau::measurements::{Folder, Split, Texts};
 use tau::robot_file::{
-    Covariance, LinkValues, MeasuredPath, Measuring, Noise, Payload, Provenance, Reference,
+    Covariance, LinkValues, MeasuredPath, Measuring, Noise, Origin, Payload, Provenance, Reference,
     RobotFile, StatedNoise, Surface, Value,
 };
 
@@ -163,6 +163,7 @@ fn robot_file() -> impl Strategy<Value = RobotFile> {
             )| {
                 let robot_name = robot.clone();
                 RobotFile {
+                    source: Origin::default(),
                     robot,
                     noise: Noise {
                         position_m: noise.0,

@@ -310,10 +310,18 @@ fn what_is_not_finite_is_named() {
 
 /// Columns of other drives than those of the robot that is assumed: no other name of the column would mend that.
 #[test]
-fn measurements_of_a_robot_that_nothing_names() {
+fn measurements_of_drives_that_the_robot_lacks() {
     let folder = tempfile::tempdir().unwrap();
     let text = "pose,q1_rad,q2_rad,q3_rad,height_m\n1,0.1,0.1,0.1,0\n";
     fs::write(folder.path().join("heights.csv"), text).unwrap();
+    // Where nothing names the robot, that is all that can be said.
+    let ran = tau_in(folder.path(), "tau check DIR");
+    assert_eq!(ran.code, 2);
+    assert!(ran.err.contains("`tau init F.tau"), "{}", ran.err);
+    assert!(!ran.err.contains("column"), "{}", ran.err);
+
+    let file = format!("{DATA}/robot.toml");
+    fs::copy(file, folder.path().join("robot.toml")).unwrap();
     let ran = tau_in(folder.path(), "tau check DIR");
     assert_eq!(ran.code, 2);
     for expected in ["column `q1_m` is missing, found `q1_rad`", "`--model`"] {

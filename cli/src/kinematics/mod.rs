@@ -21,7 +21,7 @@ use tau_robot::number::shortest;
 use super::calibrate::csv;
 use super::deliver::{Outcome, Target, check_file};
 use super::kept::Kept;
-use super::resolve::{files, robot_with};
+use super::resolve::{self, files};
 use super::{Failure, arguments};
 use targets::{Asked, Row};
 use trust::Certainty;
@@ -40,7 +40,7 @@ pub(super) fn forward(arguments: &arguments::Forward) -> Result<Outcome, Failure
         arguments
             .start
             .as_ref()
-            .map(targets::start_of_option)
+            .map(|start| targets::start_of_option(start, setup.machine.turns()))
             .transpose(),
     )?;
     setup.remarks.extend(unknown);
@@ -85,6 +85,8 @@ struct Setup<'a> {
     file: String,
     /// Name of what the machine's reference is from: the robot file or the description.
     reference: String,
+    /// Remedy where there is none.
+    reference_advice: String,
     /// The known pose from which the first way started.
     known: Option<Known>,
     /// Effects of the tracker, which kinematics leaves out.
@@ -99,8 +101,8 @@ impl<'a> Setup<'a> {
         with: &'a arguments::Kinematic,
         poses: Option<&PathBuf>,
     ) -> Result<Self, InputError> {
-        let robot = robot_with(&with.robot, with.folder.as_deref())?;
         let files = files(with.folder.as_deref(), &with.robot);
+        let robot = resolve::robot(with.robot.model.as_deref(), &files)?;
         let kept = Kept::of(with.folder.as_ref(), with.robot.files().chain(poses));
         let out = with.out.as_deref();
         // Parameters without measurements are enough for straight tracks and full arms.
@@ -151,16 +153,11 @@ impl<'a> Setup<'a> {
         })?;
         let certainty = Certainty::new(&prepared, &file);
         let machine = prepared.machine;
-        let file_name = match &with.robot.model {
-            Some(path) if folder.is_none() && with.robot.robot.is_none() => {
-                path.display().to_string()
-            }
-            _ => file_name(with),
+        let reference = match &file.reference {
+            None => &robot.source,
+            Some(_) => &file.source.0,
         };
-        let reference = match (&file.reference, &with.robot.model) {
-            (None, Some(path)) => path.display().to_string(),
-            _ => file_name.clone(),
-        };
+        let reference = reference.clone();
         let of_tracker = (!left_out.is_empty()).then(|| {
             format!(
                 "{} of `{}` are errors of the tracker, not of the machine, and are left out",
@@ -180,8 +177,9 @@ impl<'a> Setup<'a> {
             range_m,
             measured,
             folder,
-            file: file_name,
+            file: file.source.0.clone(),
             reference,
+            reference_advice: file.reference_advice(&robot),
             known: None,
             left_out,
             json,
@@ -342,11 +340,10 @@ impl<'a> Setup<'a> {
             NoReference => {
                 let message = "found no `[reference]`, expected the pose at which the machine stands at some \
                                commands: an arm can be assembled in several ways, and nothing says in which";
-                let zeros = vec!["0.0"; self.machine.robot.commands].join(", ");
                 InputError::whole(&self.file, message)
                     .help(format!(
-                        "add `[reference]` with `commands_m = [{zeros}]`, `position_m = [x, y, z]` and \
-                         `orientation_rad = [alpha, beta, gamma]`, or name a measurement FOLDER{}",
+                        "{}, or name a measurement FOLDER{}",
+                        self.reference_advice,
                         if row.commands_m.is_empty() {
                             ""
                         } else {
@@ -506,15 +503,6 @@ struct Known {
     from: String,
     commands_m: Vec<f64>,
     pose: Pose,
-}
-
-/// Name of the robot file.
-fn file_name(with: &arguments::Kinematic) -> String {
-    match (&with.robot.robot, &with.folder) {
-        (Some(path), _) => path.display().to_string(),
-        (None, Some(folder)) => folder.join("robot.toml").display().to_string(),
-        (None, None) => "prototype/robot.toml".to_owned(),
-    }
 }
 
 /// A remark on poses that are only the best of all, because the links can't all have their lengths.

@@ -66,10 +66,14 @@ pub(super) fn commands_of_option(
     }])
 }
 
-pub(super) fn start_of_option(Numbers(numbers): &Numbers) -> Result<Pose, InputError> {
-    check_count("--start", numbers, &[6])?;
+/// A position, and angles, which nobody has to give where nothing turns.
+pub(super) fn start_of_option(Numbers(numbers): &Numbers, turns: bool) -> Result<Pose, InputError> {
+    let counts: &[usize] = if turns { &[6] } else { &[3, 6] };
+    check_count("--start", numbers, counts)?;
     check_angles("--start", &numbers[3..])?;
-    Ok(pose_of([0, 1, 2].map(|k| numbers[k]), &numbers[3..]))
+    let position_m = [0, 1, 2].map(|k| numbers[k]);
+    let angles_rad = numbers.get(3..6).unwrap_or(&[0.0; 3]);
+    Ok(pose_of(position_m, angles_rad))
 }
 
 pub(super) fn poses_of_option(Numbers(numbers): &Numbers) -> Result<Vec<Row>, InputError> {

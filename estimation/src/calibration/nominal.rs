@@ -103,7 +103,7 @@ impl<'a> Sources<'a> {
             .filter(|nominal| nominal.value.is_finite())
             .ok_or_else(|| {
                 InputError::whole(
-                    "robot.toml",
+                    &self.file.source,
                     format!(
                         "nothing gives a value for `{}` of variant `{}`",
                         parameter.name, self.variant.name

@@ -16,6 +16,7 @@ use super::registration::{Registration, set_2};
 pub(super) fn registered(
     robot: &Robot,
     variant: &Variant,
+    file: &RobotFile,
     folder: Option<&Folder>,
     registration: Option<&Registration>,
 ) -> Result<Vec<Option<Path>>, InputError> {
@@ -29,8 +30,17 @@ pub(super) fn registered(
             let is_needed =
                 variant.tracks.get(track).is_some_and(|model| model.shape == TrackShape::Piecewise);
             if path.is_none() && is_needed {
+                let own = &file.source.0;
+                let measured = folder.map(|folder| &folder.name).filter(|name| *name != own);
+                let help = match measured {
+                    Some(_) => "measure `cart_poses.csv`, or choose a variant with linear tracks",
+                    None => {
+                        "name a measurement FOLDER with `cart_poses.csv`, or a robot file that was calibrated with this \
+                         variant, or choose one with linear tracks"
+                    }
+                };
                 return Err(InputError::whole(
-                    folder.map_or("cart_poses.csv", |folder| &folder.name),
+                    measured.unwrap_or(own),
                     format!(
                         "variant `{}` needs the path of cart {} (track `{}`): at least two points of set 2 at \
                          different commands",
@@ -39,7 +49,7 @@ pub(super) fn registered(
                         robot.tracks[track]
                     ),
                 )
-                .help("measure `cart_poses.csv`, or choose a variant with linear tracks"));
+                .help(help));
             }
             Ok(path)
         })
@@ -94,9 +104,13 @@ pub(super) fn as_measured(
                 direction: None,
             })
     });
+    let named = || Folder {
+        name: file.source.0.clone(),
+        ..Folder::default()
+    };
     Some(Folder {
         cart_poses: cart_poses.collect(),
-        ..folder.cloned().unwrap_or_default()
+        ..folder.cloned().unwrap_or_else(named)
     })
 }
 

@@ -91,7 +91,7 @@ impl Prepared {
         };
         let nominal = sources.nominal()?;
         let surroundings = Surroundings {
-            paths: paths::registered(robot, variant, folder, registration.as_ref())?,
+            paths: paths::registered(robot, variant, file, folder, registration.as_ref())?,
             statics: Statics::new(robot, file),
             reference: file.reference.clone(),
             held: nominal.iter().map(|nominal| nominal.value).collect(),

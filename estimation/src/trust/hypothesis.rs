@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 use tau_kinematics::{Pose, nearest_rotation};
 use tau_robot::measurements::{Folder, TcpPose};
-use tau_robot::robot::{Owner, Parameter, Robot, Variant};
+use tau_robot::robot::{Owner, Parameter, Plate, Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 use tau_robot::robot_file::keys::WIDE;
 
@@ -289,11 +289,18 @@ pub(crate) fn widest_tolerance_m(variant: &Variant, nominal: &[Nominal]) -> f64 
         .fold(0.0, f64::max)
 }
 
-/// Mirrored axes and pairs of exchanged ones, of positions alone and of rotations, too.
-pub(crate) fn axes() -> Vec<Hypothesis> {
+/// Mirrored axes and pairs of exchanged ones, among those along which the plate moves: of positions alone and, where it
+/// turns, of rotations, too.
+pub(crate) fn axes(plate: Plate) -> Vec<Hypothesis> {
+    let along = plate.freedoms_of_tcp();
+    let turned: &[bool] = if plate.turning_axes().is_empty() {
+        &[false]
+    } else {
+        &[false, true]
+    };
     let mut all = Vec::new();
-    for turned in [false, true] {
-        for axis in 0..3 {
+    for &turned in turned {
+        for &axis in along {
             let mut signs = [1.0; 3];
             signs[axis] = -1.0;
             all.push(Hypothesis::Axes {
@@ -302,7 +309,12 @@ pub(crate) fn axes() -> Vec<Hypothesis> {
                 turned,
             });
         }
-        for columns in [[1, 0, 2], [0, 2, 1], [2, 1, 0]] {
+        for (one, other) in [(0, 1), (1, 2), (0, 2)] {
+            if !along.contains(&other) {
+                continue;
+            }
+            let mut columns = [0, 1, 2];
+            columns.swap(one, other);
             all.push(Hypothesis::Axes {
                 columns,
                 signs: [1.0; 3],
@@ -313,10 +325,22 @@ pub(crate) fn axes() -> Vec<Hypothesis> {
     all
 }
 
-/// The twelve sequences of axes, about fixed and about turning ones, and their inverses, but for what is asked for.
+/// The twelve sequences of axes, about fixed and about turning ones, and their inverses, but for what is asked for; a plate
+/// in the plane has one angle, which may be that of the inverse.
 ///
 /// The most usual come first, so that of those that mean the same rotation the best known is named.
-pub(crate) fn angles() -> Vec<Hypothesis> {
+pub(crate) fn angles(plate: Plate) -> Vec<Hypothesis> {
+    match plate.turning_axes() {
+        [] => return vec![],
+        [_] => {
+            return vec![Hypothesis::Angles {
+                axes: [2, 1, 2],
+                fixed: false,
+                transposed: true,
+            }];
+        }
+        _ => {}
+    }
     let usual = [[2, 1, 0], [0, 1, 2], [2, 0, 2], [2, 1, 2]];
     let every = (0..27).map(|code| [code / 9, code / 3 % 3, code % 3]);
     let distinct = |axes: &[usize; 3]| axes[0] != axes[1] && axes[1] != axes[2];
@@ -346,11 +370,17 @@ pub(crate) fn small_tolerances() -> Vec<Hypothesis> {
         .into()
 }
 
-/// Stated noise that is off by a thousand, of positions, of rotations or both.
-pub(crate) fn noise() -> Vec<Hypothesis> {
+/// Stated noise that is off by a thousand, of positions and, where the plate turns, of rotations or both.
+pub(crate) fn noise(plate: Plate) -> Vec<Hypothesis> {
     let mut all = Vec::new();
     for factor in [THOUSAND.recip(), THOUSAND] {
-        for (position, rotation) in [(factor, 1.0), (factor, factor), (1.0, factor)] {
+        let wrong = [(factor, 1.0), (factor, factor), (1.0, factor)];
+        let told = if plate.turning_axes().is_empty() {
+            1
+        } else {
+            3
+        };
+        for (position, rotation) in wrong.into_iter().take(told) {
             all.push(Hypothesis::Noise { position, rotation });
         }
     }
@@ -385,10 +415,20 @@ mod tests {
     /// Twelve sequences, about fixed and turning axes, each with its inverse, less the one that is asked for.
     #[test]
     fn all_conventions_are_tried_once() {
-        let all = angles();
+        let all = angles(Plate::Body);
         assert_eq!(all.len(), 47);
         for (index, one) in all.iter().enumerate() {
             assert!(!all[index + 1..].contains(one));
         }
+    }
+
+    /// What a plate can't do has no column that could hold something else.
+    #[test]
+    fn hypotheses_are_of_what_the_plate_does() {
+        let counts = |plate| [axes(plate).len(), angles(plate).len(), noise(plate).len()];
+        assert_eq!(counts(Plate::Body), [12, 47, 6]);
+        assert_eq!(counts(Plate::Point), [6, 0, 2]);
+        assert_eq!(counts(Plate::BodyInPlane), [6, 1, 6]);
+        assert_eq!(counts(Plate::PointInPlane), [3, 0, 2]);
     }
 }

@@ -8,6 +8,7 @@
 use nalgebra::{Matrix3, Rotation3, SymmetricEigen, Vector3};
 use tau_kinematics::{Machine, Sample, nearest_rotation, zyz};
 use tau_robot::measurements::TcpPose;
+use tau_robot::robot::Plate;
 use tau_robot::robot_file::Noise;
 
 use super::general;
@@ -31,6 +32,8 @@ pub struct Reach {
     pub spread_m: [f64; 3],
     /// Largest turn of the plate from its mean orientation (rad).
     pub turn_rad: f64,
+    /// Freedoms of the plate.
+    pub plate: Plate,
 }
 
 impl Reach {
@@ -80,6 +83,7 @@ impl Reach {
             shown_m: poses_m.hypot(3.0_f64.sqrt() * noise.position_m),
             spread_m: principal_spread(poses),
             turn_rad: largest_turn(poses),
+            plate: machine.robot.plate,
         })
     }
 
@@ -90,15 +94,24 @@ impl Reach {
 
     /// The sentence that warns where they do not.
     pub fn warning(&self) -> Option<String> {
-        let [a, b, c] = self.spread_m.map(|length| general(1e3 * length, 2));
+        let along = self
+            .spread_m
+            .iter()
+            .take(self.plate.freedoms_of_tcp().len());
+        let along: Vec<String> = along.map(|length| general(1e3 * length, 2)).collect();
+        let turn = if self.plate.turning_axes().is_empty() {
+            String::new()
+        } else {
+            format!(" and turn by {} mrad", general(1e3 * self.turn_rad, 2))
+        };
         (!self.speaks_for_rest()).then(|| {
             format!(
                 "The poses cannot speak for the rest of the workspace: where the commands are combined otherwise the \
-                 position is known to {} µm, while poses like these show errors of {} µm. They spread over {a} by {b} \
-                 by {c} mm and turn by {} mrad; measure where they do not.",
+                 position is known to {} µm, while poses like these show errors of {} µm. They spread over {} mm{turn}; \
+                 measure where they do not.",
                 general(1e6 * self.elsewhere_m, 2),
                 general(1e6 * self.shown_m, 2),
-                general(1e3 * self.turn_rad, 2)
+                along.join(" by ")
             )
         })
     }

@@ -265,8 +265,8 @@ fn prior(case: &Case<'_>, hypothesis: Option<&Hypothesis>) -> f64 {
     let count = match hypothesis {
         None => 1,
         Some(Hypothesis::Dimension { .. }) => case.variant.parameters.len(),
-        Some(Hypothesis::Angles { .. }) => hypothesis::angles().len(),
-        Some(Hypothesis::Axes { .. }) => hypothesis::axes().len(),
+        Some(Hypothesis::Angles { .. }) => hypothesis::angles(case.robot.plate).len(),
+        Some(Hypothesis::Axes { .. }) => hypothesis::axes(case.robot.plate).len(),
         Some(_) => case.robot.commands,
     };
     2.0 * (count.max(1) as f64).ln()
@@ -286,8 +286,8 @@ fn candidates(case: &Case<'_>, given: Option<&Judged>) -> Vec<Hypothesis> {
     };
     let signs = (0..case.robot.commands).filter(has_sign);
     all.extend(signs.map(Hypothesis::Sign));
-    all.extend(hypothesis::axes());
-    all.extend(hypothesis::angles());
+    all.extend(hypothesis::axes(case.robot.plate));
+    all.extend(hypothesis::angles(case.robot.plate));
     all.push(Hypothesis::Millimetres);
     let best = first(&few, all);
     let mut found = hypothesis::small_tolerances();
@@ -536,7 +536,7 @@ fn noise(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
             ratio < CAUTIOUS.recip() || is_by_chance(tried)
         }
     };
-    let mut all = closer(case, &hypothesis::noise(), ITERATIONS);
+    let mut all = closer(case, &hypothesis::noise(case.robot.plate), ITERATIONS);
     all.retain(|tried| tried.is_plausible() && off(tried) < limit && is_likely(tried));
     let least = all.iter().map(off).fold(f64::INFINITY, f64::min);
     // Of several that bring it about as near, the first is the simplest.

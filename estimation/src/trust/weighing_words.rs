@@ -50,8 +50,9 @@ pub(super) fn outliers(weighing: &Weighing) -> Option<String> {
 /// Repeated readings.
 pub(super) fn repeats(repeats: &Repeats) -> String {
     let subject = format!("{} readings of {} poses", repeats.readings, repeats.visits);
-    let to = [(repeats.position_m, "m"), (repeats.rotation_rad, "rad")];
-    let to = to.map(|(sigma, unit)| deviation(sigma, unit)).join(" and ");
+    let rotation = repeats.rotation_rad.map(|sigma| deviation(sigma, "rad"));
+    let to = std::iter::once(deviation(repeats.position_m, "m")).chain(rotation);
+    let to = to.collect::<Vec<_>>().join(" and ");
     let mut said = repeat_to(
         &subject,
         (&to, " per axis"),

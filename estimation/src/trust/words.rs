@@ -1,8 +1,8 @@
 //! Mistakes in words, and how to mend them.
 
 use tau_robot::input_error::quoted;
-use tau_robot::measurements::TCP_POSES;
-use tau_robot::robot::Robot;
+use tau_robot::measurements::{Actuator, Shape, TCP_POSES};
+use tau_robot::robot::{Plate, Robot};
 
 use crate::trust::hypothesis::{Case, Hypothesis, THOUSAND};
 use crate::trust::mistake::Mistake;
@@ -25,11 +25,12 @@ pub(crate) fn mistake(case: &Case<'_>, all: &[Hypothesis], values: &[f64]) -> Mi
 pub(crate) fn beside(all: Vec<Mistake>) -> Option<Mistake> {
     let mut all = all.into_iter();
     let mut mistake = all.next()?;
-    let rivals: Vec<String> = all
-        .map(|rival| rival.what)
-        .filter(|what| *what != mistake.what)
-        .take(RIVALS)
-        .collect();
+    let mut rivals: Vec<String> = vec![];
+    for Mistake { what, .. } in all {
+        if what != mistake.what && !rivals.contains(&what) && rivals.len() < RIVALS {
+            rivals.push(what);
+        }
+    }
     if !rivals.is_empty() {
         mistake.what += &format!(" (or nearly as well: {})", rivals.join("; "));
     }
@@ -100,7 +101,13 @@ fn of(case: &Case<'_>, hypothesis: &Hypothesis, values: &[f64]) -> Mistake {
             axes,
             fixed,
             transposed,
-        } => angles(*axes, *fixed, *transposed),
+        } if case.robot.plate == Plate::Body => angles(*axes, *fixed, *transposed),
+        Hypothesis::Angles { .. } => (
+            "angles",
+            TCP_POSES,
+            "`alpha_rad` counts the other way".to_owned(),
+            "change its sign: it is the turn of the plate against the measurement frame".to_owned(),
+        ),
         Hypothesis::Millimetres => (
             "millimetres",
             TCP_POSES,
@@ -143,8 +150,11 @@ fn commands(robot: &Robot, columns: &[usize]) -> Words {
             })
             .collect();
         (
-            format!("the columns of the commands are out of order: {}", held.join(", ")),
-            "name the columns in the order in which the description declares the tracks or driven links".to_owned(),
+            format!(
+                "the columns of the commands are out of order: {}",
+                held.join(", ")
+            ),
+            "name the columns in the order in which the description declares the drives".to_owned(),
         )
     };
     ("commands", TCP_POSES, what, mend)
@@ -152,12 +162,17 @@ fn commands(robot: &Robot, columns: &[usize]) -> Words {
 
 fn sign(robot: &Robot, command: usize) -> Words {
     let column = robot.command_column(command);
+    let drives = Shape::from(robot).drives;
+    let driven = match drives.get(command) {
+        Some(Actuator::Cart) => "the track direction",
+        Some(Actuator::Crank) => "the axis of the crank",
+        _ => "the length",
+    };
     (
         "command_sign",
         TCP_POSES,
         format!("`{column}` counts the other way"),
-        "change its sign, or that of the direction or length that it drives in robot.toml"
-            .to_owned(),
+        format!("change its sign, or that of {driven} that it drives"),
     )
 }
 

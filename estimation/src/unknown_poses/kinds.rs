@@ -51,9 +51,10 @@ pub(super) fn kinds_of_noise(
     machine: &Machine,
 ) -> Result<Vec<Kind>, Error> {
     let mut kinds = vec![];
+    let source = &file.source;
     let unstated = |file: &str, key: &str| {
         let message = format!("nothing states the noise of {file}");
-        InputError::whole("robot.toml", message).help(format!("add {key}, or \"estimate\""))
+        InputError::whole(source, message).help(format!("add {key}, or \"estimate\""))
     };
     let robot_file = file;
     let default = file.noise;
@@ -137,7 +138,7 @@ pub(super) fn kinds_of_noise(
     if let Some(stated) = file.noise_of_links() {
         if !are_exact {
             let message = "both `[drives]` and `[noise.links]` state the noise of a link's length";
-            let error = InputError::whole("robot.toml", message);
+            let error = InputError::whole(source, message);
             return Err(error.help("keep the one that scatters more").into());
         }
         kinds.push(Kind {
@@ -151,7 +152,7 @@ pub(super) fn kinds_of_noise(
     }
     if kinds.is_empty() && are_exact {
         let message = "nothing states the noise of the drives, and nothing else was measured";
-        let error = InputError::whole("robot.toml", message);
+        let error = InputError::whole(source, message);
         return Err(error.help("add `[drives]` with `noise_m`").into());
     }
     // Closures of exact drives hold to a share of what lengths are measured to.

@@ -183,7 +183,7 @@ impl Case<'_> {
         let of_places = files.iter().filter(|file| places.contains(file));
         let of_places = of_places.flat_map(|file| {
             let turns = *file == TCP_POSES;
-            let own = axes().into_iter().filter(
+            let own = axes(robot.plate).into_iter().filter(
                 move |own| matches!(own, Hypothesis::Axes { turned, .. } if turns || !turned),
             );
             own.map(|own| (own, Some(*file)))

@@ -517,6 +517,7 @@ impl Robust {
         samples: &[Sample],
         kept: &[bool],
     ) -> Result<(Repeats, impl Fn(f64) -> f64), Error> {
+        let plate = self.descent.joint.machine.robot.plate;
         let plain = ByVisit::of(samples, &self.plain_residuals(), kept);
         let degrees = |fit: &Self, visits: &ByVisit| (visits.rows() - fit.absorbed()).max(1.0);
         let mut readings = vec![0.0; Sample::units(samples)];
@@ -547,7 +548,7 @@ impl Robust {
             &plain,
             shared,
             (degrees(&self, &visits), plain_degrees),
-            repeats::repeatability(samples, kept),
+            repeats::repeatability(samples, kept, plate),
         );
         Ok((found, move |count| visits.inflation(shared, count)))
     }

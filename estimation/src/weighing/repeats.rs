@@ -10,6 +10,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{DVector, Matrix3, Vector3};
 use tau_kinematics::nearest_rotation;
+use tau_robot::robot::Plate;
 
 use super::lack_of_fit::{LackOfFit, ROUNDED, along, apart, together};
 use crate::numerics::distribution::bisect;
@@ -26,8 +27,8 @@ pub struct Repeats {
     pub degrees: usize,
     /// Pooled standard deviation of a position's coordinate within visits (m).
     pub position_m: f64,
-    /// The same of a component of the rotation vector (rad).
-    pub rotation_rad: f64,
+    /// The same of a component of the rotation vector (rad), where the plate turns.
+    pub rotation_rad: Option<f64>,
     /// Root mean square of the residuals within visits, over the stated noise.
     pub within_over_noise: f64,
     /// Test of the residuals between visits against those within.
@@ -121,7 +122,7 @@ impl ByVisit {
         plain: &Self,
         shared: f64,
         (degrees, plain_degrees): (f64, f64),
-        (position_m, rotation_rad): (f64, f64),
+        (position_m, rotation_rad): (f64, Option<f64>),
     ) -> Repeats {
         let within_degrees = (self.readings - self.means.len()) as f64 * self.residuals;
         let between = plain.between(|_| 1.0) / plain_degrees;
@@ -140,8 +141,9 @@ impl ByVisit {
     }
 }
 
-/// Pooled standard deviations of measured positions (m) and rotations (rad) within visits, per coordinate.
-pub(super) fn repeatability(samples: &[Sample], kept: &[bool]) -> (f64, f64) {
+/// Pooled standard deviations of measured positions (m) and rotations (rad) within visits, per coordinate that the plate
+/// has.
+pub(super) fn repeatability(samples: &[Sample], kept: &[bool], plate: Plate) -> (f64, Option<f64>) {
     let mut groups: BTreeMap<usize, Vec<&Sample>> = BTreeMap::new();
     for (sample, _) in samples.iter().zip(kept).filter(|(_, kept)| **kept) {
         groups.entry(sample.unit).or_default().push(sample);
@@ -159,8 +161,13 @@ pub(super) fn repeatability(samples: &[Sample], kept: &[bool]) -> (f64, f64) {
             let apart = sample.pose.rotation * middle.inverse();
             rotation += apart.scaled_axis().norm_squared();
         }
-        degrees += 3.0 * (count - 1.0);
+        degrees += count - 1.0;
     }
-    let deviation = |sum: f64| (sum / f64::max(degrees, 1.0)).sqrt();
-    (deviation(position), deviation(rotation))
+    let deviation =
+        |sum: f64, axes: &[usize]| (sum / f64::max(axes.len() as f64 * degrees, 1.0)).sqrt();
+    let turning = plate.turning_axes();
+    (
+        deviation(position, plate.freedoms_of_tcp()),
+        (!turning.is_empty()).then(|| deviation(rotation, turning)),
+    )
 }

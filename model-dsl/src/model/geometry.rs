@@ -47,6 +47,15 @@ impl Plate {
         }
     }
 
+    /// The axes of the measurement frame about which it turns, as indices of x, y, z.
+    pub fn turning_axes(self) -> &'static [usize] {
+        match self {
+            Self::Body => &[0, 1, 2],
+            Self::BodyInPlane => &[2],
+            Self::Point | Self::PointInPlane => &[],
+        }
+    }
+
     /// As the language writes it.
     pub fn written(self) -> &'static str {
         match self {

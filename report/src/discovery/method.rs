@@ -59,7 +59,7 @@ pub(crate) fn obtained(found: &Discovery, setting: &Setting) -> Markup {
             @if let Some(rows) = &setting.rows {
                 (findings::rows(rows))
             } @else {
-                (findings::poses(setting.poses, setting.has_cart_poses, setting.architecture)) " " (findings::noise(setting.noise))
+                (findings::poses(setting.poses, setting.has_cart_poses, setting.architecture)) " " (findings::noise(setting.noise, setting.architecture))
             }
             @if found.validation.held_out {
                 " What calibrates takes part in the search; what validates takes part in nothing and shows the "
@@ -93,8 +93,9 @@ pub(crate) fn obtained(found: &Discovery, setting: &Setting) -> Markup {
                     "What the motions of a pose could take up of its readings and measurements is taken away; what is left is \
                      weighed by the noise of each kind. "
                 } @else {
-                    "All closures of a pose share the noise of its position and rotation: they are whitened together. The size \
-                     of the noise is estimated for each set; "
+                    "All closures of a pose share the noise of its position"
+                    @if !setting.architecture.plate.turning_axes().is_empty() { " and rotation" }
+                    ": they are whitened together. The size of the noise is estimated for each set. "
                 }
                 "What is called the stated noise is that of the robot file."
             }

@@ -97,7 +97,7 @@ pub(crate) fn evidence(found: &Discovery, setting: &Setting, figures: &[Figure])
         parts.push(Part::new(
             "effects",
             "What the residuals show of each effect",
-            effects(found, figures),
+            effects(found, setting, figures),
         ));
     }
     parts.extend([
@@ -150,11 +150,13 @@ fn gap(found: &Discovery, figures: &[Figure]) -> Markup {
 }
 
 /// Residuals and spectra, effect by effect.
-fn effects(found: &Discovery, figures: &[Figure]) -> Markup {
+fn effects(found: &Discovery, setting: &Setting, figures: &[Figure]) -> Markup {
     html! {
         p {
-            "Every sample's residuals are turned into the one motion that would explain them: of the cart along its track, \
-             say, or of a link's length. Plotted against what the effect depends on, they show its curve while it is \
+            "Every sample's residuals are turned into the one motion that would explain them: of "
+            @if setting.architecture.carts > 0 { "the cart along its track, say, or of a link's length" }
+            @else { "a link's length, say, or of the tool as measured" }
+            ". Plotted against what the effect depends on, they show its curve while it is \
              missing from the model, as far as the model does not absorb it, and means that scatter about zero once it is \
              there. All other effects that were found are in the model throughout. Samples that tell little of a motion are \
              in the means, not among the dots."

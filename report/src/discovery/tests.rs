@@ -210,8 +210,7 @@ fn setting() -> Setting {
         noise: (1e-5, 4e-5),
         architecture: Architecture {
             carts: 2,
-            driven_lengths: 0,
-            is_gantry_tau: false,
+            ..Architecture::default()
         },
         layout: Some(crate::fixture::layout()),
         measured_m: vec![[-1.3, -4.2, 0.1]],

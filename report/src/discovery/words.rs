@@ -40,17 +40,16 @@ pub(crate) fn variant(model: &Model, name: &str) -> String {
         Arm::Full => "all links",
         Arm::Reduced => "one link in place of each cluster",
     };
-    let pieces: Vec<&str> = model
-        .tracks
-        .iter()
-        .zip(&variant.tracks)
+    let tracks = model.tracks.iter().zip(&variant.tracks);
+    let tracks: Vec<_> = tracks.filter(|(track, _)| track.crank.is_none()).collect();
+    let pieces: Vec<&str> = (tracks.iter())
         .filter(|(_, track)| track.shape == TrackShape::Piecewise)
         .map(|(track, _)| track.name.as_str())
         .collect();
     let tracks = match pieces.len() {
-        _ if model.tracks.is_empty() => String::new(),
+        _ if tracks.is_empty() => String::new(),
         0 => ", straight tracks".to_owned(),
-        all if all == model.tracks.len() => ", tracks through their measured points".to_owned(),
+        all if all == tracks.len() => ", tracks through their measured points".to_owned(),
         _ => format!(
             ", track {} through measured points, the rest straight",
             listed(&pieces)

@@ -15,9 +15,16 @@ const COORDINATES: [&str; 3] = ["x", "y", "z"];
 /// Figure 4: deviation of the measured orientation from its mean, against the TCP position.
 pub fn orientation_grid(study: &Study) -> Option<Figure> {
     let points = &study.assumptions.orientation;
-    if points.is_empty() {
+    let axes = study.architecture.plate.turning_axes();
+    if points.is_empty() || axes.is_empty() {
         return None;
     }
+    // In the plane, all poses have one height.
+    let coordinates = if study.architecture.plate.is_in_plane() {
+        &COORDINATES[..2]
+    } else {
+        &COORDINATES
+    };
     let deviations = points.iter().flat_map(|point| point.deviation_rad);
     let (factor, unit) = angle_unit(largest(deviations));
     let title = "Orientation of the plate over the measured grid";
@@ -26,28 +33,30 @@ pub fn orientation_grid(study: &Study) -> Option<Figure> {
         points.len()
     );
     let grid = Grid {
-        rows: 3,
-        columns: 3,
+        rows: axes.len(),
+        columns: coordinates.len(),
         margin: [62.0, 62.0, 14.0, 44.0],
         column_gap: 16.0,
         row_gap: 14.0,
         row_height: 106.0,
     };
     let drawn = chart::draw(title, &subtitle, grid.height(), |sheet| {
-        for (row, angle) in ANGLES.iter().enumerate() {
-            let values = points.iter().map(|point| factor * point.deviation_rad[row]);
-            let y = Axis::symmetric(&format!("{angle} ({unit})"), values, 4.0);
-            for (column, coordinate) in COORDINATES.iter().enumerate() {
+        for (row, &axis) in axes.iter().enumerate() {
+            let values = points
+                .iter()
+                .map(|point| factor * point.deviation_rad[axis]);
+            let y = Axis::symmetric(&format!("{} ({unit})", ANGLES[axis]), values, 4.0);
+            for (column, coordinate) in coordinates.iter().enumerate() {
                 let positions = points.iter().map(|point| point.position_m[column]);
                 let x = Axis::linear(&format!("{coordinate} (m)"), positions, 4.0);
                 let show = Show {
-                    x: row == 2,
+                    x: row + 1 == axes.len(),
                     y: column == 0,
                 };
                 let panel = sheet.panel(grid.cell(row, column), &x, &y, show);
                 let marks = points
                     .iter()
-                    .map(|point| (point.position_m[column], factor * point.deviation_rad[row]));
+                    .map(|point| (point.position_m[column], factor * point.deviation_rad[axis]));
                 panel.marks(marks, series(0), 1.8);
             }
         }

@@ -174,7 +174,8 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
                 .any(|error| error.orientation_rad.is_some())
         })
         .collect();
-    if variants.is_empty() {
+    let axes = study.architecture.plate.turning_axes();
+    if variants.is_empty() || axes.is_empty() {
         return None;
     }
     let errors = || {
@@ -199,7 +200,7 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
         )
     };
     let grid = Grid {
-        rows: 3,
+        rows: axes.len(),
         columns: 1,
         margin: [66.0, 78.0, 14.0, 44.0],
         column_gap: 0.0,
@@ -218,22 +219,23 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
             errors().map(|(pose, _)| pose),
             10.0,
         );
-        for (row, angle) in ["ωx", "ωy", "ωz"].iter().enumerate() {
-            let values = errors().map(|(_, angles)| factor * angles[row]);
+        for (row, &axis) in axes.iter().enumerate() {
+            let values = errors().map(|(_, angles)| factor * angles[axis]);
+            let angle = ["ωx", "ωy", "ωz"][axis];
             let y = Axis::symmetric(&format!("{angle} ({unit})"), values, 4.0);
             let panel = sheet.panel(
                 grid.cell(row, 0),
                 &x,
                 &y,
                 Show {
-                    x: row == 2,
+                    x: row + 1 == axes.len(),
                     y: true,
                 },
             );
             for (index, variant) in variants.iter().enumerate() {
                 for group in variant.pose_errors.chunks(size) {
                     let values: Vec<f64> = (group.iter())
-                        .filter_map(|error| Some(factor * error.orientation_rad?[row]))
+                        .filter_map(|error| Some(factor * error.orientation_rad?[axis]))
                         .filter(|value| value.is_finite())
                         .collect();
                     if values.is_empty() {

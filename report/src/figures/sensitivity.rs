@@ -8,6 +8,7 @@ use super::axis::{Axis, typographic};
 use super::chart::{self, Grid, STRONG, Show, Style, series};
 use super::{Figure, angle_unit, length_unit};
 use crate::number::{general, largest};
+use crate::parts;
 use crate::tables::turn;
 
 /// Figure 9: change of the TCP position for a step in each parameter of each link.
@@ -27,7 +28,8 @@ pub fn position_sensitivity(study: &Study) -> Option<Figure> {
 
 /// Figure 10: change of the orientation for a step in each parameter of each link.
 pub fn orientation_sensitivity(study: &Study) -> Option<Figure> {
-    let sensitivity = study.sensitivity.as_ref()?;
+    let turns = !study.architecture.plate.turning_axes().is_empty();
+    let sensitivity = study.sensitivity.as_ref().filter(|_| turns)?;
     let values: fn(&ParameterSensitivity) -> &[f64] = |parameter| &parameter.by_pose_rad;
     let (factor, unit) = angle_unit(largest_of(sensitivity, values));
     draw(
@@ -66,9 +68,7 @@ fn draw(
         .iter()
         .flat_map(|link| &link.parameters)
         .any(|parameter| !values(parameter).is_empty());
-    if !any {
-        return None;
-    }
+    let letters = parts::letters(sensitivity, architecture).filter(|_| any)?;
     let step = typographic(&general(sensitivity.step, 1));
     let subtitle = format!(
         "Effect of a step of +{step} (SI units) in each parameter at {} poses: mean (disc) and range (bar)",
@@ -134,17 +134,9 @@ fn draw(
         number: Some(number),
         title: title.to_owned(),
         caption: format!(
-            "Variant {}; one panel a link, all on one scale. L is the length, Px, Py, Pz the plate joint, Cx, Cy, \
-             Cz {}. The tables of sensitivity sum these effects over the poses, with steps both ways.",
+            "Variant {}; one panel a link, all on one scale. {letters} The tables of sensitivity sum these effects over \
+             the poses, with steps both ways.",
             sensitivity.variant,
-            if architecture.carts > 0 {
-                format!(
-                    "the track offset (each +{step} m), O1, O2, O3 the direction of a linear track or the rotation of a \
-                     piecewise one (+{step}, in rad for the rotation)"
-                )
-            } else {
-                format!("the joint on the base (each +{step} m)")
-            }
         ),
         svg: drawn.svg,
     })

@@ -5,6 +5,7 @@ use maud::{Markup, PreEscaped, html};
 use super::labels::{Name, Paper};
 use super::scene::Scene;
 use super::view::{Point, SIZE, View};
+use crate::discovery::listed;
 use crate::number::{general, printable};
 
 /// Colours by name: those of the page, or what a drawing in a file of its own has instead.
@@ -136,7 +137,11 @@ fn names(scene: &Scene<'_>, view: &View) -> Markup {
             (x - tx).hypot(y - ty)
         };
         ends.sort_by(|a, b| distance(b).total_cmp(&distance(a)));
-        found.extend(paper.place("part", &format!("track {}", rail.name), &ends));
+        found.extend(paper.place(
+            "part",
+            &format!("{} {}", kind(rail.is_crank), rail.name),
+            &ends,
+        ));
     }
     let tool = [layout.tcp_m];
     found.extend(paper.place("part", "TCP", &tool));
@@ -246,16 +251,29 @@ fn space(points: &[Point]) -> String {
     numbers.collect::<Vec<_>>().join(" ")
 }
 
+fn kind(is_crank: bool) -> &'static str {
+    if is_crank { "crank" } else { "track" }
+}
+
 /// Reading of the drawing.
 fn caption(scene: &Scene<'_>) -> String {
     let layout = scene.layout;
+    let any = |is_crank: bool| layout.tracks.iter().any(|rail| rail.is_crank == is_crank);
+    let has_base = !layout.base_m.is_empty() || layout.tracks.is_empty();
+    let parts = [
+        ("Joints", true),
+        ("tracks", any(false)),
+        ("carts", any(false)),
+        ("cranks", any(true)),
+        ("base", has_base),
+        ("plate", !layout.plate_m.is_empty()),
+        ("TCP", true),
+    ];
+    let drawn = parts.into_iter().filter(|(_, is_drawn)| *is_drawn);
+    let drawn: Vec<&str> = drawn.map(|(part, _)| part).collect();
     let mut text = format!(
-        "Joints, {}plate and TCP as the calibration of {} has them, in the middle of the measured commands",
-        match (layout.tracks.is_empty(), layout.base_m.is_empty()) {
-            (false, true) => "tracks, carts, ",
-            (false, false) => "tracks, carts, base, ",
-            _ => "base, ",
-        },
+        "{} as the calibration of {} has them, in the middle of the measured commands",
+        listed(&drawn),
         layout.variant
     );
     if scene.axes_m.is_finite() {

@@ -128,7 +128,7 @@ impl Folder {
 /// A command that may be in millimetres where a thousandth of it would fit.
 const LARGE_COMMAND_M: f64 = 20.0;
 
-const FRAME_ADVICE: &str = "are the poses in the frame, and in the units, in which the robot file gives the track offsets?";
+const FRAME_ADVICE: &str = "are the poses in the frame, and in the units, in which the robot file or the description gives the joints?";
 
 /// Nominal dimensions from which the reach of a link follows.
 struct Reach<'a> {

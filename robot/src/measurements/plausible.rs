@@ -226,7 +226,7 @@ pub fn directions(table: &Table<'_>, column: &Column, mistakes: &mut Mistakes<'_
             mistakes.push(
                 table.place(row, column.index),
                 format!(
-                    "found direction {}, expected 1 or -1, the sign of the cart's last move",
+                    "found direction {}, expected 1 or -1, the sign of the drive's last move",
                     table.text(row, column.index)
                 ),
             );

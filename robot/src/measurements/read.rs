@@ -26,6 +26,23 @@ const OPTIONAL: [&str; 3] = [TIME, TEMPERATURE, DIRECTION];
 const SIGMAS: [&str; 4] = ["sigma_x_m", "sigma_y_m", "sigma_z_m", "sigma_rotation_rad"];
 
 impl Folder {
+    /// That a folder is there, whatever it holds.
+    ///
+    /// # Errors
+    /// It is missing, can't be opened, or is a file.
+    pub fn find(path: &Path) -> Result<(), InputError> {
+        let wrong = |message: &str| InputError::whole(path.display().to_string(), message);
+        match fs::metadata(path) {
+            Ok(metadata) if metadata.is_dir() => Ok(()),
+            Ok(_) => Err(wrong("this is a file, expected a measurement folder")
+                .help(format!("name the folder that holds `{TCP_POSES}`"))),
+            Err(error) if error.kind() == ErrorKind::NotFound => Err(wrong(&format!(
+                "the folder does not exist, expected one that holds `{TCP_POSES}`"
+            ))),
+            Err(error) => Err(wrong(&format!("cannot open the folder: {error}"))),
+        }
+    }
+
     /// Reads a folder. Something must be measured of the plate; without sets 2 and 3 a remark says what they would
     /// have been needed for.
     ///
@@ -45,29 +62,7 @@ impl Folder {
         shape: &Shape,
         note: &mut dyn FnMut(&str, &str),
     ) -> Result<Self, InputError> {
-        let name = path.display().to_string();
-        match fs::metadata(path) {
-            Ok(metadata) if metadata.is_dir() => {}
-            Ok(_) => {
-                return Err(InputError::whole(
-                    name,
-                    "this is a file, expected a measurement folder",
-                )
-                .help(format!("name the folder that holds `{TCP_POSES}`")));
-            }
-            Err(error) if error.kind() == ErrorKind::NotFound => {
-                return Err(InputError::whole(
-                    name,
-                    format!("the folder does not exist, expected one that holds `{TCP_POSES}`"),
-                ));
-            }
-            Err(error) => {
-                return Err(InputError::whole(
-                    name,
-                    format!("cannot open the folder: {error}"),
-                ));
-            }
-        }
+        Self::find(path)?;
         let mut errors = Errors::default();
         let texts: Vec<(&str, Option<String>)> = (FILES.into_iter())
             .map(|file| (file, errors.keep(read_text(&path.join(file)))))
@@ -81,7 +76,7 @@ impl Folder {
             return Err(missing_tcp_poses(path));
         }
         texts.files().for_each(|(file, text)| note(file, text));
-        let folder = Self::from_texts(&name, texts, shape);
+        let folder = Self::from_texts(&path.display().to_string(), texts, shape);
         folder.map(|mut folder| {
             folder.remarks.extend(misspelt(path));
             folder

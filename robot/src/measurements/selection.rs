@@ -277,7 +277,11 @@ impl Poses {
                     },
                 ),
             )
-            .help("measure poses, or carts (`cart_poses.csv`), over the stroke that is used"));
+            .help(if folder.cart_poses.is_empty() {
+                "correct `[range]`, or measure poses over the stroke that is used"
+            } else {
+                "measure poses, or carts (`cart_poses.csv`), over the stroke that is used"
+            }));
         }
         if division.calibration.is_empty() || division.validation.is_empty() {
             return Err(InputError::whole(

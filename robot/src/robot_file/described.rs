@@ -8,7 +8,7 @@ use super::keys::{
     crank_values, described_links, described_reference, machine_parameters, quantity_of,
 };
 use super::write::{key, string};
-use super::{Noise, RobotFile};
+use super::{Noise, Origin, RobotFile};
 use crate::input_error::{InputError, quoted};
 use crate::robot::{Link, Robot};
 
@@ -58,11 +58,12 @@ impl RobotFile {
         let lacks: Vec<String> = of_links.chain(of_machine).collect();
         if !lacks.is_empty() {
             let message = format!("nothing gives a value for {}", lacks.join(", "));
-            return Err(InputError::whole(&robot.name, message).help(
+            return Err(InputError::whole(&robot.source, message).help(
                 "`tau init F.tau` writes a robot.toml to fill in, to be named with `--robot`",
             ));
         }
         Ok(Self {
+            source: Origin(robot.source.clone()),
             robot: robot.name.clone(),
             noise: USUAL_NOISE,
             ..Self::default()

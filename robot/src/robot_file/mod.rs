@@ -22,9 +22,27 @@ use keys::effect_key;
 pub use measuring::{Measuring, StatedNoise, Surface};
 pub use provenance::{MeasuredPath, Provenance};
 
+/// Name of the text that a file was read from. What it says is the same under any name, so that all names are equal.
+#[derive(Debug, Clone, Default)]
+pub struct Origin(pub String);
+
+impl PartialEq for Origin {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
+}
+
+impl From<&Origin> for String {
+    fn from(Origin(name): &Origin) -> Self {
+        name.clone()
+    }
+}
+
 /// Contents of a `robot.toml`.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct RobotFile {
+    /// Name of the file, or of the description that gives everything: errors name it.
+    pub source: Origin,
     /// Name of the robot in its description.
     pub robot: String,
     /// Measurement noise of poses; not a number where the file states that of other files alone.
@@ -58,6 +76,35 @@ pub struct RobotFile {
 }
 
 impl RobotFile {
+    /// Remedy where nothing says at which pose the machine stands at some commands.
+    pub fn reference_advice(&self, robot: &Robot) -> String {
+        let zeros = vec!["0"; robot.commands].join(", ");
+        let turns = !robot.plate.turning_axes().is_empty();
+        if self.source.0 == robot.source {
+            let angles = if turns {
+                " orientation = (alpha, beta, gamma) rad;"
+            } else {
+                ""
+            };
+            let units = if (0..robot.commands).all(|command| robot.is_angle(command)) {
+                "rad"
+            } else {
+                "m"
+            };
+            return format!(
+                "add `reference {{ commands = ({zeros}) {units}; position = (x, y, z) m;{angles} }}` to the description"
+            );
+        }
+        let has_angles = (0..robot.commands).any(|command| robot.is_angle(command));
+        let key = Reference::key_of(has_angles);
+        let angles = if turns {
+            ", `position_m = [x, y, z]` and `orientation_rad = [alpha, beta, gamma]`"
+        } else {
+            " and `position_m = [x, y, z]`"
+        };
+        format!("add `[reference]` with `{key} = [{zeros}]`{angles} to the robot file")
+    }
+
     /// A remark where the file is for another robot than a description.
     pub fn other_robot(&self, robot: &Robot) -> Option<String> {
         (self.robot != robot.name).then(|| {
@@ -150,11 +197,11 @@ pub struct Reference {
 impl Reference {
     /// Key of the commands in the file: where some are angles, it names no unit.
     pub fn key(&self) -> &'static str {
-        if self.has_angles {
-            "commands"
-        } else {
-            "commands_m"
-        }
+        Self::key_of(self.has_angles)
+    }
+
+    fn key_of(has_angles: bool) -> &'static str {
+        if has_angles { "commands" } else { "commands_m" }
     }
 }
 

@@ -9,7 +9,7 @@ use toml::de::{DeTable, DeValue};
 use super::document::{Document, Kind};
 use super::keys::key_place;
 use super::measuring::noise_sections;
-use super::{LinkValues, Noise, Payload, Reference, RobotFile, Value, check};
+use super::{LinkValues, Noise, Origin, Payload, Reference, RobotFile, Value, check};
 use crate::input_error::{self, InputError, Mistakes, Source};
 use crate::measurements::plausible::{FARTHEST_M, LARGEST_NOISE, LONGEST_M, SMALLEST_DEVIATION};
 use crate::robot::Robot;
@@ -25,21 +25,15 @@ impl RobotFile {
     /// # Errors
     /// As [`RobotFile::parse_for`]; the file is missing or can't be read.
     pub fn read(path: &Path, robot: &Robot) -> Result<Self, InputError> {
-        Self::read_noting(path, robot, &mut |_| {})
+        Self::parse_for(&Self::text(path)?, &path.display().to_string(), robot)
     }
 
-    /// The same; `note` gets the text of the file.
+    /// The text of a file.
     ///
     /// # Errors
-    /// As [`RobotFile::read`].
-    pub fn read_noting(
-        path: &Path,
-        robot: &Robot,
-        note: &mut dyn FnMut(&str),
-    ) -> Result<Self, InputError> {
-        let text = input_error::read(path, "the parameters of the robot (robot.toml)")?;
-        note(&text);
-        Self::parse_for(&text, &path.display().to_string(), robot)
+    /// It is missing, can't be read, or is not UTF-8.
+    pub fn text(path: &Path) -> Result<String, InputError> {
+        input_error::read(path, "the parameters of the robot (robot.toml)")
     }
 
     /// Reads a text under the name of its file, whatever the robot.
@@ -145,6 +139,7 @@ impl<'a> Document<'a> {
             None => String::new(),
         };
         RobotFile {
+            source: Origin(self.mistakes.source().to_owned()),
             robot,
             noise: self.noise(root),
             measuring: self.measuring(root),

@@ -101,26 +101,35 @@ impl Files {
     }
 
     fn robot_file_noting(&self, robot: &Robot, note: Note<'_>) -> Result<RobotFile, InputError> {
-        let mut read = |path: &Path| {
-            let name = path.file_name().unwrap_or_default().to_string_lossy();
-            RobotFile::read_noting(path, robot, &mut |text| note(&name, text))
+        let Some((path, text)) = self.robot_text()? else {
+            note(ROBOT, prototype::ROBOT);
+            return prototype::parameters_of(robot);
         };
-        match (&self.robot_file, &self.folder) {
-            (Some(path), _) => read(path),
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        note(&name, &text);
+        RobotFile::parse_for(&text, &path.display().to_string(), robot)
+    }
+
+    /// The robot file that is named, or that of the folder, with its text; `None` where there is neither.
+    ///
+    /// # Errors
+    /// The folder or the file is missing or can't be read.
+    pub fn robot_text(&self) -> Result<Option<(PathBuf, String)>, InputError> {
+        let path = match (&self.robot_file, &self.folder) {
+            (Some(path), _) => path.clone(),
             (None, Some(folder)) => {
-                let path = folder.join(ROBOT);
-                read(&path).map_err(|error| {
-                    if path.exists() {
-                        return error;
-                    }
-                    error.help("`tau init F.tau --out FOLDER/robot.toml` writes one to fill in")
-                })
+                Folder::find(folder)?;
+                folder.join(ROBOT)
             }
-            (None, None) => {
-                note(ROBOT, prototype::ROBOT);
-                prototype::parameters_of(robot)
+            (None, None) => return Ok(None),
+        };
+        let text = RobotFile::text(&path).map_err(|error| {
+            if self.robot_file.is_some() || path.exists() {
+                return error;
             }
-        }
+            error.help("`tau init F.tau --out FOLDER/robot.toml` writes one to fill in")
+        })?;
+        Ok(Some((path, text)))
     }
 }
 

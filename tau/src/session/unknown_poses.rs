@@ -42,7 +42,7 @@ impl<R> Session<R> {
             let Some(StatedNoise::Known(sigma)) = stated else {
                 let message =
                     "the noise of positions is to be estimated, but this command needs it";
-                return Err(InputError::whole("robot.toml", message)
+                return Err(InputError::whole(&self.robot_file.source, message)
                     .help("write what `tau calibrate` found as `position_m` of `[noise]`"));
             };
             self.robot_file.noise.position_m = sigma;

@@ -15,7 +15,7 @@ use tau_estimation::weighing::Treatment;
 use tau_kinematics::{Layout, Pose};
 use tau_robot::effects::CATALOGUE;
 use tau_robot::measurements::{Folder, Poses};
-use tau_robot::robot::{Arm, Robot, TrackShape, Variant};
+use tau_robot::robot::{Arm, Owner, Robot, TrackShape, Variant};
 
 use crate::session::Session;
 use results::Study;
@@ -111,7 +111,9 @@ pub fn run<R>(
             Ok((calibration, found)) => {
                 results.push(found);
                 layouts.extend(layout(&calibration, folder));
-                if variant.arm == Arm::Full {
+                let mut parameters = variant.parameters.iter();
+                let has_own = parameters.any(|own| matches!(own.owner, Owner::Link(_)));
+                if variant.arm == Arm::Full && has_own {
                     full = Some(calibration);
                 }
             }
@@ -246,6 +248,7 @@ pub fn result(
     let evaluation = evaluate_knowing(&calibration.machine, known, folder, validation)?;
     Ok(VariantResult {
         name: calibration.machine.variant.name.clone(),
+        arm: calibration.machine.variant.arm,
         position_um: evaluation.position_um,
         orientation_rad_max_abs: evaluation.orientation_rad_max_abs,
         expected_rms_um: evaluation.expected_rms_um,

@@ -29,7 +29,7 @@ pub struct Study {
     pub assumptions: Assumptions,
     /// Contents of the measurements, before anything is fitted.
     pub check: Option<Check>,
-    /// Table III, where a variant with a full arm was calibrated.
+    /// Table III, where a variant with a full arm and parameters of its links was calibrated.
     pub sensitivity: Option<Sensitivity>,
     /// The effects that the base of discovery lacks, where the search succeeded.
     pub discovery: Option<Discovery>,

@@ -111,6 +111,7 @@ pub(super) fn of_variant<R>(
     };
     let result = VariantResult {
         name: variant.name.clone(),
+        arm: variant.arm,
         position_um: nothing,
         orientation_rad_max_abs: None,
         expected_rms_um: None,
