@@ -44,7 +44,7 @@ pub(super) fn run(arguments: &arguments::Simulate) -> Result<Outcome, Failure> {
             out.display(),
             made.outliers
         ),
-        remarks: remark.into_iter().collect(),
+        remarks: remark.into_iter().chain(made.remarks.clone()).collect(),
         json: target.map(|target| {
             let value = json!({
                 "folder": out,
@@ -97,6 +97,7 @@ pub(super) fn request(arguments: &arguments::Simulate) -> Request {
         measures: plan.measure.clone(),
         readings: plan.readings,
         random: plan.random,
+        tilt_rad: plan.tilt,
         jitter: plan.jitter,
         track_points: plan.track_points,
         both_ways: plan.both_ways,
