@@ -37,6 +37,7 @@ mod layout;
 mod machines;
 mod mutations;
 mod nothing_free;
+mod own_machines;
 mod packages;
 mod recognition;
 mod redundant;

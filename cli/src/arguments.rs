@@ -288,13 +288,16 @@ pub(super) struct Simulate {
     /// of `Full`, or else of the last variant with all links and without effects
     #[arg(long, value_name = "NAME")]
     pub(super) variant: Option<String>,
-    /// Physical error, `NAME(PLACE): PARAMETER=VALUE, …` in SI units; may be given several times
+    /// Physical error, `NAME(PLACE): PARAMETER=VALUE, …` in SI units; may be given several times. Some act at two places,
+    /// `cart_crosstalk(one, two): gain=2e-5`, or take a vector, `joint_placement(l1): offset=(1e-3, 0, 0)`
     #[arg(long = "effect", value_name = "EFFECT")]
     pub(super) effects: Vec<String>,
     /// Seed of all random numbers
     #[arg(long, value_name = "SEED", default_value_t = 1)]
     pub(super) seed: u64,
-    /// Take the machine exactly as in robot.toml instead of drawing it from the tolerances
+    /// Take the machine exactly as in robot.toml instead of drawing it from the tolerances: of tracks' offsets and
+    /// directions, and of anchors on the base, from a tenth of theirs, since they stand better than a first guess of the
+    /// frame says
     #[arg(long)]
     pub(super) exact: bool,
     #[command(flatten)]
@@ -357,7 +360,8 @@ pub(super) struct SimulatedPlan {
     /// Layers, rows and columns of the grid of TCP poses
     #[arg(long, value_name = "N,N,N", default_value = "6,6,5")]
     pub(super) grid: Triple<usize>,
-    /// Steps of the grid (m); without it, the workspace is filled
+    /// Steps of the grid (m); without it, those of the prototype in proportion to the links. Points out of reach are left
+    /// out, and what would stay within reach is said
     #[arg(long, value_name = "M,M,M")]
     pub(super) grid_step: Option<Triple<f64>>,
     /// Number of TCP poses: those of the grid end there
@@ -378,6 +382,10 @@ pub(super) struct SimulatedPlan {
     /// Take random TCP poses instead of a grid
     #[arg(long)]
     pub(super) random: bool,
+    /// Turn the plate at each TCP pose at random, up to this angle (rad), where the drives can; without it, it stays as
+    /// level as its position leaves it
+    #[arg(long, value_name = "RAD", default_value_t = 0.0)]
+    pub(super) tilt: f64,
     /// Random displacement of grid and track points, as a share of their step
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     pub(super) jitter: f64,
@@ -455,7 +463,7 @@ pub(super) struct Forward {
         required_unless_present = "commands"
     )]
     pub(super) poses: Option<PathBuf>,
-    /// Pose near the first one (m, rad), without angles where the plate is a point or the arm is reduced
+    /// Pose near the first one (m, rad); X,Y,ALPHA in a plane, the position of a point
     #[arg(
         long,
         value_name = "X,Y,Z[,ALPHA,BETA,GAMMA]",
@@ -482,7 +490,7 @@ temperature_c, dir1, dir2, … where the variant's effects need them. Columns wr
 pub(super) struct Inverse {
     #[command(flatten)]
     pub(super) with: Kinematic,
-    /// One position, with or without orientation (m, rad)
+    /// One position, with or without orientation (m, rad); in a plane X,Y or X,Y,ALPHA
     #[arg(
         long,
         value_name = "X,Y,Z[,ALPHA,BETA,GAMMA]",

@@ -46,7 +46,11 @@ pub(super) fn run(arguments: &arguments::Simulate) -> Result<Outcome, Failure> {
             out.display(),
             contents(&made)
         ),
-        remarks: out_of_reach.into_iter().chain(exact).collect(),
+        remarks: out_of_reach
+            .into_iter()
+            .chain(made.remarks.clone())
+            .chain(exact)
+            .collect(),
         json: target.map(|target| {
             let value = json!({
                 "folder": out,
@@ -119,6 +123,7 @@ pub(super) fn request(arguments: &arguments::Simulate) -> Request {
         measures: plan.measure.clone(),
         readings: plan.readings,
         random: plan.random,
+        tilt_rad: plan.tilt,
         jitter: plan.jitter,
         track_points: plan.track_points,
         both_ways: plan.both_ways,

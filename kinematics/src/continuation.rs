@@ -36,7 +36,7 @@ impl Machine {
     /// [`Self::inverse_along`] may start. `like` says what is known besides commands and pose.
     ///
     /// # Errors
-    /// [`Error::NoReference`]; [`Error::Reference`] where the links have their lengths only farther from the stated pose
+    /// [`Error::NoReference`]; [`Error::Unassembled`] where the links do not meet; [`Error::Reference`] where the links have their lengths only farther from the stated pose
     /// than it may be rough; otherwise as [`Machine::forward`].
     pub fn at_reference(&self, like: &Sample<'_>) -> Result<Reached, Error> {
         let stated = self.surroundings.reference.as_ref();
@@ -47,15 +47,31 @@ impl Machine {
         };
         let (_, length_m) = self.reach(&sample, sample.pose.rotation)?;
         // Redundant drives agree with each other at commands that are stated roughly as little as with the pose.
-        let found = self
-            .forward_fitted(&sample)?
-            .within(REFERENCE_OFF.0 * length_m)?;
+        let found = self.forward_fitted(&sample);
+        let found = found.and_then(|found| found.within(REFERENCE_OFF.0 * length_m));
+        let found = found.map_err(|error| self.unassembled(error, &sample))?;
         let off_m = (found.pose.position - sample.pose.position).norm();
         let off_rad = sample.pose.turn_to(&found.pose.rotation).norm();
         if off_m > REFERENCE_OFF.0 * length_m || off_rad > REFERENCE_OFF.1 {
             return Err(Error::Reference { off_m, off_rad });
         }
         Ok(found)
+    }
+
+    /// The error of a reference at which links do not meet, with the one that is farthest from it.
+    fn unassembled(&self, error: Error, stated: &Sample<'_>) -> Error {
+        let (Error::NotConverged { .. } | Error::Inconsistent { .. }) = error else {
+            return error;
+        };
+        let closures = self.closures(stated).ok();
+        match closures.and_then(|closures| closures.worst()) {
+            Some((row, length_m, distance_m)) => Error::Unassembled {
+                closure: self.name_of(row),
+                length_m,
+                distance_m,
+            },
+            None => error,
+        }
     }
 
     /// The pose at the commands of `to`, where its pose is that at the commands `from` (m): along the straight way

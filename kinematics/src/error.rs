@@ -40,8 +40,19 @@ pub enum Error {
     NotConverged {
         /// Iterations done.
         iterations: usize,
-        /// Remaining mismatch of the link lengths (m), root of the sum of squares.
-        mismatch_m: f64,
+        /// Name of the link or cluster that is then farthest from its length.
+        closure: String,
+        /// The length that it has there beyond the distance that it bridges (m).
+        excess_m: f64,
+    },
+    /// The arm can't be assembled near the pose that is said to be the machine's.
+    Unassembled {
+        /// Name of the link or cluster that is farthest from its length there.
+        closure: String,
+        /// The length that it has (m).
+        length_m: f64,
+        /// The distance that it would have to bridge (m).
+        distance_m: f64,
     },
     /// A link does not reach.
     OutOfReach {
@@ -103,11 +114,23 @@ impl fmt::Display for Error {
             ),
             Self::NotConverged {
                 iterations,
-                mismatch_m,
+                closure,
+                excess_m,
             } => write!(
                 f,
-                "no solution was found in {iterations} iterations: the link lengths still differ by {}",
-                length(*mismatch_m)
+                "no solution was found in {iterations} iterations: `{closure}` is still {} too {}",
+                length(excess_m.abs()),
+                if *excess_m < 0.0 { "short" } else { "long" }
+            ),
+            Self::Unassembled {
+                closure,
+                length_m,
+                distance_m,
+            } => write!(
+                f,
+                "the arm can't be assembled near the reference: `{closure}` would have to be {} long there, and has {}",
+                length(*distance_m),
+                length(*length_m)
             ),
             Self::OutOfReach { closure, short_m } => {
                 write!(

@@ -97,6 +97,22 @@ impl Closures {
     }
 }
 
+impl Closures {
+    /// Of the closure that is farthest from holding: its index, the length that its link has, and the distance that it
+    /// bridges (m); in a plane the level parts of both. Residuals say so only to first order.
+    pub(crate) fn worst(&self) -> Option<(usize, f64, f64)> {
+        let of_row = |row: usize| {
+            let slope = self.slopes[row];
+            // A closure is the square of a length less that of a distance, by which its slope is twice the distance.
+            let distance = slope / 2.0 * self.jacobian.fixed_view::<1, 3>(row, 0).norm();
+            let square = self.residuals[row] * slope + distance * distance;
+            (row, square.max(0.0).sqrt(), distance)
+        };
+        let rows = (0..self.residuals.len()).map(of_row);
+        rows.max_by(|a, b| (a.1 - a.2).abs().total_cmp(&(b.1 - b.2).abs()))
+    }
+}
+
 impl Machine {
     /// Closures by pose, in order of link or cluster.
     pub fn closure_instances(&self) -> impl Iterator<Item = &Instance> {
@@ -268,6 +284,12 @@ impl Machine {
             row *= *slope;
         }
         Ok(scatter)
+    }
+
+    /// Name of the closure of an index, in the order of [`Self::closure_instances`].
+    pub(crate) fn name_of(&self, row: usize) -> String {
+        let own = self.closure_instances().nth(row);
+        own.map_or_else(String::new, |own| self.closure_name(own).to_owned())
     }
 
     /// An error at a sample, with the effects that are at fault where a number is not finite.

@@ -59,10 +59,6 @@ pub(crate) fn solve_to(
     at(&mut closures, pose, &commands)?;
     let mut mismatch = closures.residuals.norm();
     for iteration in 0..MAX_ITERATIONS {
-        let not_converged = Error::NotConverged {
-            iterations: iteration,
-            mismatch_m: mismatch,
-        };
         let square = closures.jacobian.nrows() == unknowns.len();
         if square && mismatch < ROUNDING_M {
             return Ok(Settled {
@@ -72,10 +68,11 @@ pub(crate) fn solve_to(
                 closures,
             });
         }
-        let step = newton_step(&closures, unknowns).ok_or(not_converged.clone())?;
+        let step = newton_step(&closures, unknowns)
+            .ok_or_else(|| not_converged(machine, iteration, &closures))?;
         let longest = step.amax();
         if !longest.is_finite() {
-            return Err(not_converged);
+            return Err(not_converged(machine, iteration, &closures));
         }
         let mut share = (LONGEST_STEP / longest).min(1.0);
         let moved = loop {
@@ -110,14 +107,20 @@ pub(crate) fn solve_to(
                     closures,
                 })
             } else {
-                Err(not_converged)
+                Err(not_converged(machine, iteration, &closures))
             };
         }
     }
-    Err(Error::NotConverged {
-        iterations: MAX_ITERATIONS,
-        mismatch_m: mismatch,
-    })
+    Err(not_converged(machine, MAX_ITERATIONS, &closures))
+}
+
+fn not_converged(machine: &Machine, iterations: usize, closures: &Closures) -> Error {
+    let (row, length_m, distance_m) = closures.worst().unwrap_or_default();
+    Error::NotConverged {
+        iterations,
+        closure: machine.name_of(row),
+        excess_m: length_m - distance_m,
+    }
 }
 
 fn newton_step(closures: &Closures, unknowns: &[usize]) -> Option<DVector<f64>> {

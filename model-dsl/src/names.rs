@@ -47,21 +47,25 @@ pub(crate) fn is_rust(word: &str) -> bool {
 }
 
 /// The candidate that was probably meant: the one at the least edit distance, at most a third of the
-/// name's length, or equal but for case.
+/// name's length, or equal but for case; or else one of whose words, between `_`, that holds.
 pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let limit = name.chars().count() / 3;
-    candidates
-        .into_iter()
-        .filter_map(|candidate| {
-            let distance = if candidate.eq_ignore_ascii_case(name) {
-                0
-            } else {
-                edit_distance(name, candidate)
-            };
-            (distance <= limit).then_some((distance, candidate))
-        })
-        .min_by_key(|(distance, _)| *distance)
-        .map(|(_, candidate)| candidate)
+    let distance_to = |candidate: &str| {
+        if candidate.eq_ignore_ascii_case(name) {
+            0
+        } else {
+            edit_distance(name, candidate)
+        }
+    };
+    let near = candidates.into_iter().filter_map(|candidate| {
+        let words = candidate.split('_').map(distance_to).min();
+        let whole = distance_to(candidate);
+        let is_word = whole > limit;
+        let distance = if is_word { words? } else { whole };
+        (distance <= limit).then_some((is_word, distance, candidate))
+    });
+    let nearest = near.min_by_key(|(is_word, distance, _)| (*is_word, *distance));
+    nearest.map(|(.., candidate)| candidate)
 }
 
 /// A help for an unknown name: the nearest one, or all there are.

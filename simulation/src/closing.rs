@@ -10,6 +10,8 @@ use super::parts::Pose;
 pub(crate) const SETTLED: f64 = 1e-12;
 /// Step of commands (m) below which it has: commands are written to 1e-7.
 const SETTLED_COMMANDS: f64 = 1e-11;
+/// Length (m) that rods may lack: rounding.
+const CLOSED: f64 = 1e-9;
 /// Steps of Newton's method, which takes under ten from a place close by; damped ones from far off take more.
 const NEWTON_STEPS: usize = 60;
 /// The same of commands, which are sought near those of a place close by.
@@ -87,7 +89,7 @@ pub(crate) fn pose(machine: &Machine, state: &State) -> Option<Pose> {
         };
         if shift.norm() + turn.norm() < SETTLED {
             pose.rotation.renormalize();
-            return (gap.amax() < 1e-9).then_some(pose);
+            return (gap.amax() < CLOSED).then_some(pose);
         }
     }
     None
@@ -101,6 +103,30 @@ pub(crate) fn commands(
     state: &State,
     commands: &[f64],
 ) -> Option<(Pose, Vec<f64>)> {
+    let turns: Vec<usize> = (machine.plate.freedoms().iter().copied())
+        .filter(|&motion| motion >= 3)
+        .collect();
+    let (pose, commands, _) = commands_and_turn(machine, state, commands, &turns)?;
+    Some((pose, commands))
+}
+
+/// The same with the plate turned as it is in the state. `None` where no commands turn it so, too.
+pub(crate) fn commands_of_pose(
+    machine: &Machine,
+    state: &State,
+    commands: &[f64],
+) -> Option<Vec<f64>> {
+    let (_, commands, gap_m) = commands_and_turn(machine, state, commands, &[])?;
+    (gap_m < CLOSED).then_some(commands)
+}
+
+/// Pose, commands, and the largest length (m) that a rod still lacks.
+fn commands_and_turn(
+    machine: &Machine,
+    state: &State,
+    commands: &[f64],
+    turns: &[usize],
+) -> Option<(Pose, Vec<f64>, f64)> {
     let command = |commands: &[f64], k: Option<usize>| k.map_or(0.0, |k| commands[k]);
     let straight = |k: usize, commands: &[f64]| {
         let rod = &machine.rods[k];
@@ -115,9 +141,6 @@ pub(crate) fn commands(
             let (joint, length) = straight(k, commands);
             (state.joints_m[k] - joint, state.lengths_m[k] - length)
         })
-        .collect();
-    let turns: Vec<usize> = (machine.plate.freedoms().iter().copied())
-        .filter(|&motion| motion >= 3)
         .collect();
     let (mut pose, mut here) = (state.pose, commands.to_vec());
     for _ in 0..COMMAND_STEPS {
@@ -158,7 +181,7 @@ pub(crate) fn commands(
         }
         if step.amax() < SETTLED_COMMANDS {
             pose.rotation.renormalize();
-            return Some((pose, here));
+            return Some((pose, here, gap.amax()));
         }
     }
     None

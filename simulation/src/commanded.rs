@@ -1,6 +1,6 @@
 //! Where the machine of the drawings stands, and the commands that bring it to a place, as a controller computes them.
 
-use nalgebra::{DMatrix, Vector3};
+use nalgebra::{DMatrix, Rotation3, Vector3};
 use tau_robot::robot_file::Reference;
 
 use super::angles::zyz;
@@ -13,8 +13,11 @@ const ROUGH: f64 = 0.1;
 /// Smallest change of the rods' lengths, over a motion of the plate, at which they hold it.
 const FIRM: f64 = 1e-4;
 /// Length of the steps on the way to a target, as a share of the size of the workspace: long ones would
-/// jump from one side of a cart to the other.
+/// jump from one side of a cart to the other. Turns (rad) take steps as long.
 const WAY: f64 = 0.05;
+/// A place beside another, as a share of the size of the workspace, or a turn (rad): what the drives can't do is told from
+/// what they can to first order, which a hundredth is.
+const BESIDE: f64 = 0.01;
 
 /// Pose and commands (m or rad) of the machine of the drawings, as a controller computes them.
 #[derive(Debug, Clone)]
@@ -95,6 +98,80 @@ impl Commanded {
             here = here.near(machine, position)?;
         }
         Some(here)
+    }
+
+    /// The same place with the plate turned by a rotation vector (rad) in the measurement frame; `None` where the drives
+    /// can't turn it so.
+    pub(super) fn turned(&self, machine: &Machine, turn: Vector3<f64>) -> Option<Self> {
+        let steps = (turn.norm() / WAY).ceil().max(1.0);
+        let mut here = self.clone();
+        let mut step = 0.0;
+        while step < steps {
+            step += 1.0;
+            here.pose.rotation = Rotation3::new(turn * (step / steps)) * self.pose.rotation;
+            let state = machine.unloaded(&here.commands_m, here.pose);
+            here.commands_m = closing::commands_of_pose(machine, &state, &here.commands_m)?;
+        }
+        Some(here)
+    }
+
+    /// The pose at other commands (m or rad), along the straight way to them; `None` where the rods do not meet there, or
+    /// on the way do not hold the plate.
+    pub(super) fn led_to(&self, machine: &Machine, commands: &[f64]) -> Option<Self> {
+        let pairs = || self.commands_m.iter().zip(commands);
+        let ways = pairs()
+            .zip(&machine.ways_m)
+            .map(|((from, to), way)| (to - from).abs() * way);
+        let steps = (ways.fold(0.0, f64::max) / (WAY * machine.workspace_m()))
+            .ceil()
+            .max(1.0);
+        let mut here = self.clone();
+        let mut step = 0.0;
+        while step < steps {
+            step += 1.0;
+            here.commands_m = pairs()
+                .map(|(from, to)| from + (to - from) * (step / steps))
+                .collect();
+            let state = machine.unloaded(&here.commands_m, here.pose);
+            here.pose = closing::pose(machine, &state)?;
+            if here.firmness(machine) < FIRM {
+                return None;
+            }
+        }
+        Some(here)
+    }
+
+    /// True if the drives bring the TCP to places beside this one along each axis of its freedoms. Where they do not, as
+    /// those of a tripod that lifts and tilts, no steps make a grid of positions; nor where the plate turns by so much on the
+    /// way that on a quarter of the workspace, half of a grid, it would turn by more than a radian.
+    pub(super) fn places_tcp(&self, machine: &Machine) -> bool {
+        let mut axes = machine.plate.freedoms_of_tcp().iter();
+        axes.all(|&axis| {
+            let mut way = Vector3::zeros();
+            way[axis] = BESIDE * machine.workspace_m();
+            [way, -way].into_iter().any(|way| {
+                let there = self.near(machine, self.pose.position_m + way);
+                there.is_some_and(|there| there.pose.rotation.angle_to(&self.pose.rotation) < WAY)
+            })
+        })
+    }
+
+    /// True if they turn it about each axis of its freedoms where it is.
+    pub(super) fn turns_plate(&self, machine: &Machine) -> bool {
+        let mut axes = machine
+            .plate
+            .freedoms()
+            .iter()
+            .filter(|&&motion| motion >= 3)
+            .peekable();
+        axes.peek().is_some()
+            && axes.all(|&motion| {
+                let mut turn = Vector3::zeros();
+                turn[motion - 3] = BESIDE;
+                [turn, -turn]
+                    .into_iter()
+                    .any(|turn| self.turned(machine, turn).is_some())
+            })
     }
 
     /// Commands and orientation at a position (m) close by.

@@ -47,4 +47,6 @@ pub struct Truth {
     pub objects: Objects,
     /// Points that were out of reach and left out of sets 1 and 3.
     pub out_of_reach: usize,
+    /// Remarks on what was asked for and not had, or says nothing.
+    pub remarks: Vec<String>,
 }

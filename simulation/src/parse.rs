@@ -236,7 +236,7 @@ impl Text<'_> {
             let mut others = others.map(|(_, link)| link.name.as_str()).peekable();
             let help = match others.peek() {
                 Some(_) => format!("expected one of {}", quoted(others)),
-                None => "choose an effect on a link, or on a cart".to_owned(),
+                None => "the robot has none: choose another effect".to_owned(),
             };
             return Err(self.error(part, message).help(help));
         }

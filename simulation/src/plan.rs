@@ -1,6 +1,7 @@
 //! The plan of measurements: poses, points on the tracks, order, time, temperature and side of approach.
 
 use nalgebra::Vector3;
+use tau_codegen::language::model::Plate;
 
 use super::commanded::Commanded;
 use super::effect::Conditions;
@@ -112,7 +113,7 @@ const STEPS: [f64; 3] = [0.24 / 2.0435, 0.2 / 2.0435, 0.2 / 2.0435];
 /// Times between measurements of the three sets (s).
 pub(super) const SECONDS: [f64; 3] = [30.0, 20.0, 10.0];
 /// Farthest that the plate turns from home (rad): spherical joints swing by twenty degrees or so.
-const FARTHEST_TURN: f64 = 0.35;
+pub(super) const FARTHEST_TURN: f64 = 0.35;
 /// Commands are rounded as a controller's are (1/m).
 const COUNTS_PER_METRE: f64 = 1e7;
 
@@ -150,8 +151,12 @@ pub(super) struct Planner<'a> {
 
 impl Planner<'_> {
     /// Set 1.
-    pub(super) fn tcp_poses(&self, poses: &Poses, random: &mut Random) -> Stops {
-        let stops = match poses {
+    pub(super) fn tcp_poses(&self, poses: &Poses, tilt_rad: f64, random: &mut Random) -> Stops {
+        let mut stops = match poses {
+            Poses::Grid { counts, limit, .. } if !self.home.places_tcp(self.nominal) => {
+                let points = grid_points(*counts, self.nominal.plate);
+                self.random(points.min(limit.unwrap_or(usize::MAX)), random)
+            }
             Poses::Grid {
                 counts,
                 step_m,
@@ -169,6 +174,9 @@ impl Planner<'_> {
                 self.visit(&points.iter().map(|&point| point.into()).collect::<Vec<_>>())
             }
         };
+        if tilt_rad > 0.0 {
+            stops = self.tilted(stops, tilt_rad, random);
+        }
         self.schedule(stops, 0.0, SECONDS[0], true, random)
     }
 
@@ -220,12 +228,7 @@ impl Planner<'_> {
         random: &mut Random,
     ) -> Vec<Vector3<f64>> {
         let (axes, centre) = (self.axes(), self.home.pose.position_m);
-        let is_in_plane = self.nominal.plate.is_in_plane();
-        let counts = [
-            counts[0],
-            counts[1],
-            if is_in_plane { 1 } else { counts[2] },
-        ];
+        let counts = counts_of(counts, self.nominal.plate);
         let mut points = Vec::new();
         let to_and_fro = |back: bool, k: usize, count: usize| if back { count - 1 - k } else { k };
         for layer in 0..counts[0] {
@@ -280,20 +283,82 @@ impl Planner<'_> {
         (stops, left_out)
     }
 
+    /// Steps of a grid in proportion to those given, by tenths, at which all of it is within reach. `None` where it is at
+    /// those, or only at less than half of them, which would leave most of the workspace empty.
+    pub(super) fn steps_within_reach(
+        &self,
+        counts: [usize; 3],
+        step_m: Option<[f64; 3]>,
+    ) -> Option<[f64; 3]> {
+        let steps = step_m.unwrap_or_else(|| self.default_steps());
+        let mut random = Random::new(0, "steps");
+        let mut is_within = |tenths: u32| {
+            let steps = steps.map(|step| step * f64::from(tenths) / 10.0);
+            let points = self.grid(counts, steps, 0.0, &mut random);
+            (self.visit(&points).1 == 0).then_some(steps)
+        };
+        if !self.home.places_tcp(self.nominal) || is_within(10).is_some() {
+            return None;
+        }
+        (5..10).rev().find_map(is_within)
+    }
+
+    /// Stops with the plate turned at random, up to an angle (rad) from where it is; those at which it can't be are left
+    /// out.
+    fn tilted(
+        &self,
+        (stops, left_out): (Vec<Commanded>, usize),
+        tilt_rad: f64,
+        random: &mut Random,
+    ) -> (Vec<Commanded>, usize) {
+        let freedoms = self.nominal.plate.freedoms();
+        let mut turn = || {
+            let turn = loop {
+                let cube = Vector3::from_fn(|_, _| random.uniform(-tilt_rad, tilt_rad));
+                if cube.norm() <= tilt_rad {
+                    break cube;
+                }
+            };
+            Vector3::from_fn(|axis, _| {
+                if freedoms.contains(&(axis + 3)) {
+                    turn[axis]
+                } else {
+                    0.0
+                }
+            })
+        };
+        let count = stops.len();
+        let stops: Vec<Commanded> = (stops.into_iter())
+            .filter_map(|stop| stop.turned(self.nominal, turn()))
+            .filter(|stop| self.is_within_joints(stop))
+            .collect();
+        let left_out = left_out + count - stops.len();
+        (stops, left_out)
+    }
+
+    /// At random: the TCP in the box that the prototype's grid fills; or, where the drives do not place it, the drives, as
+    /// far to both sides of home.
     fn random(&self, count: usize, random: &mut Random) -> (Vec<Commanded>, usize) {
         let (axes, steps) = (self.axes(), self.default_steps());
+        let half = [0, 1, 2].map(|axis| (GRID[axis] as f64 - 1.0) / 2.0 * steps[axis]);
         let (low, high) = self.range_m;
+        let places_tcp = self.home.places_tcp(self.nominal);
         let mut stops = Vec::new();
         for _ in 0..50 * count {
             if stops.len() == count {
                 break;
             }
-            let offset = Vector3::from_fn(|axis, _| {
-                let half = (GRID[axis] as f64 - 1.0) / 2.0 * steps[axis];
-                random.uniform(-half, half)
-            });
-            let point = self.within(self.home.pose.position_m + axes * offset);
-            let stop = self.home.towards(self.nominal, point);
+            let stop = if places_tcp {
+                let offset = Vector3::from_fn(|axis, _| random.uniform(-half[axis], half[axis]));
+                let point = self.within(self.home.pose.position_m + axes * offset);
+                self.home.towards(self.nominal, point)
+            } else {
+                let drives = self.home.commands_m.iter().zip(&self.nominal.ways_m);
+                let commands: Vec<f64> = drives
+                    .map(|(home, way)| home + random.uniform(-half[2], half[2]) / way)
+                    .collect();
+                self.home.led_to(self.nominal, &commands)
+            };
             let carts = |stop: &Commanded| {
                 let mut guideways = self.nominal.guideways();
                 guideways.all(|track| (low..=high).contains(&stop.commands_m[track]))
@@ -356,6 +421,16 @@ impl Planner<'_> {
             left_out,
         }
     }
+}
+
+/// Layers, rows and columns, of which a plane has one.
+fn counts_of([layers, rows, columns]: [usize; 3], plate: Plate) -> [usize; 3] {
+    [layers, rows, if plate.is_in_plane() { 1 } else { columns }]
+}
+
+/// Number of points of a grid.
+pub(super) fn grid_points(counts: [usize; 3], plate: Plate) -> usize {
+    counts_of(counts, plate).iter().product()
 }
 
 fn rounded(command_m: f64) -> f64 {

@@ -13,9 +13,9 @@ use super::build::Build;
 use super::effect::Effect;
 use super::folder::SimulatedFolder;
 use super::noise::{Noise, Tails};
-use super::plan::{Approach, Poses, Temperature, TrackPoints};
+use super::plan::{Approach, FARTHEST_TURN, Poses, Temperature, TrackPoints};
 use super::plate::Measure;
-use super::session::simulate;
+use super::session::{simulate, within_reach};
 use super::simulation::Simulation;
 
 /// Noise that a robot file may state at most (m or rad).
@@ -72,6 +72,8 @@ pub struct Request {
     pub readings: usize,
     /// True if the TCP poses are random instead of on the grid.
     pub random: bool,
+    /// Largest turn of the plate at each of the TCP poses (rad).
+    pub tilt_rad: f64,
     /// Random displacement of grid and track points, as a share of the step.
     pub jitter: f64,
     /// Number of points on each track in set 2.
@@ -116,6 +118,7 @@ impl Default for Request {
             measures: vec!["poses".to_owned()],
             readings: 1,
             random: false,
+            tilt_rad: 0.0,
             jitter: 0.0,
             track_points: TrackPoints::default().count,
             both_ways: false,
@@ -143,6 +146,8 @@ pub struct Summary {
     pub out_of_reach: usize,
     /// True if readings of redundant drives, which are measurements, have no noise.
     pub drives_are_exact: bool,
+    /// Remarks on what was asked for and not had, or says nothing.
+    pub remarks: Vec<String>,
 }
 
 impl Request {
@@ -152,7 +157,11 @@ impl Request {
     /// All mistakes of the options at once, by their names on the command line; as [`simulate`] and
     /// [`SimulatedFolder::write`].
     pub fn run(&self, robot: &Robot, folder: &Path) -> Result<Summary, InputError> {
-        let simulated = simulate(&self.simulation(robot)?)?;
+        let simulation = self.simulation(robot)?;
+        let mut simulated = simulate(&simulation)?;
+        if simulated.truth.out_of_reach > 0 {
+            simulated.truth.remarks.extend(within_reach(&simulation));
+        }
         simulated.check(folder, robot)?;
         simulated.write(folder)?;
         Ok(Summary::of(&simulated, robot))
@@ -265,6 +274,7 @@ impl Request {
                     jitter: self.jitter,
                 }
             },
+            tilt_rad: self.tilt_rad,
             measures,
             readings: self.readings,
             track_points: TrackPoints {
@@ -380,6 +390,12 @@ impl Request {
             &self.jitter,
             "a share from 0 to 1",
         );
+        refuse(
+            (0.0..=FARTHEST_TURN).contains(&self.tilt_rad),
+            "--tilt",
+            &self.tilt_rad,
+            &format!("an angle in rad, at most {FARTHEST_TURN}, as joints allow"),
+        );
         if let Some(found) = self.grid_step_m {
             let expected = "three lengths above zero, in m";
             refuse(
@@ -469,6 +485,7 @@ impl Summary {
             effects: truth.effects.clone(),
             outliers: truth.outliers.len() + truth.gross_rows.len(),
             out_of_reach: truth.out_of_reach,
+            remarks: truth.remarks.clone(),
         }
     }
 }

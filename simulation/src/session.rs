@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 
 use tau_robot::input_error::InputError;
-use tau_robot::measurements::{Folder, Shape};
+use tau_robot::measurements::{Folder, PlateKind, Shape};
+use tau_robot::number::shortest;
 use tau_robot::robot_file::RobotFile;
 
 use super::build::{self, Build};
@@ -21,6 +22,9 @@ use super::simulation::Simulation;
 use super::trackers::{Mounting, Trackers};
 use super::write;
 
+/// A force (N) that is rounding beside the load of any machine.
+const NO_FORCE_N: f64 = 1e-9;
+
 /// Simulates a measurement folder.
 ///
 /// # Errors
@@ -28,6 +32,14 @@ use super::write;
 /// plate at the reference; fewer than two poses can be reached.
 pub fn simulate(simulation: &Simulation) -> Result<SimulatedFolder, InputError> {
     Session::new(simulation)?.run()
+}
+
+/// A remark on what would be within reach, where points of a grid are not.
+pub(super) fn within_reach(simulation: &Simulation) -> Option<String> {
+    let session = Session::new(simulation).ok()?;
+    let is_grid = matches!(simulation.poses, Poses::Grid { .. });
+    let places_tcp = session.home.places_tcp(&session.nominal);
+    (is_grid && places_tcp).then(|| format!("to stay within reach, {}", session.advice()))
 }
 
 struct Session<'a> {
@@ -112,14 +124,23 @@ impl<'a> Session<'a> {
         let simulation = self.simulation;
         let seed = simulation.seed;
         let is_random = matches!(simulation.poses, Poses::Random { .. });
-        let mut planner = Planner {
-            nominal: &self.nominal,
-            home: &self.home,
-            range_m: self.range_m,
-            approach: simulation.approach,
-            temperature: simulation.temperature,
-        };
-        let mut set1 = planner.tcp_poses(&simulation.poses, &mut Random::new(seed, "poses"));
+        let mut planner = self.planner();
+        if simulation.tilt_rad > 0.0 && !self.home.turns_plate(&self.nominal) {
+            let message = "the drives can't turn the plate where it is: its orientation follows from its position, or it \
+                           has none";
+            return Err(InputError::whole("--tilt", message).help("leave the option out"));
+        }
+        let mut random = Random::new(seed, "poses");
+        let mut set1 = planner.tcp_poses(&simulation.poses, simulation.tilt_rad, &mut random);
+        let planned = set1.stops.len();
+        let mut remarks = Vec::new();
+        if !self.home.places_tcp(&self.nominal) {
+            remarks.push(
+                "the drives move the TCP about the reference only with large turns of the plate, or not along each \
+                 axis: poses are at random commands, and no grid"
+                    .to_owned(),
+            );
+        }
         // Carts are measured where the poses need them.
         if let (None, false) = (simulation.file.range_m, is_random)
             && let Some(range_m) = self.range_of(&set1)
@@ -166,10 +187,9 @@ impl<'a> Session<'a> {
         let measured = gauges.measure(&visited.stops, &true_states);
         let (set1, states1) = self.read_again(&visited, true_states);
         if set1.stops.len() < 2 {
-            let message = "fewer than two poses are within reach";
-            return Err(InputError::whole("poses", message)
-                .help("take a grid of smaller steps, or smaller effects"));
+            return Err(self.too_few(planned));
         }
+        remarks.extend(self.remarks_on_measures(&states1));
         // Without a tracker's noise there is no tracker that could measure carts.
         let noise = simulation.file.noise;
         let has_tracker = noise.position_m.is_finite() && noise.rotation_rad.is_finite();
@@ -251,6 +271,7 @@ impl<'a> Session<'a> {
                 gross_rows: measured.gross,
                 objects,
                 out_of_reach: set1.left_out + set3.left_out,
+                remarks,
                 links: simulation
                     .robot
                     .links
@@ -261,6 +282,98 @@ impl<'a> Session<'a> {
                 machine: self.machine,
             },
         })
+    }
+
+    fn planner(&self) -> Planner<'_> {
+        Planner {
+            nominal: &self.nominal,
+            home: &self.home,
+            range_m: self.range_m,
+            approach: self.simulation.approach,
+            temperature: self.simulation.temperature,
+        }
+    }
+
+    /// The options that take poses within reach.
+    fn advice(&self) -> String {
+        let steps = self.fitting_steps().map(|steps| format!("{steps}, or "));
+        format!(
+            "take {}poses at random with --random",
+            steps.unwrap_or_default()
+        )
+    }
+
+    /// The option that gives a grid of which all points are within reach, where those that are asked for are not.
+    fn fitting_steps(&self) -> Option<String> {
+        let Poses::Grid { counts, step_m, .. } = self.simulation.poses else {
+            return None;
+        };
+        let steps = self.planner().steps_within_reach(counts, step_m)?;
+        // Two digits, of which the second is rounded down.
+        let steps = steps.map(|step| {
+            let unit = 10_f64.powf(step.log10().floor() - 1.0);
+            shortest(((step / unit).floor() * unit * 1e12).round() / 1e12)
+        });
+        Some(format!("--grid-step {}", steps.join(",")))
+    }
+
+    /// The error that fewer than two poses are left of those planned.
+    fn too_few(&self, planned: usize) -> InputError {
+        if planned > 1 {
+            let message = format!(
+                "fewer than two poses are within reach of the machine that was drawn from the tolerances, with its \
+                 effects; {planned} are of that of the drawings"
+            );
+            return InputError::whole("poses", message).help(
+                "give smaller tolerances, or smaller effects, or take the drawings with --exact",
+            );
+        }
+        InputError::whole("poses", "fewer than two poses are within reach").help(self.advice())
+    }
+
+    /// Remarks on what says nothing: measurements that no pose changes, and effects of forces where none act.
+    fn remarks_on_measures(&self, states: &[State]) -> Vec<String> {
+        let Simulation { measures, .. } = self.simulation;
+        let mut remarks = Vec::new();
+        let surfaces = self.simulation.file.measuring.surfaces.is_empty();
+        if self.nominal.plate.is_in_plane()
+            && surfaces
+            && measures.contains(&Measure::Rows(PlateKind::Height))
+        {
+            remarks.push(
+                "heights over the plane in which the plate stays say nothing of it: place `[surfaces]` across it in \
+                 the robot file"
+                    .to_owned(),
+            );
+        }
+        let is_alone = measures
+            .iter()
+            .all(|kind| *kind == Measure::Rows(PlateKind::Reading));
+        if is_alone && !self.nominal.is_redundant() {
+            remarks.push(
+                "readings alone say nothing of the machine: it has no more drives than its plate has freedoms; measure \
+                 something of the plate, too"
+                    .to_owned(),
+            );
+        }
+        let forces = states.iter().flat_map(|state| {
+            let loads = state.loads_n.iter().flatten();
+            state
+                .tensions_n
+                .iter()
+                .chain(loads)
+                .map(|force| force.abs())
+        });
+        let largest = forces.fold(0.0, f64::max);
+        let following = self.machine.effects.iter();
+        let following = following.filter(|effect| effect::LOADED.contains(&effect.name.as_str()));
+        for effect in following.filter(|_| largest < NO_FORCE_N) {
+            remarks.push(format!(
+                "`{}` does nothing: no forces act in the arm at these poses",
+                effect.name
+            ));
+        }
+        remarks
     }
 
     /// Lowest and highest command of carts at some stops (m).

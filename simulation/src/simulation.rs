@@ -30,6 +30,8 @@ pub struct Simulation {
     pub noise_force_n: Option<f64>,
     /// Set 1.
     pub poses: Poses,
+    /// Largest turn (rad) of the plate at each of them from what its position leaves it, at random.
+    pub tilt_rad: f64,
     /// Kinds of measurement of the plate at the poses of set 1.
     pub measures: Vec<Measure>,
     /// Number of readings at each pose of set 1, at least one.
@@ -58,6 +60,7 @@ impl Simulation {
             noise: Noise::default(),
             noise_force_n: None,
             poses: Poses::default(),
+            tilt_rad: 0.0,
             measures: vec![Measure::Poses],
             readings: 1,
             track_points: TrackPoints::default(),

@@ -33,14 +33,14 @@ pub(super) fn forward(arguments: &arguments::Forward) -> Result<Outcome, Failure
         match (&arguments.poses, &arguments.commands) {
             (Some(path), _) => targets::of_file(path, Asked::Poses, &setup.machine),
             (None, Some(numbers)) => {
-                targets::commands_of_option(numbers, commands).map(|rows| (rows, None))
+                targets::commands_of_option(numbers, commands).map(|rows| (rows, Vec::new()))
             }
-            (None, None) => Ok((Vec::new(), None)),
+            (None, None) => Ok((Vec::new(), Vec::new())),
         },
         arguments
             .start
             .as_ref()
-            .map(|start| targets::start_of_option(start, setup.machine.turns()))
+            .map(|start| targets::start_of_option(start, &setup.machine))
             .transpose(),
     )?;
     setup.remarks.extend(unknown);
@@ -59,8 +59,11 @@ pub(super) fn inverse(arguments: &arguments::Inverse) -> Result<Outcome, Failure
     let mut setup = Setup::resolve(&arguments.with, arguments.poses.as_ref())?;
     let (rows, unknown) = match (&arguments.poses, &arguments.pose) {
         (Some(path), _) => targets::of_file(path, Asked::Commands, &setup.machine)?,
-        (None, Some(numbers)) => (targets::poses_of_option(numbers)?, None),
-        (None, None) => (Vec::new(), None),
+        (None, Some(numbers)) => (
+            targets::poses_of_option(numbers, &setup.machine)?,
+            Vec::new(),
+        ),
+        (None, None) => (Vec::new(), Vec::new()),
     };
     setup.remarks.extend(unknown);
     let mut reached: Vec<Reached> = Vec::with_capacity(rows.len());
@@ -284,14 +287,14 @@ impl<'a> Setup<'a> {
     /// A pose of the machine with its commands, from which ways start: its reference, or else the measured pose of the
     /// folder that is nearest to the row.
     fn known(&mut self, row: &Row) -> Result<Reached, kinematics::Error> {
-        use kinematics::Error::{NoReference, Reference};
+        use kinematics::Error::{NoReference, Reference, Unassembled};
         let anywhere = Pose::from_zyz(row.position_m, [0.0; 3]);
         let at_reference = self.machine.at_reference(&row.sample(&[], anywhere));
         let is_described = self.reference != self.file;
         let (from, reached) = match at_reference {
             Err(NoReference) => self.measured_near(row).ok_or(NoReference)?,
             // Measurements in another frame than the description's say it better.
-            Err(error @ Reference { .. }) if is_described => {
+            Err(error @ (Reference { .. } | Unassembled { .. })) if is_described => {
                 self.measured_near(row).ok_or(error)?
             }
             found => (self.reference.clone(), found?),
@@ -324,7 +327,7 @@ impl<'a> Setup<'a> {
 
     /// An error of a row; what the input lacks is the input's fault.
     fn fail(&self, row: &Row, error: &kinematics::Error) -> Failure {
-        use kinematics::Error::{Commands, Missing, NoReference, Reference, Target};
+        use kinematics::Error::{Commands, Missing, NoReference, Reference, Target, Unassembled};
         let of_input = || InputError::whole(&row.source, format!("pose {}: {error}", row.pose));
         match error {
             Missing { what, .. } if what.is_column() => {
@@ -354,6 +357,12 @@ impl<'a> Setup<'a> {
             }
             Reference { .. } => InputError::whole(&self.reference, error.to_string())
                 .help("correct `[reference]` of the robot file; it counts before that of the description")
+                .into(),
+            Unassembled { .. } => InputError::whole(&self.reference, error.to_string())
+                .help(
+                    "compare lengths, joints and the reference with the drawing: in metres, and of the assembly that \
+                     was built",
+                )
                 .into(),
             Missing { .. } | Commands { .. } | Target(_) => of_input().into(),
             error => {

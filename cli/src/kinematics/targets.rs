@@ -4,9 +4,11 @@ use std::io::{self, Read};
 use std::path::Path;
 
 use tau::kinematics::{Machine, Pose, Sample};
+use tau::robot::Plate;
 use tau_robot::input_error::{InputError, Mistakes, Source, quoted, read, utf8};
 use tau_robot::measurements::set::{
-    ANGLES, ConditionColumns, DIRECTION, POSITION, Set, TEMPERATURE, TIME, read_directions, vector,
+    ANGLES, ASTRAY, ConditionColumns, DIRECTION, POSITION, Set, TEMPERATURE, TIME, drop_idle,
+    read_directions, stays, vector,
 };
 use tau_robot::measurements::table::{Column, Table};
 use tau_robot::measurements::{Conditions, Shape, plausible};
@@ -66,29 +68,81 @@ pub(super) fn commands_of_option(
     }])
 }
 
-/// A position, and angles, which nobody has to give where nothing turns.
-pub(super) fn start_of_option(Numbers(numbers): &Numbers, turns: bool) -> Result<Pose, InputError> {
-    let counts: &[usize] = if turns { &[6] } else { &[3, 6] };
-    check_count("--start", numbers, counts)?;
-    check_angles("--start", &numbers[3..])?;
-    let position_m = [0, 1, 2].map(|k| numbers[k]);
-    let angles_rad = numbers.get(3..6).unwrap_or(&[0.0; 3]);
-    Ok(pose_of(position_m, angles_rad))
+pub(super) fn start_of_option(
+    Numbers(numbers): &Numbers,
+    machine: &Machine,
+) -> Result<Pose, InputError> {
+    let (position_m, angles_rad) = pose_of_option("--start", numbers, machine, true)?;
+    Ok(Pose::from_zyz(position_m, angles_rad.unwrap_or_default()))
 }
 
-pub(super) fn poses_of_option(Numbers(numbers): &Numbers) -> Result<Vec<Row>, InputError> {
-    check_count("--pose", numbers, &[3, 6])?;
-    check_angles("--pose", &numbers[3..])?;
-    let position_m = [0, 1, 2].map(|k| numbers[k]);
+pub(super) fn poses_of_option(
+    Numbers(numbers): &Numbers,
+    machine: &Machine,
+) -> Result<Vec<Row>, InputError> {
+    let (position_m, angles_rad) = pose_of_option("--pose", numbers, machine, false)?;
     Ok(vec![Row {
         position_m,
-        start: (numbers.len() == 6).then(|| pose_of(position_m, &numbers[3..])),
+        start: angles_rad.map(|angles_rad| Pose::from_zyz(position_m, angles_rad)),
         ..Row::new("--pose", 1)
     }])
 }
 
-fn pose_of(position_m: [f64; 3], angles_rad: &[f64]) -> Pose {
-    Pose::from_zyz(position_m, [0, 1, 2].map(|k| angles_rad[k]))
+/// Position and angles: the six of a pose; or, of a plate that lacks some, those that it has; or the position alone,
+/// unless the pose must be `whole`.
+fn pose_of_option(
+    option: &str,
+    numbers: &[f64],
+    machine: &Machine,
+    whole: bool,
+) -> Result<([f64; 3], Option<[f64; 3]>), InputError> {
+    let plate = machine.robot.plate;
+    // Where a position says all, three numbers are one, in the plane too.
+    let turns = plate == Plate::BodyInPlane && (whole || !machine.is_given_by_position());
+    let counts: &[usize] = match plate {
+        Plate::Body if whole => &[6],
+        Plate::Point | Plate::Body => &[3, 6],
+        Plate::BodyInPlane if whole => &[3, 6],
+        Plate::BodyInPlane | Plate::PointInPlane => &[2, 3, 6],
+    };
+    check_count(option, numbers, counts)?;
+    let (position_m, angles_rad) = match *numbers {
+        [x, y] => ([x, y, 0.0], None),
+        [x, y, alpha] if turns => ([x, y, 0.0], Some([alpha, 0.0, 0.0])),
+        [x, y, z] => ([x, y, z], None),
+        [x, y, z, alpha, beta, gamma] => ([x, y, z], Some([alpha, beta, gamma])),
+        // The count was checked.
+        _ => ([0.0; 3], None),
+    };
+    check_angles(option, &angles_rad.unwrap_or_default())?;
+    let named = POSITION.into_iter().zip(position_m);
+    let named = named.chain(ANGLES.into_iter().zip(angles_rad.unwrap_or_default()));
+    let idle = Shape::from(&machine.robot).idle_names();
+    let lacked = |&(name, value): &(&str, f64)| idle.contains(&name) && value.abs() > ASTRAY;
+    let found: Vec<String> = named
+        .filter(lacked)
+        .map(|(name, value)| format!("`{name}` of {value}"))
+        .collect();
+    if !found.is_empty() {
+        let message = format!("found {}: {}", found.join(" and "), stays(plate));
+        let motions = match plate {
+            Plate::BodyInPlane => "x, y and alpha",
+            Plate::PointInPlane => "x and y",
+            _ => "x, y and z",
+        };
+        return Err(InputError::whole(option, message).help(format!("give {motions} alone")));
+    }
+    let kept = |names: [&str; 3], values: [f64; 3]| {
+        [0, 1, 2].map(|k| {
+            if idle.contains(&names[k]) {
+                0.0
+            } else {
+                values[k]
+            }
+        })
+    };
+    let angles_rad = angles_rad.map(|angles| kept(ANGLES, angles));
+    Ok((kept(POSITION, position_m), angles_rad))
 }
 
 fn check_count(option: &str, numbers: &[f64], expected: &[usize]) -> Result<(), InputError> {
@@ -130,7 +184,7 @@ pub(super) fn of_file(
     path: &Path,
     asked: Asked,
     machine: &Machine,
-) -> Result<(Vec<Row>, Option<String>), InputError> {
+) -> Result<(Vec<Row>, Vec<String>), InputError> {
     let (name, text) = text_of(path)?;
     let shape = Shape::from(&machine.robot);
     let directions: Vec<String> = (1..=shape.commands())
@@ -191,8 +245,36 @@ pub(super) fn of_file(
         let is_there = is_there && names.iter().any(|name| table.column(name).is_some());
         is_there.then(|| names.map(|name| table.numbers_or_zero(name, &mut mistakes)))
     };
-    let position = three(POSITION, &position_names);
-    let angles = three(ANGLES, &angle_names);
+    let mut position = three(POSITION, &position_names);
+    let mut angles = three(ANGLES, &angle_names);
+    let mut remarks: Vec<String> = unknown.into_iter().collect();
+    // A start is rough; what is asked for is not.
+    if asked == Asked::Commands {
+        let of_pose = position.iter().flatten().chain(angles.iter().flatten());
+        for column in of_pose.filter(|own| shape.idle_names().contains(&table.name(own.index))) {
+            for (row, _) in column
+                .values
+                .iter()
+                .enumerate()
+                .filter(|(_, value)| value.abs() > ASTRAY)
+            {
+                let (found, title) = (table.text(row, column.index), table.name(column.index));
+                let message = format!("found {found} in column `{title}`: {}", stays(shape.plate));
+                let help = "leave the column out, or ask for poses that the plate can take";
+                mistakes.add(
+                    table.place(row, column.index),
+                    message,
+                    Some(help.to_owned()),
+                );
+            }
+        }
+    }
+    let of_pose = position
+        .iter_mut()
+        .flatten()
+        .chain(angles.iter_mut().flatten());
+    let idle = drop_idle(&table, &shape, of_pose).filter(|_| asked == Asked::Poses);
+    remarks.extend(idle.map(|idle| format!("{name}: {idle}")));
     let conditions = ConditionColumns::read(&table, &mut mistakes);
     let directions: Option<Vec<Column>> = directions
         .iter()
@@ -236,7 +318,7 @@ pub(super) fn of_file(
             ..Row::new(&name, numbered.unwrap_or(counted))
         }
     });
-    Ok((rows.collect(), unknown))
+    Ok((rows.collect(), remarks))
 }
 
 /// Name and text of a CSV; `-` is standard input.

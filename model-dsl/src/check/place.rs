@@ -7,7 +7,7 @@ use super::parts::unknown_track;
 use super::variant::Context;
 use crate::diagnostics::{Diagnostic, Diagnostics, Location};
 use crate::model::{Effect, EffectUse, Link, Place, Readable, Subject};
-use crate::names::suggest;
+use crate::names::{nearest, suggest};
 use crate::syntax;
 
 impl Context<'_> {
@@ -28,7 +28,15 @@ impl Context<'_> {
                 .effects
                 .iter()
                 .map(|checked| checked.effect.name.as_str());
-            let help = suggest("effect", &used.effect.to_string(), names);
+            let name = used.effect.to_string();
+            let mut help = suggest("effect", &name, names.clone());
+            // The catalogue serves discovery; a description is complete without it.
+            if nearest(&name, names).is_none() {
+                let copied = format!(
+                    "; declare it with `effect {name} on … {{ … }}`, as a copy from the catalogue or your own"
+                );
+                help.push_str(&copied);
+            }
             let message = format!("cannot find effect `{}`", used.effect);
             diagnostics.error(&used.effect, message, help);
             return None;

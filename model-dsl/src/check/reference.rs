@@ -1,6 +1,5 @@
 //! The pose at which the machine stands at some commands.
 
-use super::declared::Declared;
 use super::parts::Geometry;
 use super::quantity::values;
 use crate::diagnostics::{Diagnostics, Location};
@@ -27,9 +26,15 @@ pub(super) fn reference(
         position: [0.0; 3],
         orientation: [0.0; 3],
     };
-    let mut names = Declared::default();
-    for (name, given) in &first.values {
-        names.declare(name, "part of the reference", diagnostics);
+    for (index, (name, given)) in first.values.iter().enumerate() {
+        if first.values[..index]
+            .iter()
+            .any(|(earlier, _)| earlier == name)
+        {
+            let message = format!("`{name}` of the reference is given twice");
+            diagnostics.error(name, message, "leave out one of them");
+            continue;
+        }
         let what = format!("`{name}`");
         let Some(location) = whole(given) else {
             continue;

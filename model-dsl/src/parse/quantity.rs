@@ -98,6 +98,7 @@ pub(super) fn quantity(parser: &mut Parser<'_>) -> Parse<Quantity> {
     let start = parser.here();
     let Some(numbers) = numbers(parser)? else {
         let number = signed(parser)?;
+        no_decimal_comma(parser)?;
         return with_unit(parser, start, vec![number]);
     };
     if numbers.len() != 3 {
@@ -106,6 +107,17 @@ pub(super) fn quantity(parser: &mut Parser<'_>) -> Parse<Quantity> {
             .help("write `(x, y, z)`, or one number without parentheses"));
     }
     with_unit(parser, start, numbers)
+}
+
+/// No `,2` behind a number: it would be a decimal comma.
+fn no_decimal_comma(parser: &Parser<'_>) -> Parse<()> {
+    let mut behind = parser.clone();
+    let comma = behind.eat(",");
+    match comma.filter(|_| behind.eat_literal().is_some()) {
+        Some(comma) => Err(Diagnostic::new(comma, "a number has no decimal comma")
+            .help("write a point, such as `0.5`")),
+        None => Ok(()),
+    }
 }
 
 /// `2 m`, any number of numbers with one unit, `(1, 2, 3, 4) mm`, or with one each, `(1 mm, 2 rad)`.

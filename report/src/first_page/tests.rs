@@ -44,6 +44,24 @@ fn a_consistent_fit_needs_no_more_than_to_be_used() {
     assert!(page.contains("verdict consistent") && page.contains("<code>they</code>"));
 }
 
+/// Of two variants the one has the smallest error, the other comes nearest to the noise: the text says which is judged, and why.
+#[test]
+fn the_reason_for_a_verdict_on_another_variant_is_said() {
+    let study = study(Status::Consistent, 1.0);
+    let best = crate::findings::best(&study).unwrap().name.clone();
+    for index in 0..study.variants.len() {
+        let mut study = study.clone();
+        study.variants[2].fit = None;
+        study.variants[index].fit = Some(verdict(Status::Consistent, 1.0));
+        let name = study.variants[index].name.clone();
+        let text = crate::terminal::study(&study, 200);
+        let says_why = text.contains(&format!(
+            "Verdict on {name}, whose residuals come nearest to the noise: "
+        ));
+        assert_eq!(says_why, name != best, "{text}");
+    }
+}
+
 #[test]
 fn an_inconsistent_fit_asks_for_a_search_and_wider_deviations() {
     let steps = next::of_study(&study(Status::Inconsistent, 4.0));

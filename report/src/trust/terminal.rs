@@ -23,7 +23,18 @@ pub(crate) fn of_study(screen: &mut Screen, study: &Study) {
         return;
     };
     let others = super::others(study, &best.name);
-    screen.say(&format!("Verdict on {}: {}", best.name, verdict.line()));
+    // The mean error and the noise may choose differently.
+    let why = match crate::findings::best(study) {
+        Some(other) if other.name != best.name && study.rows.is_none() => {
+            ", whose residuals come nearest to the noise"
+        }
+        _ => "",
+    };
+    screen.say(&format!(
+        "Verdict on {}{why}: {}",
+        best.name,
+        verdict.line()
+    ));
     if !others.is_empty() && verdict.status != Status::Absurd {
         screen.say(&format!("The others: {}.", others.join(", ")));
     }
@@ -59,7 +70,8 @@ pub fn check(check: &Check, width: usize) -> String {
         .filter(|effect| effect.lacks.is_empty())
         .map(|effect| effect.name.as_str())
         .collect();
-    if !visible.is_empty() {
+    // Where no calibration would mean anything, nothing can be seen.
+    if check.is_meaningful() && !visible.is_empty() {
         screen.gap();
         screen.line("Effects that could be seen, if they are large enough");
         screen.say_within("  ", &visible.join(", "));

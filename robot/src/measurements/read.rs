@@ -5,8 +5,8 @@ use std::io::ErrorKind;
 use std::path::Path;
 
 use super::set::{
-    ANGLES, ConditionColumns, DIRECTION, ForceColumns, POSITION, Set, TEMPERATURE, TIME, file_name,
-    read_directions, vector,
+    ANGLES, ConditionColumns, DIRECTION, ForceColumns, POSITION, Set, TEMPERATURE, TIME, drop_idle,
+    file_name, read_directions, vector,
 };
 use super::shape::{Actuator, Shape};
 use super::table::Column;
@@ -290,7 +290,7 @@ fn read_tcp_poses(
 ) -> Result<Vec<TcpPose>, InputError> {
     let directions: Vec<String> = (1..=shape.commands()).map(|n| format!("dir{n}")).collect();
     let optional = [&[TIME.to_owned(), TEMPERATURE.to_owned()], &directions[..]].concat();
-    // Columns of motions that the plate lacks may be there all the same: they are read, and mean nothing.
+    // Columns of motions that the plate lacks may be there all the same, as trackers write them: they take no part.
     let sigmas = SIGMAS.map(str::to_owned);
     let pose_names = [POSITION, ANGLES].concat();
     let known: Vec<String> = pose_names.iter().map(|&name| name.to_owned()).collect();
@@ -312,7 +312,10 @@ fn read_tcp_poses(
     let commands = table.numbers_of(&commands, &mut mistakes);
     let mut columns =
         |names: [&str; 3]| names.map(|name| table.numbers_or_zero(name, &mut mistakes));
-    let (position, angles) = (columns(POSITION), columns(ANGLES));
+    let (mut position, mut angles) = (columns(POSITION), columns(ANGLES));
+    let of_pose = position.iter_mut().chain(&mut angles);
+    let idle = drop_idle(&table, shape, of_pose);
+    remarks.extend(idle.map(|idle| format!("{}: {idle}", file_name(name))));
     let conditions = ConditionColumns::read(&table, &mut mistakes);
     let directions: Option<Vec<Column>> = directions
         .iter()

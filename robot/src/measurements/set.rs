@@ -7,6 +7,7 @@ use super::shape::{Shape, force_name};
 use super::table::{Column, Table};
 use super::{Conditions, plausible};
 use crate::input_error::{InputError, Mistakes, Source, quoted};
+use tau_model_dsl::model::Plate;
 
 /// Column of the time since the start.
 pub const TIME: &str = "time_s";
@@ -14,6 +15,9 @@ pub const TIME: &str = "time_s";
 pub const TEMPERATURE: &str = "temperature_c";
 /// Column of the side of approach.
 pub const DIRECTION: &str = "dir";
+
+/// A motion (m or rad) that the plate lacks is none up to here: as far as a pose may be off the one asked for.
+pub const ASTRAY: f64 = 1e-6;
 
 /// A table with its columns found.
 pub struct Set<'a, const N: usize> {
@@ -70,6 +74,40 @@ impl<'a, const N: usize> Set<'a, N> {
             .filter(|name| self.table.column(name).is_none())
             .collect();
         (!missing.is_empty()).then(|| quoted(missing))
+    }
+}
+
+/// Sets to zero what columns of a pose say of motions that the plate lacks; a remark names the largest.
+pub fn drop_idle<'c>(
+    table: &Table<'_>,
+    shape: &Shape,
+    columns: impl Iterator<Item = &'c mut Column>,
+) -> Option<String> {
+    let mut idle = Vec::new();
+    for column in columns {
+        let name = table.name(column.index);
+        let largest = column
+            .values
+            .iter()
+            .fold(0.0, |most: f64, value| most.max(value.abs()));
+        if shape.idle_names().contains(&name) && largest > 0.0 {
+            idle.push(format!("`{name}` (up to {largest:.2e})"));
+            column.values.fill(0.0);
+        }
+    }
+    (!idle.is_empty()).then(|| {
+        let (names, why) = (idle.join(" and "), stays(shape.plate));
+        format!("what was measured as {names} takes no part: {why}")
+    })
+}
+
+/// The reason why a plate lacks motions.
+pub fn stays(plate: Plate) -> &'static str {
+    match plate {
+        Plate::Body => "a body has every motion",
+        Plate::Point => "a point has no orientation",
+        Plate::BodyInPlane => "a body in plane stays at z = 0, upright",
+        Plate::PointInPlane => "a point in plane stays at z = 0, and has no orientation",
     }
 }
 

@@ -107,6 +107,17 @@ impl Shape {
             .map(|(_, name)| name)
             .collect()
     }
+
+    /// Names of the columns of a pose that say nothing of its plate: a point has no orientation, and in the plane z = 0
+    /// plates stand upright. Beside a beta of zero, gamma turns a body there as alpha does.
+    pub fn idle_names(&self) -> &'static [&'static str] {
+        match self.plate {
+            Plate::Body => &[],
+            Plate::Point => &ANGLES,
+            Plate::BodyInPlane => &[POSITION[2], ANGLES[1]],
+            Plate::PointInPlane => &[POSITION[2], ANGLES[0], ANGLES[1], ANGLES[2]],
+        }
+    }
 }
 
 impl From<&Robot> for Shape {

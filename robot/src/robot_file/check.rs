@@ -11,6 +11,8 @@ use super::keys::{
 };
 use super::{LinkValues, RobotFile};
 use crate::input_error::{Mistakes, quoted, suggestion};
+use crate::measurements::Shape;
+use crate::measurements::set::{ANGLES, ASTRAY, POSITION, stays};
 use crate::robot::{Owner, Robot};
 
 /// Names in the file are names of the robot. Returns those that misspelt ones probably mean.
@@ -102,6 +104,24 @@ fn reference(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, file: &RobotFile, 
                 robot.name
             ),
         );
+    }
+    let Some((reference, table)) = file.reference.as_ref().zip(table) else {
+        return;
+    };
+    let shape = Shape::from(robot);
+    for (key, names, values) in [
+        ("position_m", POSITION, reference.position_m),
+        ("orientation_rad", ANGLES, reference.orientation_rad),
+    ] {
+        let idle = shape.idle_names();
+        let is_astray = |k: usize| idle.contains(&names[k]) && values[k].abs() > ASTRAY;
+        if let (true, Some(given)) = ((0..3).any(is_astray), table.get(key)) {
+            let message = format!(
+                "the reference does not fit the plate: {}",
+                stays(robot.plate)
+            );
+            mistakes.push_with_help(given.span(), message, "write zeros there");
+        }
     }
 }
 

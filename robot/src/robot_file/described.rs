@@ -152,17 +152,19 @@ fn write_template(out: &mut String, robot: &Robot) -> fmt::Result {
             let commands = numbers(&reference.commands_m);
             writeln!(out, "{} = {commands}", reference.key())?;
             writeln!(out, "position_m = {}", numbers(&reference.position_m))?;
-            writeln!(
-                out,
-                "orientation_rad = {}",
-                numbers(&reference.orientation_rad)
-            )?;
+            // A point has none.
+            if !robot.plate.is_point() {
+                let orientation = numbers(&reference.orientation_rad);
+                writeln!(out, "orientation_rad = {orientation}")?;
+            }
         }
         None => {
             let commands = vec!["0.0"; robot.commands].join(", ");
             writeln!(out, "# [reference]\n# commands_m = [{commands}]")?;
             writeln!(out, "# position_m = [x, y, z]")?;
-            writeln!(out, "# orientation_rad = [0.0, 0.0, 0.0]")?;
+            if !robot.plate.is_point() {
+                writeln!(out, "# orientation_rad = [0.0, 0.0, 0.0]")?;
+            }
         }
     }
     write!(out, "{LINKS}")?;

@@ -294,12 +294,13 @@ impl<'a> Document<'a> {
             self.metres(value.span(), &numbers, FARTHEST_M);
             Some(numbers)
         });
-        let orientation = self.required(table, "orientation_rad", &place);
-        let orientation_rad = orientation.and_then(|value| {
-            let angles = self.numbers::<3>(value)?;
-            self.check_value(value.span(), &angles, Kind::Angles);
-            Some(angles)
-        });
+        // As in a description, angles that are left out are zero.
+        let orientation_rad = match table.get("orientation_rad") {
+            Some(value) => self.numbers::<3>(value).inspect(|angles| {
+                self.check_value(value.span(), angles, Kind::Angles);
+            }),
+            None => Some([0.0; 3]),
+        };
         Some(Reference {
             commands_m: commands_m?,
             has_angles,
