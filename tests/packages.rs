@@ -71,3 +71,24 @@ fn packages_hold_the_files_that_their_code_includes() {
         assert!(names.contains(Path::new(name)), "{names:?}");
     }
 }
+
+/// Generated code runs where there is no standard library, and nothing else in the workspace builds it so.
+#[test]
+fn generated_code_needs_no_standard_library() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+    let target = tempfile::tempdir().unwrap();
+    let checked = Command::new(std::env::var_os("CARGO").unwrap_or("cargo".into()))
+        .args(["check", "--offline", "--quiet", "--package", "tau-runtime"])
+        .args([
+            "--no-default-features",
+            "--features",
+            "libm",
+            "--target-dir",
+        ])
+        .arg(target.path())
+        .current_dir(root)
+        .output()
+        .expect("cargo runs");
+    let said = String::from_utf8_lossy(&checked.stderr);
+    assert!(checked.status.success(), "{said}");
+}

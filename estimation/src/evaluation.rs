@@ -1,7 +1,8 @@
 //! Errors of predicted poses: Table I and Figure 8 of the paper.
 
 use tau_kinematics::{Machine, Sample};
-use tau_robot::measurements::{Folder, TcpPose};
+use tau_robot::input_error::InputError;
+use tau_robot::measurements::{Folder, TCP_POSES, TcpPose};
 use tau_robot::robot::Arm;
 use tau_robot::robot_file::Noise;
 
@@ -195,7 +196,7 @@ pub fn without_outliers(errors: &[PoseError], outliers: &[Outlier]) -> Option<Su
 /// what that means at the tool is what the errors show.
 ///
 /// # Errors
-/// Columns that the variant needs are missing; a pose can't be predicted.
+/// Columns that the variant needs are missing; a pose can't be predicted; there is no pose of an index.
 pub fn evaluate(machine: &Machine, folder: &Folder, poses: &[usize]) -> Result<Evaluation, Error> {
     evaluate_knowing(machine, None, folder, poses)
 }
@@ -211,9 +212,17 @@ pub fn evaluate_knowing(
     folder: &Folder,
     poses: &[usize],
 ) -> Result<Evaluation, Error> {
-    let measured: Vec<&TcpPose> = (poses.iter())
-        .filter_map(|&pose| folder.tcp_poses.get(pose))
-        .collect();
+    let of_pose = |&pose: &usize| {
+        folder.tcp_poses.get(pose).ok_or_else(|| {
+            let count = folder.tcp_poses.len();
+            InputError::whole(
+                TCP_POSES,
+                format!("there is no pose {pose} among {count}, counted from 0"),
+            )
+        })
+    };
+    let measured = poses.iter().map(of_pose);
+    let measured = measured.collect::<Result<Vec<&TcpPose>, InputError>>()?;
     // The first of several errors is told, whichever thread comes across one first.
     let chunks: Vec<&[&TcpPose]> = measured.chunks(AT_ONCE).collect();
     let reached = parallel::map(&chunks, |measured| {

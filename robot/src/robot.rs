@@ -354,9 +354,12 @@ impl Variant {
     }
 
     /// Index of a parameter that is the variant's.
+    ///
+    /// # Panics
+    /// The variant has no such parameter.
     pub fn index_of(&self, name: &str) -> usize {
         let index = self.parameters.iter().position(|own| own.name == name);
-        index.unwrap_or_else(|| unreachable!("`{name}` is a parameter of `{}`", self.name))
+        index.unwrap_or_else(|| panic!("`{}` has no parameter `{name}`", self.name))
     }
 }
 

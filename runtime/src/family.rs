@@ -115,6 +115,7 @@ pub trait ResidualFamily: Send + Sync {
 
     /// [`value`](Self::value) for many samples whose last parameters are each sample's own: `shared` are those that come
     /// before them, `own` the others, one sample after the other.
+    #[cfg(feature = "std")]
     fn value_each(&self, prepared: &[f64], shared: &[f64], own: &[f64], residuals: &mut [f64]) {
         let shape = self.shape();
         let mut parameters = shared.to_vec();
@@ -128,6 +129,7 @@ pub trait ResidualFamily: Send + Sync {
     }
 
     /// [`linearize`](Self::linearize) for such samples.
+    #[cfg(feature = "std")]
     fn linearize_each(
         &self,
         prepared: &[f64],

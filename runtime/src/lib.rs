@@ -6,7 +6,7 @@
 //! into a family that computes single samples and blocks of them, and the elementary functions
 //! ([`math`]) that generated code and interpreter share, so that both round alike.
 //!
-//! The crate is `no_std`, allocates nothing and depends on nothing.
+//! The crate is `no_std` and depends on nothing; without the feature `std` it allocates nothing.
 #![no_std]
 
 #[cfg(feature = "std")]

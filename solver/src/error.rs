@@ -32,6 +32,11 @@ pub enum Error {
         /// The reason.
         reason: String,
     },
+    /// An option is out of its range.
+    InvalidOptions {
+        /// The reason.
+        reason: String,
+    },
     /// The number of values passed differs from the number of parameters of the problem.
     ParameterCount {
         /// Parameters of the problem.
@@ -69,6 +74,7 @@ impl fmt::Display for Error {
             ),
             Self::InvalidParameter { name, reason } => write!(f, "parameter `{name}`: {reason}"),
             Self::InvalidBlock { label, reason } => write!(f, "block `{label}`: {reason}"),
+            Self::InvalidOptions { reason } => write!(f, "options: {reason}"),
             Self::ParameterCount { expected, found } => write!(
                 f,
                 "the problem has {expected} parameters, but {found} values were given"

@@ -46,6 +46,7 @@ pub fn solve_observed(
     options: &Options,
     observer: &mut dyn FnMut(&Iteration),
 ) -> Result<Solution, Error> {
+    options.check()?;
     problem.check()?;
     let mut parameters = problem.start();
     let partition = partition(problem);

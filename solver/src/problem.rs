@@ -271,6 +271,9 @@ impl<'a> Block<'a> {
                 "{residuals} residuals need as many weights, not {}",
                 self.weights.len()
             )
+        } else if let Some(weight) = (self.weights.iter()).find(|w| !(w.is_finite() && **w >= 0.0))
+        {
+            format!("a weight is {weight}, and has to be 0 or more")
         } else if !self.sample_names.is_empty() && self.sample_names.len() != self.samples {
             format!(
                 "{} samples need as many names, not {}",

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::Method;
+use crate::{Error, Method};
 
 /// Options of the solver. The defaults converge to the accuracy that the arithmetic allows.
 #[derive(Debug, Clone, PartialEq)]
@@ -32,6 +32,28 @@ impl Default for Options {
             initial_radius: 1.0,
             method: Method::Auto,
         }
+    }
+}
+
+impl Options {
+    pub(crate) fn check(&self) -> Result<(), Error> {
+        let invalid = |reason: String| Err(Error::InvalidOptions { reason });
+        for (name, tolerance) in [
+            ("gradient_tolerance", self.gradient_tolerance),
+            ("step_tolerance", self.step_tolerance),
+            ("cost_tolerance", self.cost_tolerance),
+        ] {
+            if !(tolerance.is_finite() && tolerance >= 0.0) {
+                return invalid(format!("`{name}` is {tolerance}, and has to be 0 or more"));
+            }
+        }
+        let radius = self.initial_radius;
+        if !(radius.is_finite() && radius > 0.0) {
+            return invalid(format!(
+                "`initial_radius` is {radius}, and has to be more than 0"
+            ));
+        }
+        Ok(())
     }
 }
 

@@ -84,7 +84,7 @@ pub mod unknown_poses {
     pub use tau_estimation::unknown_poses::{
         Freedom, GrossRow, HeldErrors, HeldOut, HeldOutFit, HeldOutKind, JudgedRows, Kind,
         KindErrors, KindFit, KindRepeats, Moved, Object, ObjectEstimate, PlaceEstimate, Rank,
-        RowDivision, RowError, RowPlace, UnknownPoses, calibrate, evaluate, rank,
+        RowDivision, RowError, RowPlace, UnknownPoses, calibrate, evaluate, mistakes, rank,
     };
 }
 

@@ -98,9 +98,14 @@ impl Tried {
                 .all(|deviation| deviation.tolerances.abs() < ABSURD_TOLERANCES)
     }
 
+    /// True for a hypothesis of other tolerances.
+    fn widens(&self) -> bool {
+        matches!(self.hypothesis, Some(Hypothesis::Tolerances { .. }))
+    }
+
     /// False where other measurements fit hardly better: residuals of a model that lacks something follow each other, so
     /// that their odds mean little, and any other angles or axes may lower them somewhat. The right ones bring them to the
-    /// noise, or much nearer to it.
+    /// noise, or much nearer to it, unless no machine is what the measurements as given ask for.
     fn is_much_nearer(&self, given: &Self) -> bool {
         matches!(
             self.hypothesis,
@@ -235,8 +240,17 @@ pub(crate) fn recognised(case: &Case<'_>, known: Option<&Judged>) -> Result<Reco
             && tried.uses_its_tolerances(thinned.variant)
             && given
                 .as_ref()
-                .is_none_or(|given| tried.is_much_nearer(given))
+                .is_none_or(|given| !given.is_plausible() || tried.is_much_nearer(given))
     });
+    let within_tolerances = |tried: &&Tried| !tried.widens();
+    let ratios = all
+        .iter()
+        .filter(within_tolerances)
+        .map(|tried| tried.misfit.ratio());
+    let nearest = ratios.fold(f64::INFINITY, f64::min);
+    // Wider tolerances make room for what a model lacks as well: what explains about as much within the stated ones goes
+    // before them.
+    all.retain(|tried| !tried.widens() || NEARER * tried.misfit.ratio() < nearest);
     smallest_first(&mut all, evidence);
     let decisive = 2.0 * ODDS.ln();
     if let Some(best) = all

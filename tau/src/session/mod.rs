@@ -285,13 +285,14 @@ impl<R> Session<R> {
     }
 
     /// Predicts the poses that validate, and compares: see [`evaluate`](evaluation::evaluate). The machine is that of a
-    /// [calibration](Calibrated), or one [as given](Self::machine).
+    /// [calibration](Calibrated), or one [as given](Self::machine). Poses on which the session's robot file was calibrated
+    /// are none that validate.
     ///
     /// # Errors
-    /// Columns that the variant needs are missing; a pose can't be predicted.
+    /// Columns that the variant needs are missing; a pose can't be predicted; all poses took part in the calibration of the
+    /// robot file.
     pub fn evaluate(&self, machine: &Machine) -> Result<Evaluation, Error> {
-        let poses = self.poses()?.division.validation;
-        evaluation::evaluate(machine, &self.folder, &poses)
+        evaluation::evaluate(machine, &self.folder, &self.validating()?)
     }
 
     /// Influence of each parameter at the poses that validate, by steps of a size in SI units: see
@@ -300,6 +301,10 @@ impl<R> Session<R> {
     /// # Errors
     /// Columns that the variant needs are missing; a pose can't be predicted or is singular.
     pub fn sensitivity(&self, machine: &Machine, step: f64) -> Result<Sensitivity, Error> {
+        if !(step.is_finite() && step > 0.0) {
+            let message = format!("{step} is no step: it has to be more than 0");
+            return Err(InputError::whole("sensitivity", message).into());
+        }
         let poses = self.poses()?.division.validation;
         sensitivity::analyse(machine, &self.folder, &poses, step)
     }

@@ -119,6 +119,26 @@ impl<R> Session<R> {
         }
     }
 
+    /// The poses that validate, without those on which the robot file was calibrated.
+    pub(super) fn validating(&self) -> Result<Vec<usize>, InputError> {
+        let mut validating = self.poses()?.division.validation;
+        let record = self.robot_file.calibration.as_ref();
+        let own = record
+            .filter(|record| !record.folder.is_empty() && record.folder == self.folder.fingerprint);
+        let Some(own) = own else {
+            return Ok(validating);
+        };
+        let in_range = (self.folder).in_range(&self.robot_file, &Shape::from(&self.robot));
+        let calibrated = self.folder.divide(own.split, &in_range).calibration;
+        validating.retain(|pose| calibrated.binary_search(pose).is_err());
+        if validating.is_empty() {
+            let message = "all poses that validate took part in the calibration of the robot file";
+            return Err(InputError::whole(&self.folder.name, message)
+                .help("take another split or another folder"));
+        }
+        Ok(validating)
+    }
+
     /// The poses on which the robot file can be judged, and what they are to it: of the folder that it was calibrated on
     /// those that took no part, of another folder all. A split that is asked for takes its validation poses of them.
     ///
