@@ -111,6 +111,16 @@ fn a_study_calls_a_machine_by_its_parts() {
         for lacking in [tracks, turning, paper] {
             assert_lacks(&text, lacking, model);
         }
+        // Nothing stands under a heading where a machine has nothing of it.
+        let has_tables = text.contains("Sensitivity: position");
+        assert_eq!(
+            has_tables,
+            !["four_belts", "linear_delta"].contains(&model),
+            "{model}"
+        );
+        let assumes = text.contains("What the models assume");
+        assert_eq!(assumes, tracks.is_empty() || turning.is_empty(), "{model}");
+        assert_eq!(text.contains("\nAssumptions\n"), assumes, "{model}");
         let of_turning = files.iter().any(|file| file.contains("orientation"));
         assert_eq!(of_turning, turning.is_empty(), "{model}: {files:?}");
     }

@@ -46,7 +46,7 @@ pub(super) fn of_study(
         "How the figures were obtained",
         method(study),
     )];
-    if study.rows.is_none() {
+    if study.rows.is_none() && (turns(study) || study.architecture.carts > 0) {
         appendices.push(Section::new(
             "assumptions",
             "What the models assume",

@@ -55,9 +55,10 @@ pub fn study(study: &Study, width: usize) -> String {
         sensitivities(&mut screen, found, study.architecture);
         screen.gap();
     }
-    if study.rows.is_none() {
+    let assumptions = findings::assumptions(study);
+    if study.rows.is_none() && !assumptions.is_empty() {
         screen.line("Assumptions");
-        for sentence in findings::assumptions(study) {
+        for sentence in assumptions {
             screen.say_within("  ", &sentence);
         }
         screen.gap();

@@ -15,7 +15,7 @@ use tau_estimation::weighing::Treatment;
 use tau_kinematics::{Layout, Pose};
 use tau_robot::effects::CATALOGUE;
 use tau_robot::measurements::{Folder, Poses};
-use tau_robot::robot::{Arm, Owner, Robot, TrackShape, Variant};
+use tau_robot::robot::{Arm, Owner, ResidualKind, Robot, TrackShape, Variant};
 
 use crate::session::Session;
 use results::Study;
@@ -111,9 +111,7 @@ pub fn run<R>(
             Ok((calibration, found)) => {
                 results.push(found);
                 layouts.extend(layout(&calibration, folder));
-                let mut parameters = variant.parameters.iter();
-                let has_own = parameters.any(|own| matches!(own.owner, Owner::Link(_)));
-                if variant.arm == Arm::Full && has_own {
+                if variant.arm == Arm::Full && calibrates_links(variant) {
                     full = Some(calibration);
                 }
             }
@@ -164,6 +162,13 @@ pub fn run<R>(
     let mut layouts = layouts.into_iter();
     study.layout = layouts.find(|layout| Some(&layout.variant) == drawn.as_ref());
     Ok(study)
+}
+
+/// True if parameters of links, and not of the whole machine alone, are in the closures.
+fn calibrates_links(variant: &Variant) -> bool {
+    let closures = variant.instances_of(ResidualKind::Closure);
+    let mut parameters = closures.flat_map(|closure| &closure.parameters);
+    parameters.any(|&index| matches!(variant.parameters[index].owner, Owner::Link(_)))
 }
 
 /// The machine of a calibration at the reference pose that it found, its tracks as far as the measured commands reach.
