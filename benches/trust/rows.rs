@@ -42,7 +42,7 @@ const WRONG: [Wrong; 6] = [
         }
     }),
     ("noise in mm", Some("noise"), |_, file| {
-        scale_noise(file, 1e3)
+        scale_noise(file, 1e3);
     }),
     ("noise / 1000", Some("noise"), |_, file| {
         scale_noise(file, 1e-3);
