@@ -70,11 +70,12 @@ pub(crate) fn print(machines: u64) {
     for (name, measures) in CASES {
         let place = (tau_generated::ROBOTS.iter()).position(|(known, _)| *known == name);
         let robot = &robots[place.unwrap()];
-        let (_, _, mut file) = super::support::tracked(name, robot.clone());
         // The one description that has no values of its own.
-        if name == "gantry_tau" {
-            file = tau_robot::prototype::robot_file().unwrap();
-        }
+        let file = if name == "gantry_tau" {
+            tau_robot::prototype::robot_file().unwrap()
+        } else {
+            super::support::tracked(name, robot.clone()).2
+        };
         let has_positions = measures == POSITIONS;
         for (what, kind, change) in WRONG {
             if kind == Some("axes") && !has_positions {

@@ -383,6 +383,40 @@ fn thresholds_of_losses_are_finite() {
     }
 }
 
+#[test]
+fn options_and_weights_out_of_their_range_are_refused() {
+    let family = Family::new(Logarithm);
+    for radius in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        let options = Options {
+            initial_radius: radius,
+            ..Options::default()
+        };
+        let error = solve(&problem(&family, &[0.0], &[1.5]), &options).unwrap_err();
+        assert!(matches!(error, Error::InvalidOptions { .. }), "{error}");
+    }
+    for tolerance in [-1.0, f64::NAN] {
+        let options = Options {
+            step_tolerance: tolerance,
+            ..Options::default()
+        };
+        let error = solve(&problem(&family, &[0.0], &[1.5]), &options).unwrap_err();
+        assert!(matches!(error, Error::InvalidOptions { .. }), "{error}");
+    }
+    for weight in [-1.0, f64::NAN] {
+        let mut problem = problem(&family, &[0.0], &[1.5]);
+        let block = problem.blocks.remove(0);
+        let residuals = 2;
+        problem
+            .blocks
+            .push(block.with_weights(vec![weight; residuals]));
+        let error = solve(&problem, &Options::default()).unwrap_err();
+        assert!(
+            matches!(error, Error::InvalidBlock { ref reason, .. } if reason.contains("weight is")),
+            "{error}"
+        );
+    }
+}
+
 /// A camera in the plane (position, heading) that measures the bearing of a point as a tangent.
 struct Bearing;
 
