@@ -14,7 +14,7 @@ use crate::unknown_poses::{robot, simulation};
 
 const NOISE_M: f64 = 1e-5;
 
-/// What is held out of a simulated folder, and the lines of its gross rows.
+/// Measurements of a simulated folder that are held out, and the lines of its gross rows.
 fn held_out(
     (name, variant, more): (&str, &str, &str),
     kind: PlateKind,

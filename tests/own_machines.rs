@@ -97,7 +97,7 @@ fn poses_outside_the_plane_are_refused() {
     let line = "tau kinematics forward --model DIR/own.tau --variant Full --commands 0,0,0 --start 0,0,0.1,0,0,0";
     refused(folder.path(), line, &["--start", "`z_m` of 0.1"]);
 
-    // What the plate has is a pose, and the same as all six.
+    // The plate's pose, and the same as all six.
     let commands =
         |pose: &str| tau_in(folder.path(), &format!("{inverse} --pose {pose} -q")).done();
     let all = commands("0.02,0.01,0,0.05,0,0");

@@ -26,7 +26,7 @@ pub robot Planar {
 }
 ";
 
-/// What a reader sees of a page: no tags, styles or scripts.
+/// Text of a page as a reader sees it: no tags, styles or scripts.
 fn seen(page: &str) -> String {
     let mut text = page.to_owned();
     for element in ["style", "script"] {
@@ -51,7 +51,7 @@ fn words(text: &str) -> Vec<String> {
     parts.map(str::to_lowercase).collect()
 }
 
-/// What a study of a simulated machine says, on the screen and on the page, and the names of the files that it writes.
+/// Text of a study of a simulated machine, on the screen and on the page, and the names of the files that it writes.
 fn study(work: &Path, model: &str) -> (String, Vec<String>) {
     let line = format!(
         "tau simulate --model {model} --poses 36 --track-points 6 --cart-poses 12 --out DIR/measured"
@@ -66,7 +66,7 @@ fn study_of(work: &Path, with: &str) -> (String, Vec<String>) {
     let page = fs::read_to_string(work.join("study/report.html")).unwrap();
     let files = fs::read_dir(work.join("study")).unwrap();
     let files = files.map(|file| file.unwrap().file_name().into_string().unwrap());
-    // What was written is listed with its place, which may hold any word.
+    // Files that were written are listed with their place, which may hold any word.
     let said = said.split("\nWritten\n").next().unwrap();
     (format!("{said}\n{}", seen(&page)), files.collect())
 }
@@ -355,7 +355,7 @@ fn exact_readings_of_redundant_drives_are_remarked() {
         );
         assert_eq!(ran.code, 0, "{}", ran.err);
         assert_eq!(ran.err.contains(remark), is_remarked, "{with}: {}", ran.err);
-        // What a machine has no carts for is not counted.
+        // Sets of carts that a machine lacks are not counted.
         assert!(!ran.out.contains("cart poses"), "{}", ran.out);
     }
 }

@@ -422,7 +422,7 @@ mod tests {
         }
     }
 
-    /// What a plate can't do has no column that could hold something else.
+    /// Motions that a plate lacks have no column that could hold something else.
     #[test]
     fn hypotheses_are_of_what_the_plate_does() {
         let counts = |plate| [axes(plate).len(), angles(plate).len(), noise(plate).len()];

@@ -11,7 +11,7 @@
 //! The part of ½·H[sₖ, sₖ]·uₖ² that no unknowns take up is one of the residuals: beyond a standard deviation of that the
 //! data end the motion, whatever the tolerances.
 //!
-//! What is predicted does not see such motions, or turns with them, so the covariance stays that of the linear errors.
+//! Predictions do not see such motions, or turns with them, so the covariance stays that of the linear errors.
 
 use std::collections::BTreeMap;
 

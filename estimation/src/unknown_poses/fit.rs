@@ -438,7 +438,7 @@ impl<'a> Fit<'a> {
     }
 }
 
-/// What is known of a combination that is lost in rounding.
+/// Knowledge of a combination that is lost in rounding.
 fn least_known(values: &DVector<f64>) -> f64 {
     values.max() * f64::EPSILON * 8.0 * values.len() as f64
 }

@@ -7,7 +7,7 @@ use super::{GANTRY_TAU, errors, excerpts, model, robot};
 use crate::diagnostics::{Diagnostic, Diagnostics};
 use crate::{check_text, effects_from_text};
 
-/// What is wrong is said in the terms of what was probably meant.
+/// The mistake is said in the terms of what was probably meant.
 #[test]
 fn helps_name_the_mend() {
     let in_robot = |link: &str, rest: &str| {
