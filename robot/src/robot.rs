@@ -137,11 +137,9 @@ impl Robot {
 
     /// True if a crank stands where a track would.
     pub fn is_crank(&self, track: usize) -> bool {
-        let tracks = self.model.iter().flat_map(|model| &model.tracks);
-        tracks
-            .skip(track)
-            .next()
-            .is_some_and(|track| track.crank.is_some())
+        let model = self.model.as_ref();
+        let track = model.and_then(|model| model.tracks.get(track));
+        track.is_some_and(|track| track.crank.is_some())
     }
 
     /// True if there are more links than freedoms of the plate, so that they fit at matching commands only.
