@@ -38,19 +38,27 @@ fn mistakes_in_measurements_and_parameters() {
     ]);
     let open = || Session::<GantryTau>::open(broken.path());
     assert_eq!(open().unwrap_err().problems().len(), 3, "each file is read");
-    same_answer(broken.path(), "tau evaluate DIR --variant Full", open());
+    same_answer(
+        broken.path(),
+        "tau evaluate DIR --model gantry_tau --variant Full",
+        open(),
+    );
 
     fs::remove_file(broken.path().join("robot.toml")).unwrap();
-    same_answer(broken.path(), "tau evaluate DIR --variant Full", open());
+    same_answer(
+        broken.path(),
+        "tau evaluate DIR --model gantry_tau --variant Full",
+        open(),
+    );
     let elsewhere = Files::prototype().robot_file(broken.path().join("robot.toml"));
     same_answer(
         broken.path(),
-        "tau evaluate --robot DIR/robot.toml --variant Full",
+        "tau evaluate --model gantry_tau --robot DIR/robot.toml --variant Full",
         Session::<GantryTau>::open(elsewhere),
     );
     same_answer(
         broken.path(),
-        "tau evaluate DIR/nowhere --variant Full",
+        "tau evaluate DIR/nowhere --model gantry_tau --variant Full",
         Session::<GantryTau>::open(broken.path().join("nowhere")),
     );
 }
