@@ -36,7 +36,9 @@ fn what_exact_drives_contradict_each_other_by_is_named() {
             "tau simulate --model DIR/cables.tau --out DIR/measured{seed} --random --random-approach --poses 100 --seed {seed} --effect length_scale(a):scale=1e-3"
         );
         tau_in(folder.path(), &line).done();
-        let line = format!("tau discover DIR/measured{seed} --model DIR/cables.tau --json -");
+        let line = format!(
+            "tau discover DIR/measured{seed} --model DIR/cables.tau --out DIR/out --json -"
+        );
         let found = tau_in(folder.path(), &line).json();
         assert_eq!(effects(&found), ["length_scale(a)"], "{seed}");
         let remarks = found["remarks"].as_array().unwrap();
