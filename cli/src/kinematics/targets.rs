@@ -7,7 +7,7 @@ use tau::kinematics::{Machine, Pose, Sample};
 use tau::robot::Plate;
 use tau_robot::input_error::{InputError, Mistakes, Source, quoted, read, utf8};
 use tau_robot::measurements::set::{
-    ANGLES, ASTRAY, ConditionColumns, DIRECTION, POSITION, Set, TEMPERATURE, TIME, drop_idle,
+    ANGLES, ConditionColumns, DIRECTION, NO_MOTION, POSITION, Set, TEMPERATURE, TIME, drop_idle,
     read_directions, stays, vector,
 };
 use tau_robot::measurements::table::{Column, Table};
@@ -118,7 +118,7 @@ fn pose_of_option(
     let named = POSITION.into_iter().zip(position_m);
     let named = named.chain(ANGLES.into_iter().zip(angles_rad.unwrap_or_default()));
     let idle = Shape::from(&machine.robot).idle_names();
-    let lacked = |&(name, value): &(&str, f64)| idle.contains(&name) && value.abs() > ASTRAY;
+    let lacked = |&(name, value): &(&str, f64)| idle.contains(&name) && value.abs() > NO_MOTION;
     let found: Vec<String> = named
         .filter(lacked)
         .map(|(name, value)| format!("`{name}` of {value}"))
@@ -256,7 +256,7 @@ pub(super) fn of_file(
                 .values
                 .iter()
                 .enumerate()
-                .filter(|(_, value)| value.abs() > ASTRAY)
+                .filter(|(_, value)| value.abs() > NO_MOTION)
             {
                 let (found, title) = (table.text(row, column.index), table.name(column.index));
                 let message = format!("found {found} in column `{title}`: {}", stays(shape.plate));

@@ -6,29 +6,17 @@ use nalgebra::DMatrix;
 use tau_kinematics::Machine;
 
 use super::assembly::{Assembly, Chosen};
-use super::elimination::{Elimination, Reduced};
+use super::elimination::Elimination;
 use super::evaluation::{Follows, Known};
 use super::fit::Fit;
-use super::rows::{Kind, KindFit, RowPlace, Rows};
+use super::predicted::{HeldOutKind, predicted};
+use super::rows::{KindFit, RowPlace};
 use super::{GrossRow, RowDivision};
 use crate::calibration::{self, Error};
 use crate::problem::POSE_UNKNOWNS;
 
 /// Number of residuals beyond the unknowns of poses that is none but for rounding.
 const LEAST: f64 = 1e-6;
-
-/// Errors of a kind of measurement on rows held out.
-#[derive(Debug, Clone, PartialEq)]
-pub struct HeldOutKind {
-    /// Name of the file.
-    pub file: &'static str,
-    /// Number of residuals.
-    pub rows: usize,
-    /// Root mean square of measured less predicted (m or rad).
-    pub rms: f64,
-    /// Largest.
-    pub max: f64,
-}
 
 /// Figures of rows held out.
 #[derive(Debug, Clone, PartialEq)]
@@ -171,36 +159,4 @@ fn gross_rows(
     };
     judged.judged_by(&Known::of_calibration(factor), &follows, options)?;
     Ok(judged.gross)
-}
-
-/// Errors of each kind of lengths that were measured, from residuals where poses follow from the drives alone.
-pub(super) fn predicted(blocks: &[Rows], kinds: &[Kind], reduced: &Reduced) -> Vec<HeldOutKind> {
-    let mut predicted: Vec<HeldOutKind> = vec![];
-    for (rows, residuals) in blocks.iter().zip(&reduced.residuals).skip(1) {
-        for (k, (residual, weight)) in residuals.iter().zip(&rows.weights).enumerate() {
-            let kind = &kinds[rows.kinds[k % rows.kinds.len()]];
-            if *weight == 0.0 || kind.unit != "m" {
-                continue;
-            }
-            let error = (residual * kind.sigma / weight).abs();
-            let known = predicted.iter().position(|known| known.file == kind.file);
-            let place = known.unwrap_or_else(|| {
-                predicted.push(HeldOutKind {
-                    file: kind.file,
-                    rows: 0,
-                    rms: 0.0,
-                    max: 0.0,
-                });
-                predicted.len() - 1
-            });
-            let own = &mut predicted[place];
-            own.rows += 1;
-            own.rms += error * error;
-            own.max = own.max.max(error);
-        }
-    }
-    for kind in &mut predicted {
-        kind.rms = (kind.rms / kind.rows as f64).sqrt();
-    }
-    predicted
 }

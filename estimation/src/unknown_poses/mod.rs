@@ -26,6 +26,7 @@ mod lengths;
 mod noise;
 mod objects;
 mod outcome;
+mod predicted;
 mod quantity;
 mod recognised;
 mod refusals;
@@ -60,9 +61,10 @@ pub use evaluation::{
     HeldErrors, JudgedRows, KindErrors, Moved, PlaceEstimate, RowError, evaluate,
 };
 pub use gauge::Freedom;
-pub use heldout::{HeldOut, HeldOutFit, HeldOutKind};
+pub use heldout::{HeldOut, HeldOutFit};
 pub use objects::Object;
 pub use outcome::{GrossRow, ObjectEstimate, Rank, RowDivision, UnknownPoses};
+pub use predicted::HeldOutKind;
 pub use recognised::mistakes;
 pub use rows::{Kind, KindFit, KindRepeats, RowPlace};
 pub use unsolved::Unsolved;

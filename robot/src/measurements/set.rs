@@ -17,7 +17,7 @@ pub const TEMPERATURE: &str = "temperature_c";
 pub const DIRECTION: &str = "dir";
 
 /// A motion (m or rad) that the plate lacks is none up to here: as far as a pose may be off the one asked for.
-pub const ASTRAY: f64 = 1e-6;
+pub const NO_MOTION: f64 = 1e-6;
 
 /// A table with its columns found.
 pub struct Set<'a, const N: usize> {

@@ -12,7 +12,7 @@ use super::keys::{
 use super::{LinkValues, RobotFile};
 use crate::input_error::{Mistakes, quoted, suggestion};
 use crate::measurements::Shape;
-use crate::measurements::set::{ANGLES, ASTRAY, POSITION, stays};
+use crate::measurements::set::{ANGLES, NO_MOTION, POSITION, stays};
 use crate::robot::{Owner, Robot};
 
 /// Names in the file are names of the robot. Returns those that misspelt ones probably mean.
@@ -114,7 +114,7 @@ fn reference(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, file: &RobotFile, 
         ("orientation_rad", ANGLES, reference.orientation_rad),
     ] {
         let idle = shape.idle_names();
-        let is_astray = |k: usize| idle.contains(&names[k]) && values[k].abs() > ASTRAY;
+        let is_astray = |k: usize| idle.contains(&names[k]) && values[k].abs() > NO_MOTION;
         if let (true, Some(given)) = ((0..3).any(is_astray), table.get(key)) {
             let message = format!(
                 "the reference does not fit the plate: {}",
