@@ -301,3 +301,47 @@ fn outliers_are_said_by_the_commands() {
     let both = run(&format!("{calibrate} --loss huber --keep-outliers"));
     assert_eq!(both.code, 2);
 }
+
+/// Command of a leg that was misread by more than the machine has room for, at a pose that validates.
+#[test]
+fn a_pose_that_cannot_be_predicted_is_named_and_the_others_are() {
+    let directory = tempfile::tempdir().unwrap();
+    let run = |command: &str| tau_in(directory.path(), command);
+    run("tau simulate --model hexapod --seed 5 --out DIR/measured -q").done();
+    let path = directory.path().join("measured/tcp_poses.csv");
+    let mut rows: Vec<String> = (fs::read_to_string(&path).unwrap().lines())
+        .map(str::to_owned)
+        .collect();
+    let column = rows[0].split(',').position(|name| name == "q1_m").unwrap();
+    let mut cells: Vec<&str> = rows[20].split(',').collect();
+    let pose = number(&cells[0].parse::<Value>().unwrap());
+    let misread = (cells[column].parse::<f64>().unwrap() + 3.0).to_string();
+    cells[column] = &misread;
+    rows[20] = cells.join(",");
+    fs::write(&path, rows.join("\n")).unwrap();
+
+    let named = |without: &Value| {
+        let without = without["not_predicted"].as_array().unwrap();
+        assert_eq!(without.len(), 1, "{without:?}");
+        assert_eq!(number(&without[0]["pose"]), pose);
+        assert!(
+            without[0]["why"].as_str().unwrap().contains("no solution"),
+            "{without:?}"
+        );
+    };
+    let calibrated = run("tau calibrate DIR/measured --variant Full --out DIR/out --json - -q");
+    let calibrated = calibrated.json();
+    named(&calibrated);
+    assert_eq!(calibrated["fit"]["status"], "consistent");
+    assert!(number(&calibrated["position_um"]["max"]) < 100.0);
+    let evaluate =
+        "tau evaluate DIR/measured --variant Full --robot DIR/out/robot.toml --json - -q";
+    named(&run(evaluate).json());
+    let said = run("tau study DIR/measured --out DIR/study").done();
+    let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(
+        said.contains(&format!("pose {pose} can't be predicted")),
+        "{said}"
+    );
+    assert!(said.contains("Verdict on Full: consistent"), "{said}");
+}

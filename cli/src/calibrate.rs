@@ -125,9 +125,11 @@ pub(super) fn run(
     let paths = FILES.into_iter().map(|name| out.join(name));
     let files: Vec<_> = paths.zip(contents).collect();
     summary += &written(files.iter().map(|(path, _)| path.as_path()));
+    let mut remarks = session.remarks_for(variant)?;
+    remarks.extend(result.not_predicted.iter().map(ToString::to_string));
     let outcome = Outcome {
         summary,
-        remarks: session.remarks_for(variant)?,
+        remarks,
         files,
         json,
         ..Outcome::default()

@@ -58,9 +58,11 @@ pub(super) fn run(
         architecture,
         width,
     ) + &report::trust::terminal::verdict(&verdict, width);
+    let mut remarks = remarks(&session, variant)?;
+    remarks.extend(found.not_predicted.iter().map(ToString::to_string));
     let outcome = Outcome {
         summary: format!("{title}\n\n{said}"),
-        remarks: remarks(&session, variant)?,
+        remarks,
         json: target.map(|target| {
             let mut value = report::json::evaluation(&found, widening);
             value["variant"] = json!(variant);

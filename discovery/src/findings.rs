@@ -86,6 +86,8 @@ pub(super) fn finish(
     outliers.sort_unstable();
     outliers.dedup();
     let whiteness = whiteness(search, beforehand.serial);
+    let mut remarks = remarks(search, whiteness.as_ref());
+    remarks.extend(held_out::not_predicted(input, fit)?);
     let discovery = Discovery {
         base: base.to_owned(),
         status,
@@ -119,7 +121,7 @@ pub(super) fn finish(
         steps: search.steps.clone(),
         model_text,
         model,
-        remarks: remarks(search, whiteness.as_ref()),
+        remarks,
         whiteness,
         seconds: 0.0,
     };

@@ -35,6 +35,16 @@ pub(super) fn gap(input: &Input<'_>, fit: &Fit) -> Result<Gap, Error> {
     Ok(summary.into())
 }
 
+/// Poses there that a fit does not predict, in words.
+pub(super) fn not_predicted(input: &Input<'_>, fit: &Fit) -> Result<Vec<String>, Error> {
+    if input.unknown.is_some() {
+        return Ok(vec![]);
+    }
+    let found = evaluate(&machine(fit), input.folder, &input.division.validation)?;
+    let found = found.not_predicted.iter();
+    Ok(found.map(ToString::to_string).collect())
+}
+
 /// The error that noise alone leaves there: of many poses, on as many evenly spread ones as a search takes.
 pub(super) fn floor(input: &Input<'_>, fit: &Fit) -> Result<Floor, Error> {
     let Some(unknown) = input.unknown else {

@@ -1,6 +1,8 @@
 //! Errors of predicted poses: Table I and Figure 8 of the paper.
 
-use tau_kinematics::{Machine, Sample};
+use std::fmt;
+
+use tau_kinematics::{self as kinematics, Machine, Sample};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Folder, TCP_POSES, TcpPose};
 use tau_robot::robot::Arm;
@@ -99,6 +101,25 @@ impl ErrorSigma {
     }
 }
 
+/// A pose that is not predicted: the machine can't be assembled at its commands.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NotPredicted {
+    /// Pose number in the file.
+    pub pose: u32,
+    /// The reason.
+    pub error: kinematics::Error,
+}
+
+impl fmt::Display for NotPredicted {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { pose, error } = self;
+        write!(
+            f,
+            "pose {pose} can't be predicted from its commands and takes no part in the errors: {error}"
+        )
+    }
+}
+
 /// One calibrated variant.
 #[derive(Debug, Clone)]
 pub struct VariantResult {
@@ -114,6 +135,8 @@ pub struct VariantResult {
     pub expected_rms_um: Option<f64>,
     /// Error at each validation pose.
     pub pose_errors: Vec<PoseError>,
+    /// Validation poses without one.
+    pub not_predicted: Vec<NotPredicted>,
     /// One row per link (full arm) or cluster (reduced arm): Table II.
     pub links: Vec<LinkResult>,
     /// Every parameter with its standard deviation.
@@ -166,6 +189,8 @@ pub struct Evaluation {
     pub expected_rms_um: Option<f64>,
     /// Error at each pose.
     pub errors: Vec<PoseError>,
+    /// Poses without one.
+    pub not_predicted: Vec<NotPredicted>,
 }
 
 impl Summary {
@@ -193,10 +218,12 @@ pub fn without_outliers(errors: &[PoseError], outliers: &[Outlier]) -> Option<Su
 /// Predicts the poses of a folder, given by index, from their commands, and compares. Forward
 /// kinematics starts at the measured pose, which settles the assembly mode. Where the machine has more
 /// links than hold the plate, the pose is that of least squares, however far they are off their lengths:
-/// what that means at the tool is what the errors show.
+/// what that means at the tool is what the errors show. A pose that can't be predicted, such as one whose commands were
+/// misread, is listed apart.
 ///
 /// # Errors
-/// Columns that the variant needs are missing; a pose can't be predicted; there is no pose of an index.
+/// Columns that the variant needs are missing; a formula takes no finite value; no pose can be predicted; there is no pose
+/// of an index.
 pub fn evaluate(machine: &Machine, folder: &Folder, poses: &[usize]) -> Result<Evaluation, Error> {
     evaluate_knowing(machine, None, folder, poses)
 }
@@ -235,7 +262,7 @@ pub fn evaluate_knowing(
         .collect();
     let errors = parallel::map_owned(reached, |(measured, reached)| {
         let sample = Sample::from(measured);
-        let fail = |error| Error::at_pose(measured.pose, machine.explained(error, &sample));
+        let fail = |error| (measured.pose, machine.explained(error, &sample));
         let predicted = reached.map_err(fail)?.pose;
         let sigma = known.map(|(uncertainty, noise)| {
             let sample = sample.at(predicted);
@@ -253,9 +280,7 @@ pub fn evaluate_knowing(
             sigma,
         })
     });
-    let errors = errors
-        .into_iter()
-        .collect::<Result<Vec<PoseError>, Error>>()?;
+    let (errors, not_predicted) = predicted(errors)?;
     let lengths: Vec<f64> = errors.iter().map(PoseError::length_um).collect();
     let largest = |k: usize| {
         errors
@@ -273,5 +298,33 @@ pub fn evaluate_knowing(
             .turns()
             .then(|| [largest(0), largest(1), largest(2)]),
         errors,
+        not_predicted,
     })
+}
+
+/// The poses that have an error, and those that have none.
+fn predicted(
+    all: Vec<Result<PoseError, (u32, kinematics::Error)>>,
+) -> Result<(Vec<PoseError>, Vec<NotPredicted>), Error> {
+    use kinematics::Error::{Inconsistent, NotConverged, OutOfReach, Singular};
+    let (mut errors, mut without) = (vec![], vec![]);
+    for own in all {
+        match own {
+            Ok(error) => errors.push(error),
+            Err((
+                pose,
+                error @ (Inconsistent { .. }
+                | NotConverged { .. }
+                | OutOfReach { .. }
+                | Singular { .. }),
+            )) => without.push(NotPredicted { pose, error }),
+            Err((pose, error)) => return Err(Error::at_pose(pose, error)),
+        }
+    }
+    match without.first() {
+        Some(NotPredicted { pose, error }) if errors.is_empty() => {
+            Err(Error::at_pose(*pose, error.clone()))
+        }
+        _ => Ok((errors, without)),
+    }
 }

@@ -232,6 +232,7 @@ fn variant(numbers: &mut Numbers, name: &str, size: f64, full: bool) -> VariantR
         orientation_rad_max_abs: full.then_some([1.9e-4, 2.1e-4, 1.8e-4]),
         expected_rms_um: None,
         pose_errors,
+        not_predicted: vec![],
         links,
         parameters,
         correlations,

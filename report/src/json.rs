@@ -12,7 +12,9 @@ use serde_json::{Map, Value, json};
 use tau::assumptions::{Assumptions, PathDeviation, TrackComparison, TrackLinearity};
 use tau::calibration::{LinkResult, ParameterEstimate};
 use tau::discovery::Discovery;
-use tau::evaluation::{Evaluation, PoseError, Summary, VariantResult, without_outliers};
+use tau::evaluation::{
+    Evaluation, NotPredicted, PoseError, Summary, VariantResult, without_outliers,
+};
 use tau::measurements::PoseCounts;
 use tau::sensitivity::{LinkSensitivity, ParameterSensitivity, Sensitivity, Turn};
 use tau::session::Basis;
@@ -195,7 +197,12 @@ pub fn evaluation(evaluation: &Evaluation, widening: f64) -> Value {
         "position_um": position(evaluation.position_um, evaluation.expected_rms_um, widening),
         "orientation_rad": evaluation.orientation_rad_max_abs.map(|max_abs| json!({ "max_abs": max_abs })),
         "pose_errors": evaluation.errors.iter().map(|own| PoseErrorFields::new(own, widening)).collect::<Vec<_>>(),
+        "not_predicted": evaluation.not_predicted.iter().map(not_predicted).collect::<Vec<_>>(),
     })
+}
+
+fn not_predicted(own: &NotPredicted) -> Value {
+    json!({ "pose": own.pose, "why": own.error.to_string() })
 }
 
 fn position(found: Summary, expected_rms_um: Option<f64>, widening: f64) -> Value {
@@ -237,6 +244,7 @@ struct VariantFields<'a> {
     held_out: Option<Value>,
     iterations: usize,
     links: BTreeMap<&'a str, Value>,
+    not_predicted: Vec<Value>,
     orientation_rad: Option<Value>,
     parameters: Vec<Value>,
     pose_errors: Vec<PoseErrorFields>,
@@ -265,6 +273,7 @@ impl<'a> From<&'a VariantResult> for VariantFields<'a> {
             links: (variant.links.iter())
                 .map(|own| (own.name.as_str(), link(own)))
                 .collect(),
+            not_predicted: variant.not_predicted.iter().map(not_predicted).collect(),
             orientation_rad: largest.map(|max_abs| json!({ "max_abs": max_abs })),
             parameters: (variant.parameters.iter())
                 .map(|own| parameter(own, widening))

@@ -289,7 +289,7 @@ impl<R> Session<R> {
     /// are none that validate.
     ///
     /// # Errors
-    /// Columns that the variant needs are missing; a pose can't be predicted; all poses took part in the calibration of the
+    /// Columns that the variant needs are missing; no pose can be predicted; all poses took part in the calibration of the
     /// robot file.
     pub fn evaluate(&self, machine: &Machine) -> Result<Evaluation, Error> {
         evaluation::evaluate(machine, &self.folder, &self.validating()?)

@@ -109,11 +109,14 @@ pub fn run<R>(
     for (variant, calibrated) in variants.into_iter().zip(calibrated) {
         match calibrated {
             Ok((calibration, found)) => {
-                results.push(found);
+                let name = &variant.name;
+                let without = found.not_predicted.iter();
+                remarks.extend(without.map(|own| format!("`{name}`: {own}")));
                 layouts.extend(layout(&calibration, folder));
                 if variant.arm == Arm::Full && calibrates_links(variant) {
-                    full = Some(calibration);
+                    full = Some((calibration, predicted(&found, folder, &division.validation)));
                 }
+                results.push(found);
             }
             Err(error @ Error::Input(_)) => return Err(error),
             Err(error) => {
@@ -127,14 +130,9 @@ pub fn run<R>(
     }
     next("computing sensitivities");
     let sensitivity = full
-        .map(|calibration| {
+        .map(|(calibration, poses)| {
             let machine = &calibration.machine;
-            sensitivity::analyse(
-                machine,
-                folder,
-                &division.validation,
-                sensitivity::PAPER_STEP,
-            )
+            sensitivity::analyse(machine, folder, &poses, sensitivity::PAPER_STEP)
         })
         .transpose()?;
     progress(Progress {
@@ -162,6 +160,15 @@ pub fn run<R>(
     let mut layouts = layouts.into_iter();
     study.layout = layouts.find(|layout| Some(&layout.variant) == drawn.as_ref());
     Ok(study)
+}
+
+/// Poses given by index of which a variant has an error.
+fn predicted(found: &VariantResult, folder: &Folder, poses: &[usize]) -> Vec<usize> {
+    let is_predicted = |&&pose: &&usize| {
+        let number = folder.tcp_poses[pose].pose;
+        found.not_predicted.iter().all(|own| own.pose != number)
+    };
+    poses.iter().filter(is_predicted).copied().collect()
 }
 
 /// True if parameters of links, and not of the whole machine alone, are in the closures.
@@ -242,7 +249,7 @@ fn chosen_variants<'a>(
 /// One calibrated variant, evaluated on the validation poses.
 ///
 /// # Errors
-/// A pose can't be predicted.
+/// No pose can be predicted.
 pub fn result(
     calibration: &Calibration,
     folder: &Folder,
@@ -258,6 +265,7 @@ pub fn result(
         orientation_rad_max_abs: evaluation.orientation_rad_max_abs,
         expected_rms_um: evaluation.expected_rms_um,
         pose_errors: evaluation.errors,
+        not_predicted: evaluation.not_predicted,
         links: calibration.links.clone(),
         parameters: calibration.parameters.clone(),
         correlations: calibration.correlations.clone(),

@@ -116,6 +116,7 @@ pub(super) fn of_variant<R>(
         orientation_rad_max_abs: None,
         expected_rms_um: None,
         pose_errors: vec![],
+        not_predicted: vec![],
         links: calibration.links.iter().map(without_cost).collect(),
         parameters: calibration.parameters.clone(),
         correlations: calibration.correlations.clone(),
