@@ -9,7 +9,7 @@ use super::paths::Path;
 use super::pose::POSE_COLUMNS;
 
 /// A variant of a robot with a value for each parameter.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub struct Machine {
     /// The robot.
     pub robot: Robot,

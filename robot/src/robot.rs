@@ -3,6 +3,7 @@
 //! The tables are owned, unlike those of `tau_runtime`, which are statics of generated code: interpreted robots could
 //! not lend statics without leaking them.
 
+use std::fmt;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -81,8 +82,24 @@ pub struct Variant {
     pub instances: Vec<Instance>,
 }
 
+/// The name alone: the description is pages long.
+impl fmt::Debug for Robot {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut shown = f.debug_struct("Robot");
+        shown.field("name", &self.name).finish_non_exhaustive()
+    }
+}
+
+/// The name alone, as of a [`Robot`].
+impl fmt::Debug for Variant {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut shown = f.debug_struct("Variant");
+        shown.field("name", &self.name).finish_non_exhaustive()
+    }
+}
+
 /// A residual family applied to a link, a cluster or a cart.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub struct Instance {
     /// Kind of its residual.
     pub kind: ResidualKind,

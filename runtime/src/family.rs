@@ -1,5 +1,7 @@
 //! Residual families: functions of a sample's data and of parameters, with their Jacobian.
 
+use core::fmt;
+
 use crate::lanes::Lanes;
 
 /// The sizes of a residual family.
@@ -148,6 +150,13 @@ pub trait ResidualFamily: Send + Sync {
             parameters.extend_from_slice(&own[sample * own_each..(sample + 1) * own_each]);
             self.linearize(prepared, &parameters, residuals, jacobian);
         }
+    }
+}
+
+/// The sizes alone.
+impl fmt::Debug for dyn ResidualFamily + '_ {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.shape().fmt(f)
     }
 }
 

@@ -3,7 +3,7 @@
 use crate::ResidualFamily;
 
 /// A robot: its structure and its variants.
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy)]
 pub struct Robot {
     /// Name in the description.
     pub name: &'static str,
@@ -72,7 +72,7 @@ pub struct TrackModel {
 }
 
 /// A choice of arm, tracks and effects, with its generated functions.
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy)]
 pub struct Variant {
     /// Name in the description.
     pub name: &'static str,
@@ -201,7 +201,7 @@ pub enum ResidualKind {
 }
 
 /// A residual family applied to a link, a cluster or a cart.
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy)]
 pub struct Instance {
     /// Kind of its residual.
     pub kind: ResidualKind,

@@ -120,6 +120,17 @@ pub enum Physics {
     Tcp(Arc<TcpFunction>),
 }
 
+/// What it acts on: functions show nothing.
+impl fmt::Debug for Physics {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Cart(_) => "Cart",
+            Self::Link(_) => "Link",
+            Self::Tcp(_) => "Tcp",
+        })
+    }
+}
+
 /// A physical error at a place of the true machine.
 #[derive(Clone)]
 pub struct Effect {

@@ -10,7 +10,7 @@ use super::plan::{Approach, Poses, Temperature, TrackPoints};
 use super::plate::Measure;
 
 /// A simulation. The defaults are those of the prototype's measurements.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub struct Simulation {
     /// The robot.
     pub robot: Robot,

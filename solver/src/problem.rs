@@ -2,13 +2,15 @@
 
 mod prepared;
 
+use std::fmt;
+
 pub(crate) use prepared::Prepared;
 use tau_runtime::ResidualFamily;
 
 use crate::{Error, Loss};
 
 /// A nonlinear least-squares problem.
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub struct Problem<'a> {
     /// The unknowns, and constants of the same kind.
     pub parameters: Vec<Parameter>,
@@ -135,6 +137,17 @@ pub struct Block<'a> {
     data_len: usize,
     /// Parameters of the family: it is asked once, since every entry of every sample needs them.
     family_parameters: usize,
+}
+
+/// Without the data.
+impl fmt::Debug for Block<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Block")
+            .field("label", &self.label)
+            .field("family", &self.family)
+            .field("samples", &self.samples)
+            .finish_non_exhaustive()
+    }
 }
 
 impl<'a> Block<'a> {

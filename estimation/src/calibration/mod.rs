@@ -79,7 +79,7 @@ pub struct Combination {
 }
 
 /// A calibrated variant.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub struct Calibration {
     /// The variant with its calibrated values.
     pub machine: Machine,

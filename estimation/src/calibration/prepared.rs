@@ -14,7 +14,7 @@ use super::paths;
 use super::registration::Registration;
 
 /// A variant at its nominal values.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub struct Prepared {
     /// The variant with its nominal values.
     pub machine: Machine,

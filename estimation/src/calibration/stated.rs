@@ -1,5 +1,7 @@
 //! A calibration that states what a fit to more than closures found.
 
+use std::fmt;
+
 use tau_kinematics::Machine;
 use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot::ResidualKind;
@@ -17,6 +19,16 @@ pub struct Stated<'a> {
     pub covariance: &'a dyn Fn(usize, usize) -> f64,
     /// Half the sum of squared whitened residuals and priors, of all that was fitted.
     pub cost: f64,
+}
+
+/// Without the covariance, which is a function.
+impl fmt::Debug for Stated<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Stated")
+            .field("values", &self.values)
+            .field("cost", &self.cost)
+            .finish_non_exhaustive()
+    }
 }
 
 impl Prepared {

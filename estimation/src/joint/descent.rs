@@ -62,7 +62,7 @@ const NOISE_ROUNDS: usize = 6;
 const ROBUST_ROUNDS: usize = 2;
 
 /// A variant on its way to the minimum.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub(crate) struct Descent {
     pub(crate) joint: Joint,
     pub(crate) fitted: Vec<f64>,

@@ -12,7 +12,7 @@ use crate::samples::Sample;
 use crate::samples::outliers;
 
 /// A variant at its minimum, linearised there.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub struct Fit {
     /// The residuals.
     pub joint: Joint,

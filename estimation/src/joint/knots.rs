@@ -18,7 +18,7 @@ use crate::samples::frames::joints_on;
 /// tracks pass through, and of objects.
 ///
 /// A row depends on few points, and a point is displaced by few unknowns: all together they are never written down.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub(super) struct Knots {
     /// Of each row, the points that it depends on, with its derivatives.
     by_point: Vec<Vec<(usize, f64)>>,
@@ -28,7 +28,7 @@ pub(super) struct Knots {
 }
 
 /// A point, and its displacement by each of successive unknowns, of which the first is given.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 struct Point {
     first: usize,
     shares: Vec<f64>,

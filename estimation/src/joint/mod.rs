@@ -26,7 +26,7 @@ use crate::samples::Sample;
 use crate::samples::outliers;
 
 /// A family with its samples, prepared.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 struct Rows {
     part: Part,
     prepared: Vec<f64>,
@@ -42,7 +42,7 @@ impl Rows {
 }
 
 /// The residuals of a variant at all samples.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub struct Joint {
     /// The variant; its values are those of parameters that the fit does not move.
     pub machine: Machine,
@@ -77,6 +77,7 @@ pub struct Row {
 }
 
 /// Residuals and derivatives at a point, whitened; the rows of the priors last.
+#[derive(Debug)]
 pub struct Linear {
     /// Whitened residuals.
     pub residuals: DVector<f64>,

@@ -22,6 +22,7 @@ const SAME_POSE: f64 = 1e-4;
 pub const LEAST_FREE: f64 = 1e-3;
 
 /// Start of a fit.
+#[derive(Debug)]
 pub struct Start<'a> {
     /// The variant at its values.
     pub machine: Machine,
@@ -126,7 +127,7 @@ fn moved(before: &[Sample], after: &[Sample]) -> f64 {
 }
 
 /// Errors of measurements that are held out: of each pose what is left of them once the plate stands where they fit best.
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub struct HeldOut {
     /// Root of the sum of squares of each pose (m).
     pub errors_m: Vec<f64>,

@@ -19,7 +19,7 @@ use crate::numerics::products::{transposed_times, transposed_times_columns};
 const FEWEST: usize = 16;
 
 /// Dependence of rows on columns.
-#[derive(Clone, Default)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Groups {
     patterns: Arc<Vec<Pattern>>,
     /// Of each row its group and place in it; none of rows without entries.
@@ -29,6 +29,7 @@ pub(crate) struct Groups {
 }
 
 /// A group: rows of one kind, and the columns that any of them depends on.
+#[derive(Debug)]
 struct Pattern {
     kind: usize,
     rows: Vec<usize>,
@@ -38,14 +39,14 @@ struct Pattern {
 }
 
 /// A matrix without most of its zeros.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub struct Grouped {
     groups: Groups,
     blocks: Vec<Block>,
 }
 
 /// Entries of a group, but for a factor that all of them share.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 struct Block {
     entries: DMatrix<f64>,
     factor: f64,

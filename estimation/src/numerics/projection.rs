@@ -19,7 +19,7 @@ const LEAST_SINGULAR: f64 = 1e-3;
 const PASSES: usize = 5;
 
 /// An orthonormal basis of a Jacobian's columns: `Q = J·B`.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub struct Basis {
     /// The orthonormal columns.
     pub q: Arc<DMatrix<f64>>,
@@ -86,7 +86,7 @@ impl Basis {
 }
 
 /// The normal equations of a Jacobian: enough for a step, at a fraction of what a basis costs.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub struct Normal {
     jacobian: Grouped,
     /// `JᵀJ` of columns scaled to unit length, and the scales.

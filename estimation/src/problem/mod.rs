@@ -85,7 +85,7 @@ pub(crate) enum Closures<'a> {
 }
 
 /// A family with its samples.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub(crate) struct Part {
     pub(crate) label: String,
     pub(crate) family: Arc<dyn ResidualFamily>,

@@ -11,7 +11,7 @@ use tau_robot::robot::Instance;
 use crate::samples::Sample;
 
 /// Noise of a path in the closures of one link or cluster.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub(crate) struct PathNoise {
     /// At each sample the two points that the path there depends on, among those of all tracks, with their shares.
     pub(crate) shares: Vec<[(usize, f64); 2]>,

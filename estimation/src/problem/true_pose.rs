@@ -53,6 +53,7 @@ impl Closure {
 }
 
 /// A family, with the places of its data and parameters.
+#[derive(Debug)]
 struct Part {
     instance: Instance,
     /// For each datum its place among the sample's.

@@ -13,7 +13,7 @@ use crate::numerics::projection::inverse_factor;
 use crate::samples::Sample;
 
 /// The closures of poses, those of a pose whitened together, at the minimum that descent from some values reaches.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub(crate) struct Judged {
     descent: Descent,
     /// `B` of the covariance `B·Bᵀ` of the unknowns under stated noise and priors.

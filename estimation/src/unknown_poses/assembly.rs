@@ -105,7 +105,7 @@ impl Chosen<'_> {
 }
 
 /// The measurements of a folder, with what they are taken of, and the poses.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub(super) struct Assembly<'a> {
     pub(super) folder: &'a Folder,
     pub(super) file: &'a RobotFile,

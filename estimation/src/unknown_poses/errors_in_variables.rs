@@ -19,7 +19,7 @@ use super::{RowDivision, carts};
 use crate::calibration::{self, Calibration, Error};
 
 /// A calibration with errors in variables, beside the ordinary one.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub struct ErrorsInVariables {
     /// The result.
     pub calibration: Calibration,

@@ -28,7 +28,7 @@ const ARRIVED: f64 = 1e-7;
 const ACROSS: f64 = 1e-6;
 
 /// The measurements of a folder whose poses are unknown, with estimates of the poses.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub struct EstimatedPoses<'a> {
     calibration: Rowset<'a>,
     held_out: Rowset<'a>,
@@ -38,7 +38,7 @@ pub struct EstimatedPoses<'a> {
 }
 
 /// Measurements that take part together.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 struct Rowset<'a> {
     assembly: Assembly<'a>,
     poses: BTreeSet<u32>,
@@ -55,6 +55,7 @@ pub enum Side {
 }
 
 /// Samples where a machine puts them, and their residuals.
+#[derive(Debug)]
 pub struct Placed {
     /// The samples given, those of set 1 at poses that the measurements have there.
     pub samples: Vec<Sample>,

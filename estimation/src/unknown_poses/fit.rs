@@ -28,6 +28,7 @@ use crate::weighing::Loss;
 const UNSEEN: f64 = 1e-3;
 
 /// A calibration on its way.
+#[derive(Debug)]
 pub(super) struct Fit<'a> {
     pub(super) folder: &'a Folder,
     pub(super) file: &'a RobotFile,

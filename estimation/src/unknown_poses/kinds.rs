@@ -14,6 +14,7 @@ use crate::problem::{CLOSURE_SHARE, Component};
 pub(super) const FIRST_GUESS_M: f64 = 1e-4;
 
 /// Kinds whose noise exceeds the stated one by a factor that they share, where their misfit is significantly larger.
+#[derive(Debug)]
 pub(super) struct NoiseGroup {
     pub(super) group: Component,
     pub(super) kinds: Vec<usize>,

@@ -265,7 +265,7 @@ impl Rank {
 }
 
 /// A calibration from poses that are unknown.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub struct UnknownPoses {
     /// The machine, with parameters, covariance and file.
     pub calibration: Calibration,

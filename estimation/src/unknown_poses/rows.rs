@@ -157,6 +157,7 @@ impl KindFit {
 }
 
 /// A family with its samples.
+#[derive(Debug)]
 pub(super) struct Rows {
     pub(super) label: String,
     pub(super) family: Arc<dyn ResidualFamily>,

@@ -11,6 +11,7 @@ use super::{RowDivision, carts, fit::Fit, starts};
 use crate::calibration::{Calibration, Error, prepared::Prepared};
 
 /// The first least-squares problem of a calibration, for other solvers to be compared with ours.
+#[derive(Debug)]
 pub struct Unsolved<'a>(Fit<'a>);
 
 impl<'a> Unsolved<'a> {

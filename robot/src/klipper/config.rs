@@ -26,6 +26,7 @@ pub(super) struct Entry {
 }
 
 /// The files of a configuration, of which later ones win.
+#[derive(Debug)]
 pub struct Config<'a> {
     sources: Vec<Source<'a>>,
     entries: Vec<Entry>,

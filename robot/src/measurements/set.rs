@@ -20,6 +20,7 @@ pub const DIRECTION: &str = "dir";
 pub const NO_MOTION: f64 = 1e-6;
 
 /// A table with its columns found.
+#[derive(Debug)]
 pub struct Set<'a, const N: usize> {
     /// The table.
     pub table: Table<'a>,
@@ -118,6 +119,7 @@ pub fn file_name(path: &str) -> &str {
 }
 
 /// The optional columns of time and temperature.
+#[derive(Debug)]
 pub struct ConditionColumns {
     time_s: Option<Column>,
     temperature_c: Option<Column>,
@@ -152,6 +154,7 @@ impl ConditionColumns {
 }
 
 /// The optional columns of measured forces.
+#[derive(Debug)]
 pub struct ForceColumns {
     /// Of each link, where the table has it.
     links: Vec<Option<Column>>,

@@ -7,6 +7,7 @@ use tau_model_dsl::nearest;
 use crate::input_error::{Mistakes, Source, quoted};
 
 /// A table whose rows all have as many fields as its header.
+#[derive(Debug)]
 pub struct Table<'a> {
     source: Source<'a>,
     header_line: Range<usize>,
@@ -18,6 +19,7 @@ pub struct Table<'a> {
 }
 
 /// A column of numbers.
+#[derive(Debug)]
 pub struct Column<T = f64> {
     /// Its index in the table.
     pub index: usize,

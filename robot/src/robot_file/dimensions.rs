@@ -7,7 +7,7 @@ use super::keys::{crank_key, quantity_of};
 use crate::robot::Robot;
 
 /// Dimensions of a robot by its file.
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy)]
 pub struct Dimensions<'a> {
     robot: &'a Robot,
     file: &'a RobotFile,

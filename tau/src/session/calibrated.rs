@@ -1,5 +1,6 @@
 //! A calibration that knows its robot.
 
+use std::fmt;
 use std::marker::PhantomData;
 use std::ops::Deref;
 
@@ -10,7 +11,6 @@ use super::Described;
 use super::key::ParameterKey;
 
 /// A calibrated variant of the robot `R`: a [`Calibration`], the estimates of which go by handle.
-#[derive(Clone)]
 pub struct Calibrated<R = Described> {
     calibration: Calibration,
     declared: PhantomData<fn() -> R>,
@@ -34,6 +34,18 @@ impl<R> Calibrated<R> {
         parameter: impl ParameterKey<R>,
     ) -> Result<&ParameterEstimate, InputError> {
         parameter.estimate_in(&self.calibration)
+    }
+}
+
+impl<R> Clone for Calibrated<R> {
+    fn clone(&self) -> Self {
+        Self::new(self.calibration.clone())
+    }
+}
+
+impl<R> fmt::Debug for Calibrated<R> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.calibration.fmt(f)
     }
 }
 
