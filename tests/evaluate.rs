@@ -1,4 +1,4 @@
-//! A calibrated robot file on new measurements that tell no poses: consistent where the machine is the same, inconsistent
+//! A calibrated robot file on new measurements: consistent where the machine is the same, inconsistent
 //! where it has changed, and what can't be judged is said.
 
 use std::fmt::Write;
@@ -307,4 +307,31 @@ fn studies_compare_variants_by_what_was_held_out() {
     for (name, variant) in study["variants"].as_object().unwrap() {
         assert_eq!(variant["fit"]["status"], "inconsistent", "{name}");
     }
+}
+
+/// Rotations of piecewise tracks refer to the paths of the file, and their points are known to their noise.
+#[test]
+fn piecewise_tracks_of_a_file_predict_what_took_no_part() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut squares, mut expected) = (0.0, 0.0);
+    for seed in 0..5 {
+        for line in [
+            format!("tau simulate --seed {seed} --out DIR/m{seed} -q"),
+            format!("tau calibrate DIR/m{seed} --variant FullPiecewise --out DIR/fit -q"),
+        ] {
+            tau_in(folder.path(), &line).done();
+        }
+        let line = format!(
+            "tau evaluate DIR/m{seed} --variant FullPiecewise --robot DIR/fit/robot.toml --json - -q"
+        );
+        let fit = tau_in(folder.path(), &line).json()["fit"].clone();
+        assert_eq!(fit["status"], "consistent", "{seed}: {fit:#}");
+        squares += number(&fit["chi2"]);
+        expected += number(&fit["dof"]);
+    }
+    // A tenth of the residuals' size: the file does not hold how parameters go with points.
+    assert!(
+        (squares / expected - 1.0).abs() < 0.2,
+        "{squares} for {expected}"
+    );
 }

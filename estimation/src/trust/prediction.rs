@@ -2,13 +2,15 @@
 
 use nalgebra::DMatrix;
 use tau_kinematics::Machine;
+use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Division, Folder};
-use tau_robot::robot_file::RobotFile;
+use tau_robot::robot_file::{Noise, RobotFile};
 
-use crate::calibration::{Calibration, Error};
+use crate::calibration::{Calibration, Error, Prepared};
 use crate::joint::Joint;
 use crate::numerics::factor::Factor;
 use crate::numerics::spread::spread;
+use crate::samples::Sample;
 use crate::trust::hypothesis::Case;
 use crate::trust::judged::{Judged, Misfit};
 use crate::trust::numbering;
@@ -36,18 +38,12 @@ pub fn of_prediction(
     let all = case(robot, variant, file, folder, &division.validation).thinned(MOST_POSES);
     let samples = all.samples();
     let noise = all.file.noise;
-    let known = (file.covariance.as_ref())
-        .and_then(|_| Uncertainty::of_prepared(&all.prepared().ok()?, file));
+    let prepared = as_stated(&all)?;
+    let known = (file.covariance.as_ref()).and_then(|_| Uncertainty::of_prepared(&prepared, file));
     let weighing = match &known {
-        None => weigh(
-            &all.prepared()?,
-            &machine.values,
-            &samples,
-            noise,
-            treatment,
-        )?,
+        None => weigh(&prepared, &machine.values, &samples, noise, treatment)?,
         Some(known) => Weighing::of_predicted(
-            &sums_under(known, &all, &machine.values)?,
+            &sums_under(known, (prepared, &samples, noise), &machine.values)?,
             &samples,
             treatment,
         ),
@@ -56,7 +52,7 @@ pub fn of_prediction(
         .filter(|&index| weighing.judged[index])
         .collect();
     let case = all.of_poses(&kept);
-    let prepared = case.prepared()?;
+    let prepared = as_stated(&case)?;
     let mut verdict = if let Some(known) = known {
         let judged = recognise::judged(&case, &prepared, &machine.values, 0)?;
         let mut verdict = measured(&case, &judged, vec![]);
@@ -119,21 +115,28 @@ pub fn outliers_of_validation(
     let Some(known) = Uncertainty::of_calibration(calibration) else {
         return Ok(vec![]);
     };
-    let sums = sums_under(&known, &case, &machine.values)?;
-    Ok(Weighing::of_predicted(&sums, &case.samples(), Treatment::default()).outliers)
+    let samples = case.samples();
+    let of = (case.prepared()?, samples.as_slice(), case.file.noise);
+    let sums = sums_under(&known, of, &machine.values)?;
+    Ok(Weighing::of_predicted(&sums, &samples, Treatment::default()).outliers)
+}
+
+/// A case with the paths of piecewise tracks that its robot file holds, to which the file's rotations refer.
+fn as_stated(case: &Case<'_>) -> Result<Prepared, InputError> {
+    let poses: Vec<usize> = (0..case.folder.tcp_poses.len()).collect();
+    let folder = Some(&case.folder);
+    Prepared::from_file(case.robot, case.variant, &case.file, folder, &poses)
 }
 
 /// Sums of squares of the closures of each pose at some values of the variant, in the noise and in what is not known of
 /// the values, and their numbers: `rᵀ(1 + J·C·Jᵀ)⁻¹r`.
 fn sums_under(
     known: &Uncertainty,
-    case: &Case<'_>,
+    (prepared, samples, noise): (Prepared, &[Sample], Noise),
     values: &[f64],
 ) -> Result<Vec<(f64, f64)>, Error> {
-    let (prepared, samples) = (case.prepared()?, case.samples());
-    let noise = case.file.noise;
-    let joint = Joint::of_residuals(prepared.machine, &prepared.nominal, &samples, noise)?;
-    let joint = joint.with_path_noise(&samples, noise.position_m);
+    let joint = Joint::of_residuals(prepared.machine, &prepared.nominal, samples, noise)?;
+    let joint = joint.with_path_noise(samples, noise.position_m);
     let each = joint.rows.len() / samples.len().max(1);
     let factors = joint.factors(&[1.0; 4], &vec![1.0; samples.len()]);
     let linear = joint.linearize(&joint.fitted(values), &factors);
@@ -176,11 +179,15 @@ fn predicted(judged: Judged, known: &Uncertainty) -> Misfit {
     }
 }
 
-/// Rows of the factor of all unknowns of a fit: points of measured paths count as noise.
+/// Rows of the factor of all unknowns of a fit. Points of measured paths are known to their noise.
 fn factor_of(known: &Uncertainty, joint: &Joint) -> DMatrix<f64> {
     let of_parameters = known.factor_of(&joint.used);
     let (parameters, columns) = of_parameters.shape();
-    let mut factor = DMatrix::zeros(parameters + joint.displacements(), columns);
-    factor.rows_mut(0, parameters).copy_from(&of_parameters);
+    let points = &joint.priors[parameters..];
+    let mut factor = DMatrix::zeros(parameters + points.len(), columns + points.len());
+    (factor.view_mut((0, 0), (parameters, columns))).copy_from(&of_parameters);
+    for (index, point) in points.iter().enumerate() {
+        factor[(parameters + index, columns + index)] = point.sigma().unwrap_or(0.0);
+    }
     factor
 }
