@@ -335,3 +335,40 @@ fn piecewise_tracks_of_a_file_predict_what_took_no_part() {
         "{squares} for {expected}"
     );
 }
+
+/// Rows are known by their numbers, whatever becomes of the file in which they stand.
+#[test]
+fn measurements_that_calibrated_are_known_in_a_folder_that_was_changed() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |line: &str| tau_in(folder.path(), line);
+    for (measure, file) in [("poses", "tcp_poses.csv"), ("heights", "heights.csv")] {
+        let model = DELTA.model;
+        let name = format!("DIR/{measure}");
+        run(&format!(
+            "tau simulate {model} --measure {measure} --random --poses 60 --track-points 0 --cart-poses 0 --out {name} -q"
+        ))
+        .done();
+        run(&format!(
+            "tau calibrate {name} {model} --out DIR/fit-{measure} -q"
+        ))
+        .done();
+        let evaluated = || {
+            let line = format!(
+                "tau evaluate {name} {model} --robot DIR/fit-{measure}/robot.toml --json - -q"
+            );
+            let found = run(&line).json();
+            assert_eq!(found["evaluated_on"], "held_out");
+            number(&found["poses"]["evaluated"])
+        };
+        assert_eq!(evaluated(), 30.0);
+        // A row that validates is removed, a number written otherwise, lines end otherwise.
+        let path = folder.path().join(measure).join(file);
+        let text = fs::read_to_string(&path).unwrap();
+        let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+        lines.remove(2);
+        lines[3] += "0";
+        lines.push(String::new());
+        fs::write(&path, lines.join("\r\n")).unwrap();
+        assert_eq!(evaluated(), 29.0);
+    }
+}

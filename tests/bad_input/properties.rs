@@ -121,6 +121,7 @@ fn robot_file() -> impl Strategy<Value = RobotFile> {
                 position_m: spans,
                 widening: 1.0 + poses as f64 / 7.0,
                 position_sigma_m: (poses > 4).then_some(1.5e-5),
+                rows: tracker_effects.iter().cloned().collect(),
                 tracker_effects,
             },
         );

@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use tau_model_dsl::model::Plate;
 
 use super::{Conditions, Folder, PoseSigmas, TcpPose};
+use crate::fingerprint;
 
 /// A kind of measurement of the plate, with a file of its own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -95,12 +96,35 @@ pub struct Distance {
 /// Name of the file of [`Distance`]s.
 pub const DISTANCES: &str = "distances.csv";
 
+impl Distance {
+    /// Fingerprint of the distance and the numbers of its poses.
+    pub fn fingerprint(&self) -> String {
+        let poses = self.poses.map(f64::from);
+        fingerprint::of_numbers([poses[0], poses[1], self.distance_m])
+    }
+}
+
 impl Folder {
     /// True if the folder holds measurements beside those of whole poses, or poses with noise of their own, so that true
     /// poses are unknown.
     pub fn has_partial_poses(&self) -> bool {
         let of_rows = self.tcp_poses.iter().any(|pose| pose.sigmas.are_stated());
         of_rows || !self.plate_rows.is_empty() || !self.distances.is_empty()
+    }
+
+    /// Fingerprints of what was measured of poses, by the poses' numbers: of the commands and of lengths, so that a position
+    /// is the same whether it counts as a pose or not. A row without either measures nothing.
+    pub fn fingerprints(&self) -> impl Iterator<Item = (u32, String)> {
+        let of_poses = self.tcp_poses.iter().map(|own| {
+            let numbers = own.commands_m.iter().chain(&own.position_m);
+            (own.pose, fingerprint::of_numbers(numbers.copied()))
+        });
+        let of_rows = self.plate_rows.iter().map(|own| {
+            let values = own.values.iter().flatten();
+            let numbers = own.commands_m.iter().chain(values);
+            (own.pose, fingerprint::of_numbers(numbers.copied()))
+        });
+        of_poses.chain(of_rows)
     }
 
     /// Takes positions of a plate that is a point for its poses, where all its coordinates were measured at the TCP and

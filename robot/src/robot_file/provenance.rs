@@ -1,5 +1,6 @@
 //! Provenance of calibrated values: `[calibration]` and `[paths.NAME]`.
 
+use std::collections::BTreeSet;
 use std::fmt::{self, Write};
 
 use toml::Spanned;
@@ -23,6 +24,9 @@ pub struct Provenance {
     pub split: Split,
     /// Their number, outliers left out.
     pub poses: usize,
+    /// [Fingerprints](crate::fingerprint::of_numbers) of the measurements of the plate that calibrated, by which they are
+    /// known in any folder.
+    pub rows: BTreeSet<String>,
     /// [Fingerprint](crate::fingerprint::fingerprint) of the measurement folder.
     pub folder: String,
     /// That of the robot's description.
@@ -78,13 +82,20 @@ impl Provenance {
                 "position_sigma_m = {sigma:?}  # largest that is predicted at these poses"
             )?;
         }
+        let listed = |names: &mut dyn Iterator<Item = &String>| {
+            let names: Vec<String> = names.map(|name| string(name)).collect();
+            names.join(", ")
+        };
         if !self.tracker_effects.is_empty() {
-            let effects: Vec<String> = self
-                .tracker_effects
-                .iter()
-                .map(|name| string(name))
-                .collect();
-            writeln!(out, "tracker_effects = [{}]", effects.join(", "))?;
+            let effects = listed(&mut self.tracker_effects.iter());
+            writeln!(out, "tracker_effects = [{effects}]")?;
+        }
+        if !self.rows.is_empty() {
+            let rows = listed(&mut self.rows.iter());
+            writeln!(
+                out,
+                "rows = [{rows}]  # fingerprints of measurements that calibrated"
+            )?;
         }
         Ok(())
     }
@@ -120,6 +131,7 @@ impl Document<'_> {
                 "widening",
                 "position_sigma_m",
                 "tracker_effects",
+                "rows",
             ],
         );
         let mut text = |key: &str| {
@@ -161,16 +173,8 @@ impl Document<'_> {
         });
         let position_sigma_m = (table.get("position_sigma_m"))
             .and_then(|value| self.deviation(value, "standard deviation", SMALLEST_DEVIATION));
-        let tracker_effects = match table.get("tracker_effects") {
-            Some(value) => match value.get_ref() {
-                DeValue::Array(names) => names.iter().filter_map(|name| self.text(name)).collect(),
-                other => {
-                    self.wrong_type(value.span(), other, "an array of effects");
-                    Vec::new()
-                }
-            },
-            None => Vec::new(),
-        };
+        let tracker_effects = self.texts(table, "tracker_effects", "an array of effects");
+        let rows = self.texts(table, "rows", "an array of fingerprints");
         Some(Provenance {
             program: program?,
             date: date?,
@@ -184,7 +188,22 @@ impl Document<'_> {
             widening: widening?,
             position_sigma_m,
             tracker_effects,
+            rows: rows.into_iter().collect(),
         })
+    }
+
+    /// Texts under a key that may be left out.
+    fn texts(&mut self, table: &DeTable<'_>, key: &str, expected: &str) -> Vec<String> {
+        match table.get(key).map(|value| (value, value.get_ref())) {
+            Some((_, DeValue::Array(names))) => {
+                names.iter().filter_map(|name| self.text(name)).collect()
+            }
+            Some((value, other)) => {
+                self.wrong_type(value.span(), other, expected);
+                Vec::new()
+            }
+            None => Vec::new(),
+        }
     }
 
     pub(super) fn measured_path(&mut self, table: &DeTable<'_>) -> Option<MeasuredPath> {

@@ -1,11 +1,13 @@
 //! Provenance of calibrated values, and the poses that took no part.
 
+use std::collections::BTreeSet;
+
 use tau_estimation::calibration::{Calibration, Prepared};
 use tau_estimation::uncertainty::Uncertainty;
 use tau_estimation::unknown_poses::{JudgedRows, RowDivision};
 use tau_kinematics::Machine;
 use tau_robot::fingerprint::fingerprint;
-use tau_robot::measurements::{Folder, PoseCounts, Poses, Shape, Split, TcpPose};
+use tau_robot::measurements::{Distance, Folder, PoseCounts, Poses, Shape, Split, TcpPose};
 use tau_robot::robot::Variant;
 use tau_robot::robot_file::{Provenance, RobotFile};
 use tau_robot::{InputError, Robot};
@@ -71,6 +73,7 @@ impl<R> Session<R> {
             variant: variant.to_owned(),
             split: self.split,
             poses: poses.len(),
+            rows: self.calibrating_rows(),
             folder: self.folder.fingerprint.clone(),
             description: fingerprint([("description", robot.description.as_str())]),
             commands_m: (0..robot.commands)
@@ -105,6 +108,44 @@ impl<R> Session<R> {
         }
     }
 
+    /// Fingerprints of the measurements of the plate that calibrate, outliers among them.
+    fn calibrating_rows(&self) -> BTreeSet<String> {
+        let rows = if self.has_unknown_poses() {
+            self.row_division()
+        } else {
+            let poses = self.poses().map(|poses| poses.division.calibration);
+            RowDivision::of_poses(&self.folder, &poses.unwrap_or_default())
+        };
+        let of_poses = self.folder.fingerprints();
+        let of_poses = of_poses.filter(|(pose, _)| rows.calibration.contains(pose));
+        let distances = self.folder.distances.iter();
+        let distances = distances.filter(|own| rows.distances.contains(&own.line));
+        (of_poses.map(|(_, own)| own))
+            .chain(distances.map(Distance::fingerprint))
+            .collect()
+    }
+
+    /// Rows of this folder that calibrated the robot file; `None` where it does not say how it was calibrated.
+    fn calibrated_rows(&self) -> Option<RowDivision> {
+        let known = &self.robot_file.calibration.as_ref()?.rows;
+        let of_poses = self.folder.fingerprints();
+        let of_poses = of_poses.filter(|(_, own)| known.contains(own));
+        let distances = self.folder.distances.iter();
+        let distances = distances.filter(|own| known.contains(&own.fingerprint()));
+        Some(RowDivision {
+            calibration: of_poses.map(|(pose, _)| pose).collect(),
+            distances: distances.map(|own| own.line).collect(),
+            ..RowDivision::default()
+        })
+    }
+
+    /// Poses, by index, without those that calibrated the robot file.
+    fn without_calibrated(&self, poses: &[usize]) -> Vec<usize> {
+        let known = self.calibrated_rows().unwrap_or_default().calibration;
+        let is_new = |pose: &&usize| !known.contains(&self.folder.tcp_poses[**pose].pose);
+        poses.iter().filter(is_new).copied().collect()
+    }
+
     /// The origin of what this session computes.
     pub fn record(&self, stamp: &Stamp) -> Record {
         let Robot {
@@ -121,16 +162,7 @@ impl<R> Session<R> {
 
     /// The poses that validate, without those on which the robot file was calibrated.
     pub(super) fn validating(&self) -> Result<Vec<usize>, InputError> {
-        let mut validating = self.poses()?.division.validation;
-        let record = self.robot_file.calibration.as_ref();
-        let own = record
-            .filter(|record| !record.folder.is_empty() && record.folder == self.folder.fingerprint);
-        let Some(own) = own else {
-            return Ok(validating);
-        };
-        let in_range = (self.folder).in_range(&self.robot_file, &Shape::from(&self.robot));
-        let calibrated = self.folder.divide(own.split, &in_range).calibration;
-        validating.retain(|pose| calibrated.binary_search(pose).is_err());
+        let validating = self.without_calibrated(&self.poses()?.division.validation);
         if validating.is_empty() {
             let message = "all poses that validate took part in the calibration of the robot file";
             return Err(InputError::whole(&self.folder.name, message)
@@ -146,10 +178,6 @@ impl<R> Session<R> {
     /// No pose lies in the range; the split leaves none.
     pub fn unseen(&self, asked: Option<Split>) -> Result<(Vec<usize>, Basis), InputError> {
         let record = self.robot_file.calibration.as_ref();
-        let is_own = |record: &&Provenance| {
-            !record.folder.is_empty() && record.folder == self.folder.fingerprint
-        };
-        let own = record.filter(is_own);
         if asked.is_some() || record.is_none() {
             // Mistakes in a split are reported here.
             self.poses()?;
@@ -162,21 +190,20 @@ impl<R> Session<R> {
             (None, None) => self.folder.divide(self.split, &in_range).validation,
             (None, Some(_)) => in_range.clone(),
         };
-        let basis = match (record, own) {
-            (None, _) if asked.unwrap_or(self.split) == Split::All => Basis::NewFolder,
-            (None, _) => Basis::Split,
-            (Some(_), None) => Basis::NewFolder,
-            (Some(_), Some(own)) => {
-                let calibrated = self.folder.divide(own.split, &in_range).calibration;
-                let unseen: Vec<usize> = (poses.iter().copied())
-                    .filter(|pose| calibrated.binary_search(pose).is_err())
-                    .collect();
-                if unseen.is_empty() {
-                    Basis::Calibration
-                } else {
-                    poses = unseen;
-                    Basis::HeldOut
-                }
+        let basis = if record.is_none() {
+            match asked.unwrap_or(self.split) {
+                Split::All => Basis::NewFolder,
+                _ => Basis::Split,
+            }
+        } else if self.without_calibrated(&in_range).len() == in_range.len() {
+            Basis::NewFolder
+        } else {
+            let unseen = self.without_calibrated(&poses);
+            if unseen.is_empty() {
+                Basis::Calibration
+            } else {
+                poses = unseen;
+                Basis::HeldOut
             }
         };
         if poses.is_empty() {
@@ -193,14 +220,14 @@ impl<R> Session<R> {
     /// # Errors
     /// No pose lies in the range; the split leaves none.
     pub fn counts_of(&self, unseen: &[usize], basis: Basis) -> Result<PoseCounts, InputError> {
-        let own = self.robot_file.calibration.as_ref().map(|own| own.split);
         let (robot, file, folder) = (&self.robot, &self.robot_file, &self.folder);
-        let split = own.filter(|_| basis != Basis::Split).unwrap_or(self.split);
-        let counts = Poses::select(robot, file, folder, split)?.counts;
+        let counts = Poses::select(robot, file, folder, self.split)?.counts;
+        let in_range = folder.in_range(file, &Shape::from(robot));
+        let unseen_in_all = self.without_calibrated(&in_range).len();
         Ok(PoseCounts {
             calibration: match basis {
-                Basis::NewFolder => 0,
-                _ => counts.calibration,
+                Basis::Split => counts.calibration,
+                _ => in_range.len() - unseen_in_all,
             },
             validation: match basis {
                 Basis::Calibration => 0,
@@ -229,11 +256,8 @@ impl<R> Session<R> {
         let basis = match record {
             None if asked.unwrap_or(self.split) == Split::All => Basis::NewFolder,
             None => Basis::Split,
-            Some(own) if own.folder.is_empty() || own.folder != self.folder.fingerprint => {
-                Basis::NewFolder
-            }
-            Some(own) => {
-                let calibrated = RowDivision::of(&self.folder, own.split);
+            Some(_) => {
+                let calibrated = self.calibrated_rows().unwrap_or_default();
                 let unseen = RowDivision {
                     validation: poses,
                     held_out_distances: distances,
@@ -245,7 +269,9 @@ impl<R> Session<R> {
                 let overlaps =
                     judged.poses.iter().any(is_seen) || judged.distances.iter().any(is_known);
                 JudgedRows { poses, distances } = judged;
-                if overlaps {
+                if unseen.calibration.is_empty() && unseen.distances.is_empty() {
+                    Basis::NewFolder
+                } else if overlaps {
                     Basis::Calibration
                 } else {
                     Basis::HeldOut
