@@ -337,3 +337,108 @@ fn scale_noise(folder: &Path, factor: f64) {
     let lines: Vec<String> = text.lines().map(scaled).collect();
     fs::write(path, lines.join("\n")).unwrap();
 }
+
+/// Three sliders in a plane, each with a link to a plate that turns.
+const SLIDERS: &str = "robot Sliders {
+    plate body in plane;
+    track t1, t2, t3;
+    cluster arm1 on t1 {
+        link l1 { length = 412 mm tol 0.3 mm; plate_joint = (24, -76, 0) mm tol 0.3 mm; track_offset = (-150, -450, 0) mm tol 5 mm; track_direction = (1, 0, 0) tol 0.01; }
+    }
+    cluster arm2 on t2 {
+        link l2 { length = 412 mm tol 0.3 mm; plate_joint = (54, 59, 0) mm tol 0.3 mm; track_offset = (464, 95, 0) mm tol 5 mm; track_direction = (-0.5, 0.866, 0) tol 0.01; }
+    }
+    cluster arm3 on t3 {
+        link l3 { length = 412 mm tol 0.3 mm; plate_joint = (-78, 18, 0) mm tol 0.3 mm; track_offset = (-315, 355, 0) mm tol 5 mm; track_direction = (-0.5, -0.866, 0) tol 0.01; }
+    }
+    reference { position = (0, 0, 0) mm; orientation = (0, 0, 0) rad; }
+    variant Full { arm full; tracks linear per link; }
+}
+";
+
+/// A plate in a plane on four cables.
+const CABLES: &str = "robot Cables {
+    plate body in plane;
+    cluster cables on base {
+        link a actuated length { length = 1.0 m tol 5 mm; track_offset = (1, 0.8, 0) m tol 5 mm; plate_joint = (0.1, -0.05, 0) m tol 0.5 mm; }
+        link b actuated length { length = 1.0 m tol 5 mm; track_offset = (-1, 0.8, 0) m tol 5 mm; plate_joint = (-0.1, -0.05, 0) m tol 0.5 mm; }
+        link c actuated length { length = 1.0 m tol 5 mm; track_offset = (-1, -0.8, 0) m tol 5 mm; plate_joint = (-0.1, 0.05, 0) m tol 0.5 mm; }
+        link d actuated length { length = 1.0 m tol 5 mm; track_offset = (1, -0.8, 0) m tol 5 mm; plate_joint = (0.1, 0.05, 0) m tol 0.5 mm; }
+    }
+    reference { commands = (0.2379, 0.2379, 0.2379, 0.2379) m; position = (0, 0, 0) m; }
+    variant Full { arm full; }
+}
+";
+
+/// A folder with poses of a machine that a text describes, and the arguments that name it.
+fn described(text: &str, rest: &str) -> (TempDir, String) {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("own.tau"), text).unwrap();
+    let with = "--model DIR/own.tau".to_owned();
+    let line = format!("tau simulate {with} --measure poses {rest} --out DIR/measured -q");
+    tau_in(folder.path(), &line).done();
+    (folder, with)
+}
+
+/// Changes what the description states.
+fn restate(folder: &Path, stated: &str, other: &str) {
+    let path = folder.join("own.tau");
+    let text = fs::read_to_string(&path).unwrap();
+    assert!(text.contains(stated), "{text}");
+    fs::write(path, text.replacen(stated, other, 1)).unwrap();
+}
+
+/// In a plane, heights of joints change closures only by their squares: what no measurement sees is not what is wrong.
+#[test]
+fn a_wrong_length_in_a_plane_is_no_height() {
+    let (folder, with) = described(SLIDERS, "--random --poses 60 --seed 3");
+    restate(folder.path(), "length = 412 mm", "length = 432 mm");
+    let wanted = ["dimension", "robot.toml", "`l1.length` is 66."];
+    all_name(folder.path(), &with, wanted);
+    let (found, _) = named(folder.path(), &format!("check DIR/measured {with}"));
+    let what = &found[0][2];
+    assert!(what.contains("the measurements ask for 0.41"), "{what}");
+    assert!(!what.contains(".z`"), "{what}");
+    // Of several explanations each differs from what is stated, and is said once.
+    let names: Vec<&str> = what.split('`').skip(1).step_by(2).collect();
+    let distinct: std::collections::BTreeSet<_> = names.iter().collect();
+    assert_eq!(distinct.len(), names.len(), "{what}");
+}
+
+/// Degrees of small angles could be radians.
+#[test]
+fn angles_in_degrees_are_named() {
+    let wanted = ["degrees", "tcp_poses.csv", "the angles are in degrees"];
+    for text in [SLIDERS, CABLES] {
+        let (folder, with) = described(text, "--grid-step 0.01,0.01,0.01 --tilt 0.05 --seed 4");
+        change_column(folder.path(), "tcp_poses.csv", "alpha_rad", f64::to_degrees);
+        all_name(folder.path(), &with, wanted);
+    }
+}
+
+/// A fit that follows all that was measured says nothing of the noise.
+#[test]
+fn few_poses_tell_no_noise() {
+    for model in ["linear_delta", "rotary_delta", "hexapod"] {
+        let folder = simulated(&format!("--model {model} --random --poses 3"));
+        let (found, _) = named(folder.path(), "check DIR/measured");
+        assert!(found.is_empty(), "{model}: {found:?}");
+    }
+}
+
+/// Machines with more drives than freedoms are fitted with poses unknown, and asked for the same mistakes.
+#[test]
+fn a_dimension_of_redundant_drives_is_named() {
+    for (stated, other, words) in [
+        ("(1, 0.8, 0) m", "(1.2, 0.8, 0) m", "`a.track_offset.x` is "),
+        (
+            "(-0.1, -0.05, 0) m",
+            "(-0.13, -0.05, 0) m",
+            "`b.plate_joint.x` is ",
+        ),
+    ] {
+        let (folder, with) = described(CABLES, "--random --poses 60 --seed 5");
+        restate(folder.path(), stated, other);
+        all_name(folder.path(), &with, ["dimension", "robot.toml", words]);
+    }
+}

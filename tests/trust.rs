@@ -495,3 +495,26 @@ fn a_sketch_is_judged_as_its_machine() {
     let [drawn, sketched] = [&drawn, &sketched].map(|found| number(&found["fit"]["chi2"]));
     assert!((drawn / sketched - 1.0).abs() < 0.1, "{drawn} {sketched}");
 }
+
+/// Other machines of the same drawing are told from a model that lacks something: within their tolerances they fit.
+#[test]
+fn a_machine_that_has_changed_is_told_from_what_a_model_lacks() {
+    for machine in &MACHINES {
+        let (one, other) = (machine.simulated(31), machine.simulated(32));
+        machine
+            .run(one.path(), "calibrate --variant Full --out DIR/out -q")
+            .done();
+        fs::copy(
+            one.path().join("out/robot.toml"),
+            other.path().join("one.toml"),
+        )
+        .unwrap();
+        let line = "evaluate --variant Full --robot DIR/one.toml --json -";
+        let ran = machine.run(other.path(), line);
+        let result: Value = serde_json::from_str(&ran.out).unwrap();
+        assert_eq!(result["fit"]["status"], "inconsistent", "{}", ran.err);
+        let why = result["fit"]["why"].to_string();
+        assert!(why.contains("the machine has changed"), "{why}");
+        assert!(!why.contains("lacks something"), "{why}");
+    }
+}

@@ -70,6 +70,20 @@ impl Prepared {
         Self::registered(robot, variant, file, (folder, registration), poses)
     }
 
+    /// Sets a parameter of the variant free, and returns what was stated of it; `None` where that has no tolerance. A
+    /// length can be as wrong as links are long, a direction as it is itself.
+    pub(crate) fn free(&mut self, parameter: usize, length_m: f64) -> Option<Nominal> {
+        let room = if self.machine.variant.parameters[parameter].unit == "m" {
+            length_m
+        } else {
+            1.0
+        };
+        let nominal = &mut self.nominal[parameter];
+        let stated = *nominal;
+        nominal.tolerance = Some(room.max(stated.tolerance?));
+        Some(stated)
+    }
+
     fn registered(
         robot: &Robot,
         variant: &Variant,

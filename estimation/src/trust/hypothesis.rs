@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
-use tau_kinematics::{Pose, nearest_rotation};
+use tau_kinematics::{Pose, nearest_rotation, zyz};
 use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot::{Owner, Parameter, Plate, Robot, Variant};
 use tau_robot::robot_file::RobotFile;
@@ -52,6 +52,8 @@ pub(crate) enum Hypothesis {
     },
     /// Positions are in millimetres.
     Millimetres,
+    /// Angles are in degrees.
+    Degrees,
     /// The stated noise of positions and rotations is off by factors.
     Noise { position: f64, rotation: f64 },
     /// Tolerances are off by a factor: all of them, or those of lengths.
@@ -141,34 +143,18 @@ impl Case<'_> {
     pub(crate) fn mended(&self, hypothesis: &Hypothesis) -> Self {
         let mut case = self.clone();
         match hypothesis {
-            Hypothesis::Commands(_) | Hypothesis::Sign(_) | Hypothesis::Axes { .. } => {
-                hypothesis.mend_poses(&mut case.folder.tcp_poses);
-            }
+            Hypothesis::Commands(_)
+            | Hypothesis::Sign(_)
+            | Hypothesis::Axes { .. }
+            | Hypothesis::Angles { .. }
+            | Hypothesis::Millimetres
+            | Hypothesis::Degrees => hypothesis.mend_poses(&mut case.folder.tcp_poses),
             Hypothesis::Carts(carts) => {
                 for cart in &mut case.folder.cart_poses {
                     let runs_on = carts.iter().position(|own| *own == cart.track);
                     cart.track = runs_on.unwrap_or(cart.track);
                 }
             }
-            Hypothesis::Angles {
-                axes,
-                fixed,
-                transposed,
-            } => change_poses(&mut case.folder.tcp_poses, |pose, angles| {
-                let rotation = about_axes(*axes, *fixed, angles);
-                Pose {
-                    rotation: if *transposed {
-                        rotation.inverse()
-                    } else {
-                        rotation
-                    },
-                    ..pose
-                }
-            }),
-            Hypothesis::Millimetres => change_poses(&mut case.folder.tcp_poses, |pose, _| Pose {
-                position: pose.position / THOUSAND,
-                ..pose
-            }),
             Hypothesis::Noise { position, rotation } => {
                 let noise = &mut Arc::make_mut(&mut case.file).noise;
                 noise.position_m *= position;
@@ -204,30 +190,52 @@ impl Hypothesis {
         for pose in &mut *poses {
             self.mend_commands(&mut pose.commands_m, pose.directions.as_mut());
         }
-        let Self::Axes {
-            columns,
-            signs,
-            turned,
-        } = self
-        else {
-            return;
-        };
-        change_poses(poses, |pose, _| {
-            let mut map = Matrix3::zeros();
-            for axis in 0..3 {
-                map[(axis, columns[axis])] = signs[axis];
-            }
-            let rotation = pose.rotation.matrix();
-            Pose {
-                position: map * pose.position,
-                rotation: if *turned {
-                    // A frame of the other hand sees the rotation with the axes of the plate mirrored, too.
-                    nearest_rotation(map * rotation * map.transpose())
-                } else {
-                    pose.rotation
-                },
-            }
-        });
+        match self {
+            Self::Axes {
+                columns,
+                signs,
+                turned,
+            } => change_poses(poses, |pose, _| {
+                let mut map = Matrix3::zeros();
+                for axis in 0..3 {
+                    map[(axis, columns[axis])] = signs[axis];
+                }
+                let rotation = pose.rotation.matrix();
+                Pose {
+                    position: map * pose.position,
+                    rotation: if *turned {
+                        // A frame of the other hand sees the rotation with the axes of the plate mirrored, too.
+                        nearest_rotation(map * rotation * map.transpose())
+                    } else {
+                        pose.rotation
+                    },
+                }
+            }),
+            Self::Angles {
+                axes,
+                fixed,
+                transposed,
+            } => change_poses(poses, |pose, angles| {
+                let rotation = about_axes(*axes, *fixed, angles);
+                Pose {
+                    rotation: if *transposed {
+                        rotation.inverse()
+                    } else {
+                        rotation
+                    },
+                    ..pose
+                }
+            }),
+            Self::Millimetres => change_poses(poses, |pose, _| Pose {
+                position: pose.position / THOUSAND,
+                ..pose
+            }),
+            Self::Degrees => change_poses(poses, |pose, angles| Pose {
+                rotation: zyz(angles.map(f64::to_radians)),
+                ..pose
+            }),
+            _ => {}
+        }
     }
 }
 
@@ -390,7 +398,7 @@ pub(crate) fn noise(plate: Plate) -> Vec<Hypothesis> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tau_kinematics::{xyz, zyz};
+    use tau_kinematics::xyz;
 
     #[test]
     fn conventions_are_those_of_their_names() {

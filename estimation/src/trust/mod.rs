@@ -8,6 +8,7 @@
 //! chance allows of so many.
 
 mod check;
+pub(crate) mod dimensions;
 pub(crate) mod exchanged;
 mod first_look;
 pub(crate) mod hypothesis;

@@ -13,9 +13,9 @@ use crate::numerics::spread::spread;
 use crate::samples::Sample;
 use crate::trust::hypothesis::Case;
 use crate::trust::judged::{Judged, Misfit};
-use crate::trust::numbering;
 use crate::trust::recognise::{self, ITERATIONS};
 use crate::trust::verdict::{Pull, Status, Verdict, case, measured, mistakes, shorten};
+use crate::trust::{numbering, words};
 use crate::uncertainty::Uncertainty;
 use crate::weighing::MOST_POSES;
 use crate::weighing::{Outlier, Treatment, Weighing, weigh};
@@ -23,7 +23,9 @@ use crate::weighing::{Outlier, Treatment, Weighing, weigh};
 /// The verdict on the prediction of the poses that validate, with the parameters of a robot file.
 ///
 /// Where the file holds the covariance of calibrated parameters, residuals are judged against the noise and against what
-/// such parameters may do to them; else parameters are fitted within their tolerances. Outliers among the poses are listed, and left out unless they are kept.
+/// such parameters may do to them; where others, within the tolerances about them, bring residuals to the noise, the machine
+/// has changed. Without the covariance parameters are fitted within their tolerances. Outliers among the poses are listed, and
+/// left out unless they are kept.
 ///
 /// # Errors
 /// Data that the variant takes are missing.
@@ -53,6 +55,7 @@ pub fn of_prediction(
         .collect();
     let case = all.of_poses(&kept);
     let prepared = as_stated(&case)?;
+    let knows_parameters = known.is_some();
     let mut verdict = if let Some(known) = known {
         let judged = recognise::judged(&case, &prepared, &machine.values, 0)?;
         let mut verdict = measured(&case, &judged, vec![]);
@@ -90,7 +93,18 @@ pub fn of_prediction(
     } else {
         verdict.blame(numbering::mistake(machine, folder).into_iter().collect());
     }
-    verdict.conclude(&case);
+    let is_unexplained = verdict.status == Status::Inconsistent && verdict.mistakes.is_empty();
+    let others = if knows_parameters && is_unexplained {
+        let fitted = recognise::judged(&case, &prepared, &machine.values, ITERATIONS)?;
+        Some(fitted.misfit()).filter(|misfit| !recognise::is_beyond_noise(misfit))
+    } else {
+        None
+    };
+    if let Some(others) = others {
+        let (squares, degrees) = (verdict.chi2 - others.chi2, verdict.dof - others.dof);
+        verdict.why.push(words::changed(squares, degrees));
+    }
+    verdict.conclude(&case, others.is_some());
     verdict.tell(&weighing);
     Ok(verdict)
 }

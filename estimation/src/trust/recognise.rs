@@ -7,22 +7,23 @@
 //! mistake of a folder.
 
 use std::borrow::Cow;
+use std::collections::BTreeSet;
 
 use tau_kinematics::Machine;
-use tau_robot::robot::{ResidualKind, Variant};
+use tau_robot::robot::Variant;
 
-use crate::calibration::{Error, Prepared};
+use crate::calibration::{Error, Nominal, Prepared};
 use crate::numerics::distribution::chi2_survival;
-use crate::numerics::order::{largest_first, smallest_first};
+use crate::numerics::order::smallest_first;
 use crate::numerics::parallel;
-use crate::problem::{Closures, Residuals};
 use crate::samples::Sample;
+use crate::trust::dimensions;
 use crate::trust::exchanged::exchanged_commands;
 use crate::trust::first_look::FirstLook;
 use crate::trust::hypothesis::{self, Case, Hypothesis, THOUSAND};
 use crate::trust::judged::{Deviation, Judged, Misfit};
 use crate::trust::mistake::Mistake;
-use crate::trust::{ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, NEARER, numbering, roots, words};
+use crate::trust::{ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, NEARER, numbering, words};
 use crate::weighing::weigh_fitted;
 
 /// Odds in favour of a hypothesis from which on it is believed: a thousand to one, which also is what mistakes are to
@@ -36,13 +37,9 @@ pub(crate) const POSES: usize = 100;
 pub(crate) const FEW_ITERATIONS: usize = 4;
 /// Iterations of a whole descent.
 pub(crate) const ITERATIONS: usize = 40;
-/// Hypotheses that a closer look is taken at, and dimensions that are set free, the most suspect first: each costs a whole
-/// fit, and a first look tells more than so many apart.
+/// Hypotheses that a closer look is taken at, the most suspect first: each costs a whole fit, and a first look tells more
+/// than so many apart.
 pub(crate) const CLOSER: usize = 6;
-const DIMENSIONS: usize = 6;
-/// A closure whose square exceeds the mean of the others so many times, three of their standard deviations, is looked at
-/// for one wrong dimension.
-const CLEARLY: f64 = 9.0;
 /// Share of the links' length that no tolerance reaches: it would tell nothing of the machine.
 const WIDEST_TOLERANCE: f64 = 0.1;
 /// Noise that is stated so many times too large is no caution any more. Where tolerances hold a fit back, noise that is
@@ -226,7 +223,8 @@ pub(crate) fn recognised(case: &Case<'_>, known: Option<&Judged>) -> Result<Reco
         &candidates(&thinned, judged.as_deref()),
         ITERATIONS,
     );
-    all.extend(dimensions(&thinned, given.as_ref()));
+    let suspects = dimensions::suspects(&thinned, judged.as_deref());
+    all.extend(closer(&thinned, &suspects, ITERATIONS));
     let scale = |all: &[Tried]| {
         let ratios = all.iter().chain(&given).map(|t| t.misfit.ratio().powi(2));
         ratios.fold(f64::INFINITY, f64::min).max(1.0)
@@ -303,6 +301,15 @@ fn candidates(case: &Case<'_>, given: Option<&Judged>) -> Vec<Hypothesis> {
     all.extend(hypothesis::axes(case.robot.plate));
     all.extend(hypothesis::angles(case.robot.plate));
     all.push(Hypothesis::Millimetres);
+    let turns = (prepared.as_ref()).map_or(true, |Prepared { machine, .. }| {
+        let mended = few.mended(&Hypothesis::Degrees).samples();
+        differ(
+            machine,
+            few.samples().into_iter().zip(mended),
+            few.mean_length_m(),
+        )
+    });
+    all.extend(turns.then_some(Hypothesis::Degrees));
     let best = first(&few, all);
     let mut found = hypothesis::small_tolerances();
     // Room for tolerances is paid for by evidence, which few poses don't settle.
@@ -325,23 +332,31 @@ fn candidates(case: &Case<'_>, given: Option<&Judged>) -> Vec<Hypothesis> {
         .collect()
 }
 
-/// False where the sign of a command changes closures by less than what makes another machine, so that other values of
-/// parameters would do: a length that is even in its command hardly knows its sign.
+/// False where the sign of a command hardly matters: a length that is even in its command hardly knows its sign.
 pub(crate) fn has_sign(
     machine: &Machine,
     samples: impl IntoIterator<Item = Sample>,
     command: usize,
     length_m: f64,
 ) -> bool {
-    let changes = samples.into_iter().filter_map(|sample| {
-        let given = machine.closures(&sample.view()).ok()?;
-        let mut commands_m = sample.view().commands_m.to_vec();
-        Hypothesis::Sign(command).mend_commands(&mut commands_m, None);
-        let mended = tau_kinematics::Sample {
-            commands_m: &commands_m,
-            ..sample.view()
-        };
-        let mended = machine.closures(&mended).ok()?;
+    let pairs = samples.into_iter().map(|given| {
+        let mut mended = given.clone();
+        Hypothesis::Sign(command).mend_commands(&mut mended.commands_m, None);
+        (given, mended)
+    });
+    differ(machine, pairs, length_m)
+}
+
+/// False where what mends samples changes closures by less than what makes another machine, so that other values of
+/// parameters would do.
+pub(crate) fn differ(
+    machine: &Machine,
+    pairs: impl IntoIterator<Item = (Sample, Sample)>,
+    length_m: f64,
+) -> bool {
+    let changes = pairs.into_iter().filter_map(|(given, mended)| {
+        let given = machine.closures(&given.view()).ok()?;
+        let mended = machine.closures(&mended.view()).ok()?;
         Some((mended.residuals - given.residuals).amax())
     });
     changes.fold(0.0, f64::max) > LARGEST_MISFIT * length_m
@@ -389,24 +404,23 @@ fn fitted(
     let case = mended.as_ref().unwrap_or(case);
     let mut prepared = case.prepared().ok()?;
     let mut start = prepared.machine.values.clone();
+    let mut freed = None;
     if let Some(&Hypothesis::Dimension {
         parameter,
         start: at,
     }) = hypothesis
     {
-        let unit = &prepared.machine.variant.parameters[parameter].unit;
-        // A length can be as wrong as the machine is large, a direction as it is long.
-        let room = if unit == hypothesis::LENGTH {
-            case.mean_length_m()
-        } else {
-            1.0
-        };
-        let nominal = &mut prepared.nominal[parameter];
-        nominal.tolerance = Some(room.max(nominal.tolerance?));
+        let stated = prepared.free(parameter, case.mean_length_m())?;
+        freed = Some((parameter, stated));
         start[parameter] = at;
     }
     let judged = judged(case, &prepared, &start, iterations).ok()?;
-    Some((Tried::of(hypothesis, &judged), judged))
+    let tried = Tried::of(hypothesis, &judged);
+    // What stays within its tolerance is no mistake, however well all else fits.
+    let is_off = |(parameter, stated): (usize, Nominal)| {
+        stated.tolerances_to(tried.values[parameter]).abs() > 1.0
+    };
+    freed.is_none_or(is_off).then_some((tried, judged))
 }
 
 /// The fit of a case from some values.
@@ -424,91 +438,6 @@ pub(crate) fn judged(
         &samples,
         case.file.noise,
         (&even, iterations),
-    )
-}
-
-/// One dimension far off, set free: those whose deviation from nominal is worst, and those of a closure that misses by
-/// far more than the others.
-fn dimensions(case: &Case<'_>, given: Option<&Tried>) -> Vec<Tried> {
-    let mut starts: Vec<(usize, f64)> = Vec::new();
-    if let Some(given) = given {
-        // Set free, a parameter lets χ² fall by the square of this deviation.
-        let falls = |d: &&Deviation| (d.deleted / given.misfit.ratio().max(1.0)).powi(2);
-        let mut worst: Vec<&Deviation> = (given.deviations.iter())
-            .filter(|deviation| falls(deviation) > 2.0 * ODDS.ln())
-            .collect();
-        largest_first(&mut worst, |deviation| deviation.deleted.abs());
-        let worst = worst.into_iter().take(DIMENSIONS);
-        starts.extend(worst.map(|d| (d.parameter, given.values[d.parameter])));
-    }
-    starts.extend(far_off(case).unwrap_or_default());
-    let of = |(parameter, start)| Hypothesis::Dimension { parameter, start };
-    let hypotheses: Vec<Hypothesis> = starts.into_iter().map(of).collect();
-    closer(case, &hypotheses, ITERATIONS)
-}
-
-/// Parameters of closures that miss by far, with values at which they would not, best first.
-///
-/// A closure is a polynomial of second degree in each of its dimensions, so its sum of squares is one of fourth degree:
-/// three residuals a pose give it, and its minima are found wherever they are.
-fn far_off(case: &Case<'_>) -> Option<Vec<(usize, f64)>> {
-    let prepared = case.prepared().ok()?;
-    let samples = case.samples();
-    let (machine, nominal) = (&prepared.machine, &prepared.nominal);
-    let noise = case.file.noise;
-    let residuals = Residuals::new(machine, nominal, &samples, noise, Closures::Apart).ok()?;
-    let closures = machine.variant.instances_of(ResidualKind::Closure).count();
-    let parts = residuals.parts.get(..closures)?;
-    let at: Vec<f64> = residuals.used.iter().map(|&p| machine.values[p]).collect();
-    let square = |values: &[f64]| values.iter().map(|r| r * r).sum::<f64>();
-    let misfits: Vec<f64> = parts.iter().map(|part| square(&part.values(&at))).collect();
-    let mut sorted = misfits.clone();
-    sorted.sort_by(f64::total_cmp);
-    let usual = *sorted.get((sorted.len().max(1) - 1) / 2)?;
-    let step = 0.1 * case.mean_length_m();
-    let mut found = Vec::new();
-    for (part, &misfit) in parts.iter().zip(&misfits) {
-        if misfit < CLEARLY * usual {
-            continue;
-        }
-        for &column in &part.parameters {
-            let moved = |by: f64| {
-                let mut moved = at.clone();
-                moved[column] += by;
-                part.values(&moved)
-            };
-            let [low, middle, high] = [-step, 0.0, step].map(moved);
-            // Sums over poses of products of a, b and c of a + b·δ + c·δ².
-            let mut sums = [0.0; 5];
-            for ((low, &a), high) in low.iter().zip(&middle).zip(&high) {
-                let b = (high - low) / (2.0 * step);
-                let c = (high - 2.0 * a + low) / (2.0 * step * step);
-                for (sum, term) in sums.iter_mut().zip([
-                    a * a,
-                    2.0 * a * b,
-                    b * b + 2.0 * a * c,
-                    2.0 * b * c,
-                    c * c,
-                ]) {
-                    *sum += term;
-                }
-            }
-            let [_, one, two, three, four] = sums;
-            for shift in roots::of_cubic([one, 2.0 * two, 3.0 * three, 4.0 * four]) {
-                let left = square(&moved(shift));
-                if CLEARLY * left < misfit {
-                    found.push((left, residuals.used[column], at[column] + shift));
-                }
-            }
-        }
-    }
-    smallest_first(&mut found, |own| own.0);
-    found.truncate(DIMENSIONS);
-    Some(
-        found
-            .into_iter()
-            .map(|(_, parameter, value)| (parameter, value))
-            .collect(),
     )
 }
 
@@ -543,6 +472,10 @@ fn noise(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
         let chance = chi2_survival(tried.misfit.chi2, tried.misfit.dof);
         (LEVEL..1.0 - LEVEL).contains(&chance)
     };
+    // Less than one residual beyond what the fit absorbs tells nothing of the noise, nor do a few that are small by chance.
+    if given.misfit.dof <= 1.0 || is_by_chance(given) {
+        return None;
+    }
     let is_likely = |tried: &Tried| {
         if ratio > 1.0 {
             off(tried) < STATED.ln()
@@ -558,12 +491,17 @@ fn noise(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
     Some(described(case, &[best]))
 }
 
-/// Hypotheses in words, the best first; the others explain the measurements about as well.
+/// Hypotheses in words, the best first; the others explain the measurements about as well. A dimension that was reached
+/// from several starts is said once.
 fn described(case: &Case<'_>, rivals: &[&Tried]) -> Mistake {
-    let hypothesis = |tried: &Tried| tried.hypothesis.clone();
-    let all: Vec<Hypothesis> = rivals
-        .iter()
-        .filter_map(|tried| hypothesis(tried))
+    let mut freed = BTreeSet::new();
+    let mut is_new = |hypothesis: &Hypothesis| match hypothesis {
+        Hypothesis::Dimension { parameter, .. } => freed.insert(*parameter),
+        _ => true,
+    };
+    let all: Vec<(&Hypothesis, &[f64])> = (rivals.iter())
+        .filter_map(|tried| Some((tried.hypothesis.as_ref()?, tried.values.as_slice())))
+        .filter(|(hypothesis, _)| is_new(hypothesis))
         .collect();
-    words::mistake(case, &all, &rivals[0].values)
+    words::mistake(case, &all)
 }

@@ -414,7 +414,7 @@ pub fn of_calibration_knowing(
     } else {
         verdict.blame(numbering::mistake(machine, folder).into_iter().collect());
     }
-    verdict.conclude(&case);
+    verdict.conclude(&case, false);
     verdict.tell(weighing);
     if verdict.status != Status::Absurd {
         verdict.reach = reach;
@@ -542,8 +542,9 @@ impl Verdict {
         }
     }
 
-    /// Says the rest: what is absurd without a name, and what it means for standard deviations.
-    pub(super) fn conclude(&mut self, case: &Case<'_>) {
+    /// Says the rest: what is absurd without a name, and what it means for standard deviations where nothing explains the
+    /// residuals.
+    pub(super) fn conclude(&mut self, case: &Case<'_>, is_explained: bool) {
         let off_m = self.by_file.first().map_or(0.0, |fit| fit.rms);
         let length_m = case.mean_length_m();
         if self.mistakes.is_empty() && length_m > 0.0 && off_m > LARGEST_MISFIT * length_m {
@@ -556,7 +557,7 @@ impl Verdict {
         }
         self.refuse_pulls();
         let widening = self.widening();
-        if self.status == Status::Inconsistent && widening > 1.0 {
+        if self.status == Status::Inconsistent && widening > 1.0 && !is_explained {
             self.why.push(format!(
                 "The model lacks something (`tau discover` looks for it) or the noise is more than stated; standard \
                  deviations are {} times as large if it is noise.",

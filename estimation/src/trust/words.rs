@@ -2,8 +2,9 @@
 
 use tau_robot::input_error::quoted;
 use tau_robot::measurements::{Actuator, Shape, TCP_POSES};
-use tau_robot::robot::{Plate, Robot};
+use tau_robot::robot::{Parameter, Plate, Robot};
 
+use crate::calibration::Nominal;
 use crate::trust::hypothesis::{Case, Hypothesis, THOUSAND};
 use crate::trust::mistake::Mistake;
 use crate::trust::numbering::{self, CART_POSES};
@@ -15,9 +16,9 @@ const ANGLES: [&str; 3] = ["alpha_rad", "beta_rad", "gamma_rad"];
 /// Rivals that are named beside the best explanation.
 const RIVALS: usize = 3;
 
-/// The mistake that hypotheses describe, the likeliest first; `values` are those of the variant under it.
-pub(crate) fn mistake(case: &Case<'_>, all: &[Hypothesis], values: &[f64]) -> Mistake {
-    let all = all.iter().map(|hypothesis| of(case, hypothesis, values));
+/// The mistake that hypotheses describe, the likeliest first, each with the values of the variant under it.
+pub(crate) fn mistake(case: &Case<'_>, all: &[(&Hypothesis, &[f64])]) -> Mistake {
+    let all = (all.iter()).map(|(hypothesis, values)| of(case, hypothesis, values));
     beside(all.collect()).unwrap_or_else(nothing)
 }
 
@@ -51,6 +52,29 @@ pub(crate) fn of_measurements(
             signs,
             turned,
         } => axes(*columns, *signs, *turned),
+        Hypothesis::Angles {
+            axes,
+            fixed,
+            transposed,
+        } if robot.plate == Plate::Body => angles(*axes, *fixed, *transposed),
+        Hypothesis::Angles { .. } => (
+            "angles",
+            TCP_POSES,
+            "`alpha_rad` counts the other way".to_owned(),
+            "change its sign: it is the turn of the plate against the measurement frame".to_owned(),
+        ),
+        Hypothesis::Millimetres => (
+            "millimetres",
+            TCP_POSES,
+            "the positions are in millimetres".to_owned(),
+            "divide `x_m`, `y_m` and `z_m` by 1000".to_owned(),
+        ),
+        Hypothesis::Degrees => (
+            "degrees",
+            TCP_POSES,
+            "the angles are in degrees".to_owned(),
+            format!("multiply {} by π/180", quoted(angles_of(robot.plate))),
+        ),
         _ => return nothing(),
     };
     Mistake {
@@ -81,6 +105,21 @@ pub(crate) fn of_noise(whose: &str, factor: f64) -> Mistake {
     }
 }
 
+/// Other parameters than those of a file take away so much of χ², for so much expected.
+pub(crate) fn changed(squares: f64, degrees: f64) -> String {
+    format!(
+        "Other parameters would take away {} of χ², for {} expected: the machine has changed, or its parameters are known less \
+         well than the file says.",
+        general(squares, 3),
+        general(degrees, 3)
+    )
+}
+
+/// Columns of the angles by which a plate turns.
+fn angles_of(plate: Plate) -> impl Iterator<Item = &'static str> {
+    ANGLES.into_iter().take(plate.turning_axes().len())
+}
+
 fn nothing() -> Mistake {
     Mistake {
         kind: "none",
@@ -93,33 +132,29 @@ fn nothing() -> Mistake {
 
 fn of(case: &Case<'_>, hypothesis: &Hypothesis, values: &[f64]) -> Mistake {
     let (kind, file, what, mend) = match hypothesis {
-        Hypothesis::Commands(_) | Hypothesis::Sign(_) | Hypothesis::Axes { .. } => {
-            return of_measurements(case.robot, hypothesis, TCP_POSES);
-        }
+        Hypothesis::Commands(_)
+        | Hypothesis::Sign(_)
+        | Hypothesis::Axes { .. }
+        | Hypothesis::Angles { .. }
+        | Hypothesis::Millimetres
+        | Hypothesis::Degrees => return of_measurements(case.robot, hypothesis, TCP_POSES),
         Hypothesis::Carts(carts) => return numbering::described(case.robot, CART_POSES, carts),
-        Hypothesis::Angles {
-            axes,
-            fixed,
-            transposed,
-        } if case.robot.plate == Plate::Body => angles(*axes, *fixed, *transposed),
-        Hypothesis::Angles { .. } => (
-            "angles",
-            TCP_POSES,
-            "`alpha_rad` counts the other way".to_owned(),
-            "change its sign: it is the turn of the plate against the measurement frame".to_owned(),
-        ),
-        Hypothesis::Millimetres => (
-            "millimetres",
-            TCP_POSES,
-            "the positions are in millimetres".to_owned(),
-            "divide `x_m`, `y_m` and `z_m` by 1000".to_owned(),
-        ),
         Hypothesis::Noise { position, rotation } => noise(case, *position, *rotation),
         Hypothesis::Tolerances {
             factor,
             lengths_only,
         } => tolerances(*factor, *lengths_only),
-        Hypothesis::Dimension { parameter, .. } => return dimension(case, *parameter, values),
+        Hypothesis::Dimension { parameter, .. } => {
+            let Ok(prepared) = case.prepared() else {
+                return nothing();
+            };
+            let parameter = *parameter;
+            return dimension(
+                &case.variant.parameters[parameter],
+                &prepared.nominal[parameter],
+                values[parameter],
+            );
+        }
     };
     Mistake {
         kind,
@@ -289,33 +324,25 @@ fn tolerances(factor: f64, lengths_only: bool) -> Words {
     ("tolerances", ROBOT, what, mend)
 }
 
-fn dimension(case: &Case<'_>, parameter: usize, values: &[f64]) -> Mistake {
-    let described = &case.variant.parameters[parameter];
+/// One dimension far off, which measurements ask to be another.
+pub(crate) fn dimension(described: &Parameter, stated: &Nominal, value: f64) -> Mistake {
     let name = &described.name;
     let unit = if described.unit == "1" {
         ""
     } else {
         &described.unit
     };
-    let nominal = case
-        .prepared()
-        .ok()
-        .map(|prepared| prepared.nominal[parameter]);
-    let (nominal, tolerance) = nominal.map_or((f64::NAN, f64::NAN), |nominal| {
-        (nominal.value, nominal.tolerance.unwrap_or(f64::NAN))
-    });
-    let value = values.get(parameter).copied().unwrap_or(f64::NAN);
-    let tolerances = (value - nominal) / tolerance;
+    let tolerances = stated.tolerances_to(value).abs();
     Mistake {
         kind: "dimension",
         file: ROBOT,
         what: format!(
             "`{name}` is {} tolerances off: {} {unit} is stated, the measurements ask for {} {unit}",
-            general(tolerances.abs(), 3),
-            general(nominal, 6),
+            general(tolerances, 3),
+            general(stated.value, 6),
             general(value, 6),
         ),
         mend: format!("measure `{name}` again and correct its value or its tolerance"),
-        is_absurd: tolerances.abs() >= ABSURD_TOLERANCES,
+        is_absurd: tolerances >= ABSURD_TOLERANCES,
     }
 }

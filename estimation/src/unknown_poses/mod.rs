@@ -50,6 +50,7 @@ use tau_solver::{Solution, solve};
 use crate::calibration::prepared::Prepared;
 use crate::calibration::{self, EXACT_COST, Error};
 use crate::problem::CLOSURE_SHARE;
+use crate::trust::Mistake;
 use crate::weighing::Loss;
 use elimination::Reduced;
 use fit::Fit;
@@ -123,13 +124,35 @@ pub fn calibrate(
     division: &RowDivision,
     options: &calibration::Options,
 ) -> Result<UnknownPoses, Error> {
-    let stated = file;
+    let of = (robot, variant);
+    let (plate, mistakes) = of_plate(of, file, folder, division, (options, None))?;
+    let completed = &file.completed(robot);
+    let mut found = carts::beside(plate, of, (completed, folder), division, options)?;
+    found.mistakes.extend(mistakes);
+    Ok(found)
+}
+
+/// The same of the plate alone, with mistakes that explain it; where a parameter is `freed`, links being so long (m), as if
+/// nothing were stated of it.
+///
+/// # Errors
+/// As [`calibrate`].
+fn of_plate(
+    (robot, variant): (&Robot, &Variant),
+    stated: &RobotFile,
+    folder: &Folder,
+    division: &RowDivision,
+    (options, freed): (&calibration::Options, Option<(usize, f64)>),
+) -> Result<(UnknownPoses, Vec<Mistake>), Error> {
     let file = &stated.completed(robot);
     refuse_tracker_effects(variant, folder)?;
     let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
-    let prepared = Prepared::new(robot, variant, file, Some(folder), &all)?;
+    let mut prepared = Prepared::new(robot, variant, file, Some(folder), &all)?;
     refuse_commands(&prepared.machine, folder)?;
     let sketch_m = starts::sketched(&prepared);
+    if let Some((parameter, length_m)) = freed {
+        prepared.free(parameter, length_m);
+    }
     let without = |gross: &[GrossRow], machine: Machine, division: &RowDivision, search: Search| {
         let options = calibration::Options {
             solver: search.options(&options.solver, division.calibration.len()),
@@ -175,22 +198,14 @@ pub fn calibrate(
             },
         };
         mistakes = case.explaining(first.as_ref());
-        is_explained |= !mistakes.is_empty();
+        is_explained |= mistakes.iter().any(|mistake| mistake.is_absurd);
     }
-    let of_plate = match first {
+    let found = match first {
         Ok(found) if !is_explained && found.outweighs_tolerances() => widened().or(Ok(found)),
         Err(Error::NotConverged { .. } | Error::Kinematics { .. }) if !is_explained => widened(),
         found => found,
     };
-    let mut found = carts::beside(
-        of_plate?,
-        (robot, variant),
-        (file, folder),
-        division,
-        options,
-    )?;
-    found.mistakes.extend(mistakes);
-    Ok(found)
+    Ok((found?, mistakes))
 }
 
 /// The fit from a start to its end, with the noise of kinds that ask for it and without gross rows.

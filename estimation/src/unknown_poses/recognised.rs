@@ -2,8 +2,10 @@
 //!
 //! Each hypothesis is fitted at a few poses first, and those that leave less there than the rows as given at more of them. One
 //! is believed where it brings the residuals to the noise or much nearer to it, as with measured poses
-//! (`trust/recognise.rs`): any change of rows lowers somewhat what a model lacks.
+//! (`trust/recognise.rs`): any change of rows lowers somewhat what a model lacks. A dimension set free pays for the room
+//! that it leaves.
 
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 
 use tau_robot::measurements::{Folder, PlateKind, TCP_POSES};
@@ -12,15 +14,18 @@ use tau_robot::robot_file::{RobotFile, StatedNoise};
 
 use super::fit::Fit;
 use super::starts;
-use super::{ROUGH_COST, RowDivision, UnknownPoses, calibrate};
-use crate::calibration::{self, Error, Prepared};
+use super::{ROUGH_COST, RowDivision, UnknownPoses, of_plate};
+use crate::calibration::{self, Error, Nominal, Prepared};
 use crate::numerics::distribution::chi2_survival;
 use crate::numerics::order::smallest_first;
 use crate::numerics::parallel;
+use crate::samples::Sample;
+use crate::samples::frames::Frames;
+use crate::trust::dimensions;
 use crate::trust::exchanged::orders;
-use crate::trust::hypothesis::{Hypothesis, THOUSAND, axes};
+use crate::trust::hypothesis::{Hypothesis, THOUSAND, angles, axes};
 use crate::trust::recognise::{
-    CAUTIOUS, CLOSER, FEW_ITERATIONS, FEW_POSES, ODDS, POSES, STATED, has_sign,
+    CAUTIOUS, CLOSER, FEW_ITERATIONS, FEW_POSES, ODDS, POSES, STATED, differ, has_sign,
 };
 use crate::trust::{ABSURD_TOLERANCES, LEVEL, Mistake, NEARER, words};
 
@@ -35,12 +40,29 @@ pub(super) struct Case<'a> {
     pub(super) options: &'a calibration::Options,
 }
 
-/// A mistake of rows, in one file or in all that have what it is about.
-struct Trial {
+/// A mistake of rows, in one file or in all that have what it is about, or a dimension far off.
+struct Trial<'a> {
     hypothesis: Hypothesis,
     /// The file; `None` for all.
     file: Option<&'static str>,
-    folder: Folder,
+    folder: Cow<'a, Folder>,
+}
+
+impl Trial<'_> {
+    /// The parameter that it sets free.
+    fn freed(&self) -> Option<usize> {
+        match self.hypothesis {
+            Hypothesis::Dimension { parameter, .. } => Some(parameter),
+            _ => None,
+        }
+    }
+}
+
+/// Parameters that may be far off, of a machine with links of some length.
+struct Dimensions {
+    nominal: Vec<Nominal>,
+    seen: Vec<usize>,
+    length_m: f64,
 }
 
 /// Mistakes in the rows of a folder that explain why a variant does not fit: none where it does, and none where it
@@ -76,13 +98,19 @@ pub fn mistakes(
         division: thinned.as_ref().unwrap_or(division),
         options: &calibration::Options::default(),
     };
-    Ok(case.explaining(case.fitted(file, folder).as_ref()))
+    Ok(case.explaining(case.fitted(file, folder, None).as_ref()))
 }
 
 impl Case<'_> {
-    fn fitted(&self, file: &RobotFile, folder: &Folder) -> Result<UnknownPoses, Error> {
-        let (robot, variant) = (self.robot, self.variant);
-        calibrate(robot, variant, file, folder, self.division, self.options)
+    fn fitted(
+        &self,
+        file: &RobotFile,
+        folder: &Folder,
+        freed: Option<(usize, f64)>,
+    ) -> Result<UnknownPoses, Error> {
+        let of = (self.robot, self.variant);
+        let (found, _) = of_plate(of, file, folder, self.division, (self.options, freed))?;
+        Ok(found)
     }
 
     /// Of a calibration of the rows as they are, or of its failure.
@@ -99,21 +127,28 @@ impl Case<'_> {
             ..*self
         };
         let is_met = given.is_some_and(|given| given.is_consistent() && is_plausible(given));
-        let ratio = given.map(UnknownPoses::residual_over_noise);
-        let of_rows = (!is_met).then(|| case.of_rows(ratio)).flatten();
+        // Squares are compared with those of the same rows.
+        let of_few =
+            (thinned.is_some() && !is_met).then(|| case.fitted(self.file, self.folder, None));
+        let same_rows = of_few.as_ref().map_or(given, |found| found.as_ref().ok());
+        let of_rows = (!is_met).then(|| case.of_rows(same_rows)).flatten();
         let of_noise = || given.and_then(|given| case.wrong_noise(given));
         of_rows.or_else(of_noise).into_iter().collect()
     }
 
-    /// The rows' mistake that brings residuals nearest to the noise.
-    fn of_rows(&self, ratio: Option<f64>) -> Option<Mistake> {
+    /// The mistake that brings residuals nearest to the noise.
+    fn of_rows(&self, given: Option<&UnknownPoses>) -> Option<Mistake> {
         let few = self.division.thinned(self.folder, FEW_POSES);
         let few = few.as_ref().unwrap_or(self.division);
-        let given = self.cost(self.folder, few).unwrap_or(f64::INFINITY);
-        let trials = self.trials();
-        let costs = parallel::map(&trials, |trial| self.cost(&trial.folder, few));
-        let mut ranked: Vec<(f64, &Trial)> = (costs.into_iter().zip(&trials))
-            .filter_map(|(cost, trial)| Some((cost.filter(|cost| *cost < given)?, trial)))
+        let ratio = given.map(UnknownPoses::residual_over_noise);
+        let dimensions = self.dimensions(few);
+        let length_m = dimensions.length_m;
+        let freed = |trial: &Trial<'_>| trial.freed().map(|parameter| (parameter, length_m));
+        let as_given = self.cost(self.folder, few, None).unwrap_or(f64::INFINITY);
+        let trials = self.trials(&dimensions);
+        let costs = parallel::map(&trials, |trial| self.cost(&trial.folder, few, freed(trial)));
+        let mut ranked: Vec<(f64, &Trial<'_>)> = (costs.into_iter().zip(&trials))
+            .filter_map(|(cost, trial)| Some((cost.filter(|cost| *cost < as_given)?, trial)))
             .collect();
         smallest_first(&mut ranked, |own| own.0);
         ranked.truncate(CLOSER);
@@ -121,28 +156,65 @@ impl Case<'_> {
         let least = ranked.first()?.0;
         ranked.retain(|own| own.0 < NEARER.powi(2) * least);
         let fitted = parallel::map(&ranked, |(_, trial)| {
-            let found = self.fitted(self.file, &trial.folder).ok()?;
+            let found = self.fitted(self.file, &trial.folder, freed(trial)).ok()?;
             let is_near = found.is_consistent()
                 || ratio.is_none_or(|given| NEARER * found.residual_over_noise() < given);
-            (is_near && is_plausible(&found)).then_some((total(&found), found, *trial))
+            let room = match trial.freed() {
+                Some(parameter) => dimensions.room(parameter, &found, given)?,
+                None => 0.0,
+            };
+            (is_near && is_plausible(&found)).then_some((total(&found) + room, found, *trial))
         });
         let mut fitted: Vec<_> = fitted.into_iter().flatten().collect();
         smallest_first(&mut fitted, |own| own.0);
         let (least, best, _) = fitted.first()?;
-        let scale = best.residual_over_noise().max(1.0).powi(2);
-        let limit = least + 2.0 * ODDS.ln() * scale;
+        let limit = least + 2.0 * ODDS.ln() * scale(best);
         let rivals = fitted.iter().take_while(|own| own.0 < limit);
-        let rivals: Vec<Mistake> = rivals.map(|own| self.described(own.2)).collect();
+        let rivals: Vec<Mistake> = rivals
+            .map(|(_, found, trial)| self.described(trial, &dimensions, found))
+            .collect();
         words::beside(rivals)
+    }
+
+    /// Parameters that some poses tell of, to first order.
+    fn dimensions(&self, few: &RowDivision) -> Dimensions {
+        let file = &self.file.completed(self.robot);
+        let fit = Fit::new(self.robot, self.variant, file, self.folder, few);
+        let Ok(fit) = fit else {
+            return Dimensions {
+                nominal: vec![],
+                seen: vec![],
+                length_m: 0.0,
+            };
+        };
+        let length_m = fit.mean_length_m();
+        let triangle = fit.elimination(&fit.start).reduce().triangle;
+        let seen = (fit.used.iter().enumerate())
+            .filter(|(k, _)| triangle.column(*k).norm() * dimensions::STEP * length_m > 1.0)
+            .filter(|(_, parameter)| fit.prepared.nominal[**parameter].sigma().is_some());
+        Dimensions {
+            seen: seen.map(|(_, &parameter)| parameter).collect(),
+            nominal: fit.prepared.nominal.clone(),
+            length_m,
+        }
     }
 
     /// Squares of some rows after a few steps from the drawing, tolerances among them; `None` where there are none. Rows without
     /// a mistake lie near the drawing, and Newton's method squares its error with each step.
-    fn cost(&self, folder: &Folder, division: &RowDivision) -> Option<f64> {
+    fn cost(
+        &self,
+        folder: &Folder,
+        division: &RowDivision,
+        freed: Option<(usize, f64)>,
+    ) -> Option<f64> {
         let file = &self.file.completed(self.robot);
         let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
-        let prepared = Prepared::new(self.robot, self.variant, file, Some(folder), &all).ok()?;
+        let mut prepared =
+            Prepared::new(self.robot, self.variant, file, Some(folder), &all).ok()?;
         let is_sketch = starts::sketched(&prepared).is_some();
+        if let Some((parameter, length_m)) = freed {
+            prepared.free(parameter, length_m)?;
+        }
         let machine = prepared.machine.clone();
         let fit = Fit::from(&prepared, machine, file, folder, division, is_sketch).ok()?;
         let mut options = self.options.clone();
@@ -151,8 +223,8 @@ impl Case<'_> {
         Some(solution.cost).filter(|cost| cost.is_finite())
     }
 
-    /// All hypotheses on rows.
-    fn trials(&self) -> Vec<Trial> {
+    /// All hypotheses.
+    fn trials(&self, dimensions: &Dimensions) -> Vec<Trial<'_>> {
         let (robot, folder) = (self.robot, self.folder);
         let of_rows: BTreeSet<&str> = folder
             .plate_rows
@@ -179,29 +251,61 @@ impl Case<'_> {
             })
         });
         let of_commands: Vec<Hypothesis> = commands.chain(signs.map(Hypothesis::Sign)).collect();
+        let turns_in_degrees = fit.as_ref().map_or(true, |fit| {
+            let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
+            let of = |folder: &Folder| Sample::all(robot, folder, &all, &Frames::default());
+            let mended = mended(folder, &Hypothesis::Degrees, Some(TCP_POSES));
+            let pairs = of(folder).into_iter().zip(of(&mended));
+            differ(&fit.machine, pairs, fit.mean_length_m())
+        });
         let places = [PlateKind::Position.file(), TCP_POSES];
         let of_places = files.iter().filter(|file| places.contains(file));
         let of_places = of_places.flat_map(|file| {
             let turns = *file == TCP_POSES;
-            let own = axes(robot.plate).into_iter().filter(
-                move |own| matches!(own, Hypothesis::Axes { turned, .. } if turns || !turned),
-            );
-            own.map(|own| (own, Some(*file)))
+            let is_told = move |own: &Hypothesis| match own {
+                Hypothesis::Axes { turned, .. } => turns || !turned,
+                Hypothesis::Millimetres => true,
+                Hypothesis::Degrees => turns && turns_in_degrees,
+                _ => turns,
+            };
+            let units = [Hypothesis::Millimetres, Hypothesis::Degrees];
+            let own = axes(robot.plate)
+                .into_iter()
+                .chain(angles(robot.plate))
+                .chain(units);
+            own.filter(is_told).map(|own| (own, Some(*file)))
         });
         let of_commands = scopes.iter().flat_map(|&file| {
             let own = of_commands.iter().cloned();
             own.map(move |own| (own, file))
         });
-        (of_commands.chain(of_places))
-            .map(|(hypothesis, file)| Trial {
-                folder: mended(folder, &hypothesis, file),
-                hypothesis,
-                file,
-            })
-            .collect()
+        let of_rows = (of_commands.chain(of_places)).map(|(hypothesis, file)| Trial {
+            folder: Cow::Owned(mended(folder, &hypothesis, file)),
+            hypothesis,
+            file,
+        });
+        let freed = dimensions.seen.iter().map(|&parameter| Trial {
+            folder: Cow::Borrowed(folder),
+            hypothesis: Hypothesis::Dimension {
+                parameter,
+                start: dimensions.nominal[parameter].value,
+            },
+            file: None,
+        });
+        of_rows.chain(freed).collect()
     }
 
-    fn described(&self, trial: &Trial) -> Mistake {
+    fn described(
+        &self,
+        trial: &Trial<'_>,
+        dimensions: &Dimensions,
+        found: &UnknownPoses,
+    ) -> Mistake {
+        if let Some(parameter) = trial.freed() {
+            let value = found.calibration.machine.values[parameter];
+            let described = &self.variant.parameters[parameter];
+            return words::dimension(described, &dimensions.nominal[parameter], value);
+        }
         let first = self.folder.plate_rows.first().map(|row| row.kind.file());
         let file = trial.file.or(first).unwrap_or(TCP_POSES);
         words::of_measurements(self.robot, &trial.hypothesis, file)
@@ -221,7 +325,7 @@ impl Case<'_> {
         };
         let off = |ratio: f64| ratio.ln().abs();
         let is_mended = |file: &RobotFile| {
-            self.fitted(file, self.folder).is_ok_and(|found| {
+            self.fitted(file, self.folder, None).is_ok_and(|found| {
                 off(found.residual_over_noise()) < STATED.ln() && is_plausible(&found)
             })
         };
@@ -237,6 +341,38 @@ impl Case<'_> {
         };
         Some(words::of_noise(whose, factor))
     }
+}
+
+impl Dimensions {
+    /// What a parameter pays for its room: −2 ln of the evidence beside squares, in units of these, by Laplace's
+    /// approximation, the choice of one of so many parameters included. `None` where the fit as given is about as likely, or
+    /// the parameter keeps its tolerance.
+    fn room(
+        &self,
+        parameter: usize,
+        freed: &UnknownPoses,
+        given: Option<&UnknownPoses>,
+    ) -> Option<f64> {
+        let stated = &self.nominal[parameter];
+        let own = &freed.calibration;
+        let name = &own.machine.variant.parameters[parameter].name;
+        let estimate = own.parameters.iter().find(|own| own.name == *name)?;
+        let (tolerance, room) = (stated.sigma()?, estimate.tolerance?);
+        // Knowledge of it, freed and as stated.
+        let known = estimate.sigma.powi(-2);
+        let held = known - room.powi(-2) + tolerance.powi(-2);
+        let volumes = (room.powi(2) * known / (tolerance.powi(2) * held)).ln();
+        let choice = 2.0 * (self.nominal.len() as f64).ln();
+        let pays = scale(freed) * (volumes + choice);
+        let decisive = scale(freed) * 2.0 * ODDS.ln();
+        let is_likelier = given.is_none_or(|given| total(given) - total(freed) - pays > decisive);
+        (is_likelier && stated.tolerances_to(estimate.value).abs() > 1.0).then_some(pays)
+    }
+}
+
+/// Squares count by what a fit leaves of them.
+fn scale(found: &UnknownPoses) -> f64 {
+    found.residual_over_noise().max(1.0).powi(2)
 }
 
 /// No parameter is off by more than any machine.
@@ -261,6 +397,7 @@ fn mended(folder: &Folder, hypothesis: &Hypothesis, file: Option<&str>) -> Folde
                 let given = row.values;
                 row.values = [0, 1, 2].map(|axis| Some(signs[axis] * given[columns[axis]]?));
             }
+            Hypothesis::Millimetres => row.values = row.values.map(|value| Some(value? / THOUSAND)),
             own => own.mend_commands(&mut row.commands_m, row.directions.as_mut()),
         }
     }

@@ -302,9 +302,17 @@ impl Verdict {
             return;
         }
         let Mistake {
-            file, what, mend, ..
+            file,
+            what,
+            mend,
+            is_absurd,
+            ..
         } = mistake;
-        self.status = Status::Absurd;
+        self.status = if *is_absurd {
+            Status::Absurd
+        } else {
+            self.status.max(Status::Inconsistent)
+        };
         self.why.insert(0, format!("{file}: {what}; {mend}."));
         self.mistakes.push(mistake.clone());
     }

@@ -9,7 +9,7 @@ use super::HeldErrors;
 use crate::numerics::distribution::{chi2_survival, f_survival};
 use crate::numerics::order::largest_first;
 use crate::trust::{
-    FileFit, LARGEST_MISFIT, LEVEL, LISTED, PoseFit, Pull, Status, Verdict, general, shorten,
+    FileFit, LARGEST_MISFIT, LEVEL, LISTED, PoseFit, Pull, Status, Verdict, general, shorten, words,
 };
 use crate::weighing::Outlier;
 /// A parameter that takes away this share of the squares beyond chance is named for them; it decides the words alone, not
@@ -93,12 +93,7 @@ impl HeldErrors {
             ));
         }
         if has_moved {
-            why.push(format!(
-                "Other parameters would take away {} of χ², for {} expected: the machine has changed, or its parameters are \
-                 known less well than the file says.",
-                general(squares, 3),
-                general(degrees, 3)
-            ));
+            why.push(words::changed(squares, degrees));
             let beyond = squares - degrees;
             let first = self.moved.first();
             if let Some(own) = first.filter(|own| own.squares > MOST * beyond) {
