@@ -50,6 +50,11 @@ pub(crate) enum Hypothesis {
         fixed: bool,
         transposed: bool,
     },
+    /// Poses are those of another frame, which a rotation and then a shift (m) carry to that of the drawing.
+    Frame {
+        rotation: Rotation3<f64>,
+        shift: Vector3<f64>,
+    },
     /// Positions are in millimetres.
     Millimetres,
     /// Angles are in degrees.
@@ -147,6 +152,7 @@ impl Case<'_> {
             | Hypothesis::Sign(_)
             | Hypothesis::Axes { .. }
             | Hypothesis::Angles { .. }
+            | Hypothesis::Frame { .. }
             | Hypothesis::Millimetres
             | Hypothesis::Degrees => hypothesis.mend_poses(&mut case.folder.tcp_poses),
             Hypothesis::Carts(carts) => {
@@ -225,6 +231,10 @@ impl Hypothesis {
                     },
                     ..pose
                 }
+            }),
+            Self::Frame { rotation, shift } => change_poses(poses, |pose, _| Pose {
+                position: rotation * pose.position + shift,
+                rotation: rotation * pose.rotation,
             }),
             Self::Millimetres => change_poses(poses, |pose, _| Pose {
                 position: pose.position / THOUSAND,

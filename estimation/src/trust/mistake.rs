@@ -3,7 +3,7 @@
 /// Something wrong with the input.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mistake {
-    /// Its kind: `commands`, `command_sign`, `axes`, `angles`, `millimetres`, `degrees`, `noise`, `tolerances`,
+    /// Its kind: `commands`, `command_sign`, `axes`, `angles`, `frame`, `millimetres`, `degrees`, `noise`, `tolerances`,
     /// `dimension`, `carts`, `distances`.
     pub kind: &'static str,
     /// The file that holds it.

@@ -20,6 +20,7 @@ use crate::samples::Sample;
 use crate::trust::dimensions;
 use crate::trust::exchanged::exchanged_commands;
 use crate::trust::first_look::FirstLook;
+use crate::trust::frame;
 use crate::trust::hypothesis::{self, Case, Hypothesis, THOUSAND};
 use crate::trust::judged::{Deviation, Judged, Misfit};
 use crate::trust::mistake::Mistake;
@@ -279,6 +280,8 @@ fn prior(case: &Case<'_>, hypothesis: Option<&Hypothesis>) -> f64 {
         Some(Hypothesis::Dimension { .. }) => case.variant.parameters.len(),
         Some(Hypothesis::Angles { .. }) => hypothesis::angles(case.robot.plate).len(),
         Some(Hypothesis::Axes { .. }) => hypothesis::axes(case.robot.plate).len(),
+        // Tolerances tell each of six numbers to a thousandth of the machine's size or so.
+        Some(Hypothesis::Frame { .. }) => return 6.0 * 2.0 * THOUSAND.ln(),
         Some(_) => case.robot.commands,
     };
     2.0 * (count.max(1) as f64).ln()
@@ -310,6 +313,7 @@ fn candidates(case: &Case<'_>, given: Option<&Judged>) -> Vec<Hypothesis> {
         )
     });
     all.extend(turns.then_some(Hypothesis::Degrees));
+    all.extend(frame::of_drawing(&few));
     let best = first(&few, all);
     let mut found = hypothesis::small_tolerances();
     // Room for tolerances is paid for by evidence, which few poses don't settle.

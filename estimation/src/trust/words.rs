@@ -1,5 +1,6 @@
 //! Mistakes in words, and how to mend them.
 
+use nalgebra::{Rotation3, Vector3};
 use tau_robot::input_error::quoted;
 use tau_robot::measurements::{Actuator, Shape, TCP_POSES};
 use tau_robot::robot::{Parameter, Plate, Robot};
@@ -63,6 +64,7 @@ pub(crate) fn of_measurements(
             "`alpha_rad` counts the other way".to_owned(),
             "change its sign: it is the turn of the plate against the measurement frame".to_owned(),
         ),
+        Hypothesis::Frame { rotation, shift } => frame(rotation, shift),
         Hypothesis::Millimetres => (
             "millimetres",
             TCP_POSES,
@@ -115,6 +117,26 @@ pub(crate) fn changed(squares: f64, degrees: f64) -> String {
     )
 }
 
+fn frame(
+    rotation: &Rotation3<f64>,
+    shift: &Vector3<f64>,
+) -> (&'static str, &'static str, String, String) {
+    let vector = |of: &Vector3<f64>| {
+        let components = of.iter().map(|&own| general(own, 3));
+        format!("({})", components.collect::<Vec<_>>().join(", "))
+    };
+    let (turn, shift) = (vector(&rotation.scaled_axis()), vector(shift));
+    (
+        "frame",
+        TCP_POSES,
+        "the poses are those of another frame than that of the drawing".to_owned(),
+        format!(
+            "turn them by the rotation vector {turn} rad, then shift them by {shift} m, or state the places of the drawing in \
+             the frame of the measurements"
+        ),
+    )
+}
+
 /// Columns of the angles by which a plate turns.
 fn angles_of(plate: Plate) -> impl Iterator<Item = &'static str> {
     ANGLES.into_iter().take(plate.turning_axes().len())
@@ -136,6 +158,7 @@ fn of(case: &Case<'_>, hypothesis: &Hypothesis, values: &[f64]) -> Mistake {
         | Hypothesis::Sign(_)
         | Hypothesis::Axes { .. }
         | Hypothesis::Angles { .. }
+        | Hypothesis::Frame { .. }
         | Hypothesis::Millimetres
         | Hypothesis::Degrees => return of_measurements(case.robot, hypothesis, TCP_POSES),
         Hypothesis::Carts(carts) => return numbering::described(case.robot, CART_POSES, carts),
