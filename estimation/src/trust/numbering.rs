@@ -1,4 +1,5 @@
-//! Check that the carts of sets 2 and 3 are numbered like the tracks.
+//! Check that the carts of sets 2 and 3 run where set 1 has their tracks, and what would mend it where they do not: other
+//! numbers of carts, other commands, a mirrored axis.
 //!
 //! Targets sit anywhere on their carts, so that places of carts tell their numbers only where tracks are further apart
 //! than a mounting may be. A mounting displaces all points of a cart alike: how they run along the track is free of it, and
@@ -10,13 +11,17 @@ use tau_robot::measurements::Folder;
 use tau_robot::robot::Robot;
 
 use crate::calibration::registration::{Line, MOUNTING_M, NominalTrack, Registration};
+use crate::numerics::order::smallest_first;
 use crate::samples::frames::fitted_track;
 use crate::trust::exchanged::permutations;
 use crate::trust::hypothesis::{Case, Hypothesis};
 use crate::trust::mistake::Mistake;
+use crate::trust::words;
 
 /// Another numbering has to fit so many times better to be the right one.
 const CLEARLY: f64 = 9.0;
+/// Readings of which the misfits differ by less are told together: on symmetric machines they are the same.
+const ALIKE: f64 = 2.0;
 /// Misfit, as a mean square over that of a right numbering, up to which a numbering is believed.
 const PLAUSIBLE: f64 = 9.0;
 /// Share of its travel by which a cart may run otherwise than its track: some times the hundredth that tolerances of a
@@ -63,11 +68,21 @@ impl Measured {
         is_there.then_some(Self { file, carts })
     }
 
-    /// Points of a cart at the commands of a track.
-    fn on(&self, cart: usize, track: usize) -> Vec<(f64, Vector3<f64>)> {
-        let points = self.carts[cart].iter();
+    /// Points that are read as those of a track, with its commands.
+    fn on(&self, track: usize, reading: &Reading) -> Vec<(f64, Vector3<f64>)> {
+        let points = self.carts[reading.carts[track]].iter();
+        let command =
+            |commands: &[f64]| Some(reading.signs[track] * commands.get(reading.columns[track])?);
         points
-            .filter_map(|(commands, point)| Some((*commands.get(track)?, *point)))
+            .filter_map(|(commands, point)| {
+                // Which axis is mirrored is a matter of the frame, which is unknown.
+                let x = if reading.is_mirrored {
+                    -point.x
+                } else {
+                    point.x
+                };
+                Some((command(commands)?, Vector3::new(x, point.y, point.z)))
+            })
             .collect()
     }
 
@@ -88,16 +103,83 @@ impl Measured {
     }
 }
 
+/// A way to read a set: for each track its cart, the column of its command, and the sign of that.
+#[derive(Debug, Clone, PartialEq)]
+struct Reading {
+    carts: Vec<usize>,
+    columns: Vec<usize>,
+    signs: Vec<f64>,
+    /// Positions are those of a frame of the other hand.
+    is_mirrored: bool,
+}
+
+impl Reading {
+    fn as_given(tracks: usize) -> Self {
+        Self::numbered((0..tracks).collect())
+    }
+
+    fn numbered(carts: Vec<usize>) -> Self {
+        Self {
+            columns: (0..carts.len()).collect(),
+            signs: vec![1.0; carts.len()],
+            is_mirrored: false,
+            carts,
+        }
+    }
+
+    /// The carts in another order.
+    fn numberings(tracks: usize) -> impl Iterator<Item = Self> {
+        permutations(tracks).into_iter().skip(1).map(Self::numbered)
+    }
+
+    /// All that are tried beside what is given. Commands of set 2 are those of all carts: where they count the other way,
+    /// positions are mirrored.
+    fn all(tracks: usize, file: &str) -> Vec<Self> {
+        let given = Self::as_given(tracks);
+        let mut all: Vec<Self> = Self::numberings(tracks).collect();
+        all.push(Self {
+            is_mirrored: true,
+            ..given.clone()
+        });
+        if file != CART_POSES {
+            all.extend(
+                permutations(tracks)
+                    .into_iter()
+                    .skip(1)
+                    .map(|columns| Self {
+                        columns,
+                        ..given.clone()
+                    }),
+            );
+            all.extend((0..tracks).map(|track| {
+                let mut signs = given.signs.clone();
+                signs[track] = -1.0;
+                Self {
+                    signs,
+                    ..given.clone()
+                }
+            }));
+        }
+        all
+    }
+}
+
 /// Compares where the carts run, in each set, with where set 1 says that the tracks run: the first file whose carts
-/// fit clearly better under another numbering, and that numbering.
+/// fit clearly better as another reading has them, and that reading.
 pub(crate) fn mistake(machine: &Machine, folder: &Folder) -> Option<Mistake> {
     let robot = &machine.robot;
     let tracks = fitted_tracks(machine)?;
     let in_set = |measured: Option<Measured>| {
         let measured = measured?;
-        let best = best(&tracks, &measured)?;
-        let is_believed = best.given > PLAUSIBLE && best.given > CLEARLY * best.least;
-        is_believed.then(|| described(robot, measured.file, &best.carts))
+        let readings = Reading::all(tracks.len(), measured.file);
+        let Ranked { given, readings } = ranked(&tracks, &measured, readings)?;
+        let least = readings.first()?.0;
+        let is_right = |(misfit, _): &&(f64, Reading)| {
+            given > PLAUSIBLE.max(CLEARLY * misfit) && *misfit < ALIKE * least
+        };
+        let right = readings.iter().take_while(is_right);
+        let right = right.map(|(_, reading)| described(robot, measured.file, reading));
+        words::beside(right.collect())
     };
     in_set(Measured::of_set_2(robot, folder)).or_else(|| in_set(Measured::of_set_3(robot, folder)))
 }
@@ -120,7 +202,8 @@ pub(super) fn unnoticed(machine: &Machine, folder: &Folder) -> Vec<&'static str>
         exchanges.any(|(one, other)| {
             let mut carts: Vec<usize> = (0..tracks.len()).collect();
             carts.swap(one, other);
-            misfit(&tracks, &carts, &right).is_some_and(|misfit| misfit <= PLAUSIBLE)
+            let exchanged = misfit(&tracks, &Reading::numbered(carts), &right);
+            exchanged.is_some_and(|misfit| misfit <= PLAUSIBLE)
         })
     };
     let sets = sets.into_iter().flatten();
@@ -135,8 +218,10 @@ pub(super) fn drawn(case: &Case<'_>) -> Option<Hypothesis> {
     let measured = Measured::of_set_2(case.robot, &case.folder)?;
     let tracks = NominalTrack::all(case.robot, &case.file);
     let tracks: Vec<NominalTrack> = tracks.into_iter().collect::<Option<_>>()?;
-    let best = best(&tracks, &measured)?;
-    (best.least < best.given).then_some(Hypothesis::Carts(best.carts))
+    let readings = Reading::numberings(tracks.len()).collect();
+    let Ranked { given, readings } = ranked(&tracks, &measured, readings)?;
+    let (least, best) = readings.into_iter().next()?;
+    (least < given).then_some(Hypothesis::Carts(best.carts))
 }
 
 fn fitted_tracks(machine: &Machine) -> Option<Vec<NominalTrack>> {
@@ -144,8 +229,37 @@ fn fitted_tracks(machine: &Machine) -> Option<Vec<NominalTrack>> {
     tracks.map(|track| fitted_track(machine, track)).collect()
 }
 
+/// A reading in words.
+fn described(robot: &Robot, file: &'static str, reading: &Reading) -> Mistake {
+    let given = Reading::as_given(reading.carts.len());
+    if reading.is_mirrored {
+        return Mistake {
+            kind: "axes",
+            file,
+            what: "the carts do not run where set 1 has their tracks; they would if an axis of the positions were mirrored, or \
+                   all commands counted the other way"
+                .to_owned(),
+            mend: "change the sign of one coordinate (the frame is right-handed), or of the commands".to_owned(),
+            is_absurd: true,
+        };
+    }
+    let of_commands = if reading.columns == given.columns {
+        reading
+            .signs
+            .iter()
+            .position(|&sign| sign < 0.0)
+            .map(Hypothesis::Sign)
+    } else {
+        Some(Hypothesis::Commands(reading.columns.clone()))
+    };
+    match of_commands {
+        Some(hypothesis) => words::of_measurements(robot, &hypothesis, file),
+        None => renumbered(robot, file, &reading.carts),
+    }
+}
+
 /// A numbering in words; `carts` holds the cart on each track.
-pub(super) fn described(robot: &Robot, file: &'static str, carts: &[usize]) -> Mistake {
+pub(super) fn renumbered(robot: &Robot, file: &'static str, carts: &[usize]) -> Mistake {
     let list: Vec<String> = carts
         .iter()
         .zip(&robot.tracks)
@@ -164,11 +278,10 @@ pub(super) fn described(robot: &Robot, file: &'static str, carts: &[usize]) -> M
     }
 }
 
-/// Misfits of the numbering as given and of the one that fits best.
-struct Best {
+/// Misfits of a set as given and of other readings, the best first.
+struct Ranked {
     given: f64,
-    least: f64,
-    carts: Vec<usize>,
+    readings: Vec<(f64, Reading)>,
 }
 
 /// True if numberings can be compared.
@@ -176,32 +289,23 @@ fn is_compared(tracks: &[NominalTrack]) -> bool {
     (2..=MOST_CARTS).contains(&tracks.len())
 }
 
-/// `None` where numberings can't be compared.
-fn best(tracks: &[NominalTrack], measured: &Measured) -> Option<Best> {
+/// `None` where readings can't be compared.
+fn ranked(tracks: &[NominalTrack], measured: &Measured, readings: Vec<Reading>) -> Option<Ranked> {
     if !is_compared(tracks) {
         return None;
     }
-    let misfit = |carts: &[usize]| misfit(tracks, carts, measured);
-    let all = permutations(tracks.len());
-    let given = misfit(all.first()?)?;
-    let (least, carts) = all
-        .into_iter()
-        .filter_map(|carts| Some((misfit(&carts)?, carts)))
-        .min_by(|a, b| a.0.total_cmp(&b.0))?;
-    Some(Best {
-        given,
-        least,
-        carts,
-    })
+    let given = misfit(tracks, &Reading::as_given(tracks.len()), measured)?;
+    let mut readings: Vec<(f64, Reading)> = (readings.into_iter())
+        .filter_map(|reading| Some((misfit(tracks, &reading, measured)?, reading)))
+        .collect();
+    smallest_first(&mut readings, |own| own.0);
+    Some(Ranked { given, readings })
 }
 
-/// Mean square by which the carts' points miss the tracks once registered, over that of a right numbering; `carts` holds
-/// the cart on each track.
-fn misfit(tracks: &[NominalTrack], carts: &[usize], measured: &Measured) -> Option<f64> {
-    let points: Vec<_> = carts
-        .iter()
-        .enumerate()
-        .map(|(track, &cart)| measured.on(cart, track))
+/// Mean square by which the carts' points miss the tracks once registered, over that of the right reading.
+fn misfit(tracks: &[NominalTrack], reading: &Reading, measured: &Measured) -> Option<f64> {
+    let points: Vec<_> = (0..tracks.len())
+        .map(|track| measured.on(track, reading))
         .collect();
     let lines: Vec<Option<Line>> = points.iter().map(|points| Line::fit(points)).collect();
     let nominal: Vec<Option<NominalTrack>> = tracks.iter().copied().map(Some).collect();

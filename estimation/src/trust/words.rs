@@ -161,7 +161,7 @@ fn of(case: &Case<'_>, hypothesis: &Hypothesis, values: &[f64]) -> Mistake {
         | Hypothesis::Frame { .. }
         | Hypothesis::Millimetres
         | Hypothesis::Degrees => return of_measurements(case.robot, hypothesis, TCP_POSES),
-        Hypothesis::Carts(carts) => return numbering::described(case.robot, CART_POSES, carts),
+        Hypothesis::Carts(carts) => return numbering::renumbered(case.robot, CART_POSES, carts),
         Hypothesis::Noise { position, rotation } => noise(case, *position, *rotation),
         Hypothesis::Tolerances {
             factor,
