@@ -54,3 +54,23 @@ fn an_encoder_may_count_from_any_turn() {
     assert_eq!(ran.code, 2);
     assert!(ran.err.contains("multiply by pi/180"), "{}", ran.err);
 }
+
+#[test]
+fn what_lies_outside_is_said_in_radians() {
+    let folder = measured();
+    let calibrate = "tau calibrate DIR/m --variant Full --out DIR/c";
+    tau_in(folder.path(), calibrate).done();
+    let line = "tau kinematics forward --robot DIR/c/robot.toml --variant Full --commands 0.9,0.9,0.9 --json -";
+    let found = tau_in(folder.path(), line).json();
+    let pose = &found["poses"][0];
+    let outside = pose["outside"][0].as_str().unwrap();
+    assert!(
+        outside.starts_with("q1 is 0.9000 rad, calibrated were "),
+        "{outside}"
+    );
+    assert!(outside.ends_with(" rad"), "{outside}");
+    for named in [pose, &found["reference"]] {
+        assert!(named["commands"].is_array());
+        assert_eq!(named["commands"], named["commands_m"]);
+    }
+}
