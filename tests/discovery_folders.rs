@@ -431,3 +431,48 @@ fn rows_stand_in_any_order_where_times_are_given() {
     assert!((lag1(&shuffled) - lag1(&in_order)).abs() < 1e-6);
     assert!(lag1(&shuffled) > 0.3);
 }
+
+/// A drift as large as the one that was simulated is found in positions too; where anything of the plate was measured
+/// without the tracker, or all of it, `check` and `discover` both say that they can't see one.
+#[test]
+fn a_tracker_shows_its_errors_where_it_alone_measures() {
+    let measured = |options: &str, effects: &[&str]| {
+        let folder = simulated(&format!("--random {options}"), effects);
+        let checked = tau_in(folder.path(), "tau check DIR --json -").json();
+        let found = found(&folder, "");
+        let of_tracker = |list: &[Value], keep: &dyn Fn(&Value) -> bool| -> Vec<String> {
+            let kept = list.iter().filter(|own| keep(own));
+            let names = kept.map(|own| own["name"].as_str().unwrap().to_owned());
+            names.filter(|name| name.starts_with("tracker")).collect()
+        };
+        let unseen = of_tracker(list(&found, "cannot_see"), &|own| {
+            own["why"].as_str().unwrap().contains("the tracker") || own["why"] == UNMEASURED
+        });
+        let lacking = of_tracker(list(&checked, "effects"), &|own| own["visible"] == false);
+        assert_eq!(unseen, lacking, "{options}");
+        (found, unseen.len())
+    };
+    const UNMEASURED: &str = "no tracker has measured the plate";
+    let drift = "tracker_drift(tcp):rate=[5e-8,-5e-8,2e-8]";
+    let options = "--model servo_hexapod --measure positions --poses 150";
+    let (found, unseen) = measured(options, &[drift]);
+    assert_eq!(unseen, 0);
+    assert_eq!(effects(&found), ["tracker_drift(tcp)"]);
+    let rate = &list(&found, "effects")[0]["parameters"];
+    for (name, truly) in [("rate_x", 5e-8), ("rate_y", -5e-8), ("rate_z", 2e-8)] {
+        let value = rate[name]["value"].as_f64().unwrap();
+        let sigma = rate[name]["sigma"].as_f64().unwrap();
+        assert!(
+            (value - truly).abs() < 4.0 * sigma,
+            "{name}: {value} ± {sigma}"
+        );
+        assert!(sigma < 3e-9, "{name}: {sigma}");
+    }
+    let beside = "--model hexapod --measure positions,heights --poses 100";
+    assert_eq!(measured(beside, &[]).1, 2);
+    let without = "--model four_belts --measure readings --poses 60 --noise-drives 1e-5";
+    assert_eq!(measured(without, &[]).1, 2);
+    let points =
+        "--model linear_delta --measure positions --poses 40 --track-points 0 --cart-poses 0";
+    assert_eq!(measured(points, &[]).1, 0);
+}

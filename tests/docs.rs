@@ -215,3 +215,21 @@ fn the_tutorial_does_what_it_says() {
     let sigma = column("sigma_x_m");
     assert!(sigma[0] < 3e-6 && sigma[2] > 3.0 * sigma[0], "{sigma:?}");
 }
+
+/// The printer can be simulated as it stands, about its reference.
+#[test]
+fn the_printer_of_the_language_stands_where_it_says() {
+    let all = blocks(&read("docs/language.md"), "tau");
+    let printer = all.iter().find(|block| block.contains("robot Printer"));
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("printer.tau"), printer.unwrap()).unwrap();
+    let line = "tau simulate --model DIR/printer.tau --poses 20 --out DIR/m";
+    crate::support::tau_in(folder.path(), line).done();
+    // Carriages stand at endstop + √(arm² − radius²) − q, and the tool below them by that root.
+    let line = "tau kinematics forward --model DIR/printer.tau --variant Full --commands 0.2,0.2,0.2 --json -";
+    let found = crate::support::tau_in(folder.path(), line).json();
+    for (axis, expected) in [0.0, 0.0, 0.3 - 0.2].into_iter().enumerate() {
+        let value = found["poses"][0]["position_m"][axis].as_f64().unwrap();
+        assert!((value - expected).abs() < 1e-9, "{axis}: {value}");
+    }
+}

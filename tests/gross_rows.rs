@@ -145,3 +145,34 @@ fn readings_alone_are_treated_as_was_asked() {
         assert_eq!(json["remarks"].to_string().contains(remark), is_said);
     }
 }
+
+/// Half of the heights state 30 µm and half 40 µm: what they are weighed by is 35.4 µm rms, and not the 10 µm of
+/// `[noise]`.
+#[test]
+fn noise_of_rows_is_what_they_state() {
+    let folder = tempfile::tempdir().unwrap();
+    let line = "tau simulate --model linear_delta --variant Full --measure positions,heights --poses 60 --random \
+                --track-points 0 --cart-poses 0 --out DIR/measured";
+    tau_in(folder.path(), line).done();
+    let path = folder.path().join("measured/heights.csv");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let stated = (text.lines().enumerate()).map(|(index, line)| match index {
+        0 => format!("{line},sigma_height_m\n"),
+        index => format!("{line},{}\n", ["3e-5", "4e-5"][index / 2 % 2]),
+    });
+    std::fs::write(&path, stated.collect::<String>()).unwrap();
+    let line = "tau calibrate DIR/measured --variant Full --out DIR/c";
+    let shown = tau_in(folder.path(), line).done();
+    let row = shown.lines().find(|line| line.contains("heights.csv"));
+    assert!(row.unwrap().contains("35.4 µm"), "{shown}");
+    let found = tau_in(folder.path(), &format!("{line}2 --json -")).json();
+    let kinds = found["kinds"].as_array().unwrap();
+    for (file, expected) in [
+        ("heights.csv", 12.5e-10_f64.sqrt()),
+        ("tcp_positions.csv", 1e-5),
+    ] {
+        let kind = kinds.iter().find(|kind| kind["file"] == file).unwrap();
+        let noise = kind["noise_of_rows"].as_f64().unwrap();
+        assert!((noise / expected - 1.0).abs() < 1e-9, "{file}: {noise}");
+    }
+}

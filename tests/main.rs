@@ -11,6 +11,7 @@ mod calibration;
 mod carts_beside;
 mod cli;
 mod codegen;
+mod cranks;
 mod curvature;
 mod derivatives;
 mod discover_command;

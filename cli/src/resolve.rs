@@ -7,7 +7,8 @@ use tau::measurements::Split;
 use tau::robot_file::RobotFile;
 use tau::weighing::{Loss, Treatment};
 use tau::{Files, Robot, Session};
-use tau_robot::input_error::both;
+use tau_codegen::language;
+use tau_robot::input_error::{both, quoted};
 
 use super::arguments;
 
@@ -67,8 +68,35 @@ pub(super) fn described(description: &Path) -> Result<Robot, InputError> {
     match named.find(|(name, _)| description.as_os_str() == *name) {
         // A file of that name is meant first; a folder is no description.
         Some((_, built_in)) if !description.is_file() => Ok(Robot::from(*built_in)),
+        None if is_bare_name(description) => Err(unknown_robot(description)),
         _ => Robot::read(description),
     }
+}
+
+/// True for what is rather a name than a path: one word without an extension, and no such file.
+fn is_bare_name(description: &Path) -> bool {
+    description.extension().is_none()
+        && description.components().count() == 1
+        && !description.exists()
+}
+
+/// The error that no standard robot has a name; the nearest is suggested, in whatever case.
+fn unknown_robot(name: &Path) -> InputError {
+    let name = name.display().to_string();
+    let plain = |name: &str| name.to_lowercase().replace(['_', '-', ' '], "");
+    let names = tau_generated::ROBOTS.map(|(name, _)| name);
+    let plain_names = names.map(plain);
+    let known = plain_names.iter().map(String::as_str);
+    let nearest = language::nearest(&plain(&name), known)
+        .and_then(|nearest| plain_names.iter().position(|own| own == nearest));
+    let meant = nearest.map_or_else(String::new, |own| {
+        format!("did you mean `{}`? ", names[own])
+    });
+    let message = format!("found neither a file nor a standard robot `{name}`");
+    InputError::whole("--model", message).help(format!(
+        "{meant}standard robots are {}; descriptions are files such as `mine.tau`",
+        quoted(names)
+    ))
 }
 
 /// The robot that is [described], or else the built-in one that the robot file is for, or else the Gantry-Tau.

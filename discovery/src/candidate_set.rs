@@ -131,6 +131,7 @@ impl CandidateSet {
         samples: Vec<Sample>,
         probes: Probes,
         (fit, constants): (&Fit, Constants),
+        hides_tracker: Option<&'static str>,
     ) -> Self {
         let surroundings = fit.joint.machine.surroundings.clone();
         let candidates = candidates::all(&model, base, families);
@@ -141,8 +142,8 @@ impl CandidateSet {
                 return Err("it has no amplitude to fit");
             }
             let is_of_tracker = model.effects[candidate.effect].subject == Subject::Tcp;
-            if is_of_tracker && candidate.is_named() && !fit.joint.eliminated.is_empty() {
-                return Err("no tracker has measured the poses");
+            if let Some(why) = hides_tracker.filter(|_| is_of_tracker && candidate.is_named()) {
+                return Err(why);
             }
             if candidate.search.is_some() && !candidate.is_named() {
                 return Ok(Columns::Later);

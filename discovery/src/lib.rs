@@ -461,6 +461,7 @@ fn begun<'a>(
         samples,
         probes,
         (&fit, constants),
+        input.unknown.and_then(|unknown| unknown.hides_tracker),
     );
     let view = LinearModel::of(&fit);
     let table = bench.table(&view);

@@ -48,6 +48,8 @@ pub(super) struct Unknown<'a> {
     pub(super) values: BTreeMap<String, f64>,
     /// True if those that validate take no part.
     pub(super) is_held_out: bool,
+    /// Reason why effects of a tracker are not seen, where they are not.
+    pub(super) hides_tracker: Option<&'static str>,
 }
 
 /// The search in a folder without poses.
@@ -97,6 +99,7 @@ pub(super) fn search(
         let unknown = Unknown {
             values: values.clone(),
             is_held_out: rows.is_disjoint(),
+            hides_tracker: folder.hides_tracker(robot.plate),
             poses,
         };
         let (estimated, division) = unknown.poses.folder();

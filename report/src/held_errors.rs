@@ -33,7 +33,7 @@ pub fn terminal(found: &HeldErrors, robot: &Robot, basis: Basis, width: usize) -
     ));
     for own in &found.kinds {
         let unit = own.kind.unit_on(robot);
-        let noise = length(own.kind.sigma, unit);
+        let noise = length(own.noise, unit);
         let [rms, expected, max] = if own.is_judged() {
             [own.rms, own.expected_rms, own.max].map(|value| length(value, unit))
         } else {
@@ -208,6 +208,7 @@ fn kind(own: &KindErrors, unit: &str) -> Value {
         "redundancy": own.redundancy,
         "judged": own.is_judged(),
         "noise": own.kind.stated.map(|_| own.kind.sigma),
+        "noise_of_rows": own.kind.stated.map(|_| own.noise),
         "estimated": own.kind.is_estimated(),
         "unit": unit,
         "rms": own.rms,

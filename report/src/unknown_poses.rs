@@ -34,9 +34,9 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
         let noise = match fit.kind.stated {
             None => "exact".to_owned(),
             Some(_) if fit.kind.is_estimated() => {
-                format!("{} (found)", length(fit.kind.sigma, unit))
+                format!("{} (found)", length(fit.noise, unit))
             }
-            Some(_) => length(fit.kind.sigma, unit),
+            Some(_) => length(fit.noise, unit),
         };
         let ratio = fit
             .residual_over_noise()
@@ -227,6 +227,7 @@ pub fn json(found: &UnknownPoses) -> Value {
             "rows": fit.rows,
             "redundancy": fit.redundancy,
             "noise": fit.kind.stated.map(|_| fit.kind.sigma),
+            "noise_of_rows": fit.kind.stated.map(|_| fit.noise),
             "unit": fit.kind.unit_on(&found.calibration.machine.robot),
             "estimated": fit.kind.is_estimated(),
             "residual_over_noise": fit.residual_over_noise(),

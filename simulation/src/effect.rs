@@ -94,7 +94,7 @@ pub struct LinkError {
 /// State of the measurement on which the tracker's errors can depend.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TcpReading {
-    /// True position of the TCP (m).
+    /// True position of the TCP, or of the target that is measured (m).
     pub position_m: [f64; 3],
     /// Time (s).
     pub time_s: f64,
@@ -106,7 +106,7 @@ pub struct TcpReading {
 pub type CartFunction = dyn Fn(&CartReading) -> CartError + Send + Sync;
 /// Error of a link as a function.
 pub type LinkFunction = dyn Fn(&LinkReading) -> LinkError + Send + Sync;
-/// Error of the measured TCP position (m) as a function.
+/// Error of a measured position (m) as a function.
 pub type TcpFunction = dyn Fn(&TcpReading) -> [f64; 3] + Send + Sync;
 
 /// Physics of an error.
@@ -116,7 +116,7 @@ pub enum Physics {
     Cart(Arc<CartFunction>),
     /// Changes a link.
     Link(Arc<LinkFunction>),
-    /// Adds to the measured TCP position (m).
+    /// Adds to the measured position of the TCP or of a target (m).
     Tcp(Arc<TcpFunction>),
 }
 

@@ -154,10 +154,14 @@ impl Machine {
         self.payload.is_some() || self.rods.iter().any(|rod| rod.pull_n.is_some())
     }
 
-    /// Sum of the tracker's errors at a measured TCP position (m).
-    pub(crate) fn measuring_error(&self, pose: Pose, conditions: &Conditions) -> Vector3<f64> {
+    /// Sum of the tracker's errors at a position of the TCP or of a target (m).
+    pub(crate) fn measuring_error(
+        &self,
+        position_m: Vector3<f64>,
+        conditions: &Conditions,
+    ) -> Vector3<f64> {
         let reading = TcpReading {
-            position_m: pose.position_m.into(),
+            position_m: position_m.into(),
             time_s: conditions.time_s,
             temperature_c: conditions.temperature_c,
         };

@@ -10,7 +10,7 @@ use tau_robot::measurements::{Conditions, Distance, PlateKind, PlateRow, Shape};
 use tau_robot::robot_file::{RobotFile, StatedNoise, Value};
 
 use super::forces;
-use super::machine::State;
+use super::machine::{Machine, State};
 use super::noise::{Noise, Series, displacements};
 use super::plan::{Stop, number};
 use super::random::Random;
@@ -116,6 +116,7 @@ impl Objects {
 
 /// Plan of these measurements.
 pub(super) struct Gauges<'a> {
+    pub(super) machine: &'a Machine,
     pub(super) measures: &'a [Measure],
     pub(super) file: &'a RobotFile,
     pub(super) objects: &'a Objects,
@@ -188,6 +189,8 @@ impl Gauges<'_> {
                         PlateKind::Position => {
                             let target = objects.targets[*name];
                             let at = pose.position_m + pose.rotation * target;
+                            // A tracker measures targets, with its errors as in poses.
+                            let at = at + self.machine.measuring_error(at, &stop.conditions);
                             (at.iter().copied().collect(), visit.into())
                         }
                         PlateKind::Height => {

@@ -177,6 +177,7 @@ impl<'a> Session<'a> {
             seed,
         );
         let gauges = plate::Gauges {
+            machine: &self.machine,
             measures: &simulation.measures,
             file: &simulation.file,
             objects: &objects,
@@ -331,7 +332,7 @@ impl<'a> Session<'a> {
         InputError::whole("poses", "fewer than two poses are within reach").help(self.advice())
     }
 
-    /// Remarks on what says nothing: measurements that no pose changes, and effects of forces where none act.
+    /// Remarks on what says nothing: measurements that no pose changes, effects of forces where none act, and of a tracker without one.
     fn remarks_on_measures(&self, states: &[State]) -> Vec<String> {
         let Simulation { measures, .. } = self.simulation;
         let mut remarks = Vec::new();
@@ -372,6 +373,16 @@ impl<'a> Session<'a> {
                 "`{}` does nothing: no forces act in the arm at these poses",
                 effect.name
             ));
+        }
+        let of_tracker = [Measure::Poses, Measure::Rows(PlateKind::Position)];
+        if !of_tracker.iter().any(|kind| measures.contains(kind)) {
+            let effects = self.machine.effects.iter();
+            for effect in effects.filter(|effect| effect.on_tcp().is_some()) {
+                remarks.push(format!(
+                    "`{}` does nothing: no tracker measures poses or positions of the plate",
+                    effect.name
+                ));
+            }
         }
         remarks
     }

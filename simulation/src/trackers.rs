@@ -100,7 +100,9 @@ impl<'a> Trackers<'a> {
                     visit = visits.next();
                 }
                 let [shift, turn] = visits.with(self.noise.next(1, 0, common), &visit);
-                let error = self.machine.measuring_error(state.pose, conditions);
+                let error = self
+                    .machine
+                    .measuring_error(state.pose.position_m, conditions);
                 let pose = Pose {
                     position_m: state.pose.position_m + self.seen_of_plate(error, 0),
                     ..state.pose

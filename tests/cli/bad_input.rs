@@ -329,3 +329,28 @@ fn measurements_of_drives_that_the_robot_lacks() {
     }
     assert!(!ran.err.contains("name the column"), "{}", ran.err);
 }
+
+/// What is meant for a standard robot is told which there are.
+#[test]
+fn a_misspelt_robot_comes_with_the_one_meant() {
+    let folder = tempfile::tempdir().unwrap();
+    let refused = |model: &str| {
+        let ran = tau_in(
+            folder.path(),
+            &format!("tau simulate --model {model} --out DIR/m"),
+        );
+        assert_eq!(ran.code, 2, "{model}");
+        ran.err
+    };
+    for (typed, meant) in [
+        ("LinearDelta", "linear_delta"),
+        ("FOUR-BELTS", "four_belts"),
+        ("hexapd", "hexapod"),
+    ] {
+        let err = refused(typed);
+        assert!(err.contains(&format!("did you mean `{meant}`?")), "{err}");
+        assert!(err.contains("`five_bar`"), "{err}");
+    }
+    assert!(refused("zzz").contains("standard robots are `gantry_tau`"));
+    assert!(refused("mine.tau").contains("the file does not exist"));
+}

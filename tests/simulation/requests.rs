@@ -4,9 +4,10 @@ use std::fs;
 
 use serde_json::Value;
 use tau::InputError;
-use tau::simulation::{Effect, Request};
+use tau::measurements::PlateKind;
+use tau::simulation::{Effect, Measure, Request};
 
-use super::drawings;
+use super::{drawings, run, with_effects};
 use crate::support::tau_in;
 
 /// Message and help of the one mistake in an effect, with what is marked.
@@ -415,5 +416,46 @@ fn without_a_variant_the_machine_is_that_of_the_ordinary_one() {
             "{model}: {}",
             found["effects"]
         );
+    }
+}
+
+/// A tracker's errors are in positions as they are in poses, by the formulas of `docs/language.md`; where it measures
+/// nothing, that is said.
+#[test]
+fn errors_of_a_tracker_are_in_positions() {
+    let rate = [1e-7, -2e-7, 3e-7];
+    let texts = [
+        "tracker_drift(tcp): rate=(1e-7,-2e-7,3e-7)",
+        "tracker_scale(tcp): scale=2e-4",
+    ];
+    let simulated = |effects: &[&str], kind: PlateKind| {
+        let mut simulation = with_effects(effects);
+        simulation.measures = vec![Measure::Rows(kind)];
+        let target = |x: f64| tau::robot_file::Value {
+            value: vec![x, 0.1, -0.2],
+            tol: 0.0,
+            sigma: None,
+        };
+        simulation.file.measuring.targets =
+            [("left".into(), target(0.3)), ("right".into(), target(-0.3))].into();
+        run(&simulation)
+    };
+    let plain = simulated(&[], PlateKind::Position).folder.plate_rows;
+    let errs = simulated(&texts, PlateKind::Position).folder.plate_rows;
+    assert_eq!((plain.len(), errs.len()), (36, 36));
+    for (plain, errs) in plain.iter().zip(&errs) {
+        let time_s = plain.conditions.time_s.unwrap();
+        for axis in 0..3 {
+            let (truly, seen) = (plain.values[axis].unwrap(), errs.values[axis].unwrap());
+            let expected = truly + rate[axis] * time_s + 2e-4 * truly / (1.0 - 2e-4);
+            assert!((seen - expected).abs() < 1e-12, "{seen} {expected}");
+        }
+    }
+    let says = |kind: PlateKind| simulated(&texts, kind).truth.remarks.join("\n");
+    assert_eq!(says(PlateKind::Position), "");
+    let heights = says(PlateKind::Height);
+    for effect in ["tracker_drift", "tracker_scale"] {
+        let expected = format!("`{effect}` does nothing: no tracker measures");
+        assert!(heights.contains(&expected), "{heights}");
     }
 }

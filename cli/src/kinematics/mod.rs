@@ -376,6 +376,14 @@ impl<'a> Setup<'a> {
         }
     }
 
+    /// Adds commands under the key that a robot file has where some are angles.
+    fn add_commands(&self, found: &mut Value) {
+        let robot = &self.machine.robot;
+        if (0..robot.commands).any(|command| robot.is_angle(command)) {
+            found["commands"] = found["commands_m"].clone();
+        }
+    }
+
     /// A remark where commands lie outside the measured range: there, paths and effects are extrapolated.
     fn beyond_range(&self, rows: &[Row], reached: &[Reached]) -> Option<String> {
         let is_beyond = |reached: &Reached| {
@@ -451,7 +459,7 @@ impl<'a> Setup<'a> {
         let poses: Vec<Value> = pairs()
             .map(|((row, reached), known)| {
                 let pose = known.pose.as_ref();
-                json!({
+                let mut found = json!({
                     "pose": row.pose,
                     "commands_m": reached.commands_m,
                     "position_m": reached.pose.position_m(),
@@ -462,16 +470,20 @@ impl<'a> Setup<'a> {
                     "commands_sigma_m": known.commands_m,
                     "inside": certainty.has_region().then_some(known.outside.is_empty()),
                     "outside": known.outside,
-                })
+                });
+                self.add_commands(&mut found);
+                found
             })
             .collect();
         let reference = self.known.as_ref().map(|known| {
-            json!({
+            let mut reference = json!({
                 "from": known.from,
                 "commands_m": known.commands_m,
                 "position_m": known.pose.position_m(),
                 "orientation_rad": known.pose.angles_rad(),
-            })
+            });
+            self.add_commands(&mut reference);
+            reference
         });
         let value = json!({
             "robot": self.machine.robot.name,

@@ -1,6 +1,7 @@
 //! Standard deviations of predicted poses and commands, and a flag where the calibration does not reach.
 
 use rayon::prelude::*;
+use tau::Robot;
 use tau::calibration::Prepared;
 use tau::kinematics::{Machine, Reached};
 use tau::robot_file::{Provenance, RobotFile};
@@ -86,7 +87,8 @@ impl Certainty {
         let commands_m = known
             .filter(|_| with_commands)
             .and_then(|known| known.commands(machine, &sample).ok());
-        let (outside, is_uncertain) = self.outside(&reached.commands_m, pose.as_ref());
+        let robot = &machine.robot;
+        let (outside, is_uncertain) = self.outside(robot, &reached.commands_m, pose.as_ref());
         Known {
             pose,
             commands_m,
@@ -96,7 +98,12 @@ impl Certainty {
     }
 
     /// Reasons why commands, or the pose there, lie outside the region of calibration.
-    fn outside(&self, commands_m: &[f64], pose: Option<&PoseUncertainty>) -> (Vec<String>, bool) {
+    fn outside(
+        &self,
+        robot: &Robot,
+        commands_m: &[f64],
+        pose: Option<&PoseUncertainty>,
+    ) -> (Vec<String>, bool) {
         let Some(record) = &self.record else {
             return (vec![], false);
         };
@@ -104,8 +111,9 @@ impl Certainty {
         let mut outside: Vec<String> = ranges
             .filter(|(_, (q, [low, high]))| *q < low || *q > high)
             .map(|(k, (q, [low, high]))| {
+                let unit = if robot.is_angle(k) { "rad" } else { "m" };
                 format!(
-                    "q{} is {q:.4} m, calibrated were {low:.4} to {high:.4} m",
+                    "q{} is {q:.4} {unit}, calibrated were {low:.4} to {high:.4} {unit}",
                     k + 1
                 )
             })

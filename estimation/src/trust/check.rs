@@ -465,6 +465,9 @@ fn observabilities(
 fn lacks(effect: &Effect, model: &Model, file: &RobotFile, folder: &Folder) -> Vec<&'static str> {
     let mut lacks = BTreeSet::new();
     let poses = &folder.tcp_poses;
+    if effect.subject == Subject::Tcp {
+        lacks.extend(folder.hides_tracker(model.plate));
+    }
     let is_on_cart = !effect.subject.is_link() && effect.subject != Subject::Tcp;
     if is_on_cart && model.guideways().next().is_none() {
         lacks.insert(NO_CART);

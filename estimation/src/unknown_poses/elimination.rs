@@ -10,7 +10,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::assembly::{Assembly, CHUNK};
 use super::dense::{DEPENDENT, Dense, Triangle, orthonormal, stacked};
-use super::rows::{Kind, KindFit, RowIndex, Rows};
+use super::rows::{Kind, KindFit, RowIndex, Rows, noise_of_rows};
 use crate::numerics::parallel;
 use crate::problem::POSE_UNKNOWNS;
 
@@ -412,14 +412,16 @@ impl<'a> Elimination<'a> {
 
     /// Residuals of each kind that are left when poses follow them to first order.
     pub(super) fn without_poses(&self) -> Vec<KindFit> {
-        let none = |&kind: &Kind| KindFit {
+        let noise = noise_of_rows(self.kinds, self.blocks);
+        let none = |(&kind, noise): (&Kind, f64)| KindFit {
             kind,
             rows: 0,
+            noise,
             redundancy: 0.0,
             squares: 0.0,
             repeats: None,
         };
-        let none: Vec<KindFit> = self.kinds.iter().map(none).collect();
+        let none: Vec<KindFit> = self.kinds.iter().zip(noise).map(none).collect();
         let parts = self.of_chunks(|clusters, dense| {
             let mut fits = none.clone();
             for cluster in clusters {

@@ -16,7 +16,7 @@ use super::dense::stacked;
 use super::elimination::{Elimination, Reduced};
 use super::gauge::{Shared, scaled};
 use super::kinds::{NoiseGroup, kinds_of_carts, tells_drives};
-use super::rows::{RowPlace, Rows};
+use super::rows::{RowPlace, Rows, noise_of_rows};
 use super::{GrossRow, KindFit, Rank, RowDivision};
 use crate::calibration::{Error, Nominal, Prepared};
 use crate::numerics::singular;
@@ -405,11 +405,14 @@ impl<'a> Fit<'a> {
 
     /// Sums of squares and redundancies of each kind.
     pub(super) fn kind_fits(&self, reduced: &Reduced, leverages: &[Vec<f64>]) -> Vec<KindFit> {
+        let noise = noise_of_rows(&self.assembly.kinds, &self.blocks);
         let kinds = self.assembly.kinds.iter().zip(&reduced.counts);
         let mut fits: Vec<KindFit> = kinds
-            .map(|(&kind, &rows)| KindFit {
+            .zip(noise)
+            .map(|((&kind, &rows), noise)| KindFit {
                 kind,
                 rows,
+                noise,
                 redundancy: 0.0,
                 squares: 0.0,
                 repeats: None,

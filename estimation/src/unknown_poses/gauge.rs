@@ -37,9 +37,6 @@ pub struct Freedom {
 /// Motions that are named of those that are open together: more tell a reader nothing.
 const NAMED_TOGETHER: usize = 4;
 
-/// Beginning of the words for what is no motion.
-const OF_PARAMETERS: &str = "a combination of";
-
 impl Shared<'_> {
     /// The motions and changes that a triangle does not see.
     pub(super) fn freedoms(&self, reduced: &Reduced) -> Vec<Freedom> {
@@ -54,10 +51,10 @@ impl Shared<'_> {
         let motions = self.motions();
         let mut take = |direction: &DVector<f64>,
                         words: String,
-                        is_scale: bool,
+                        (is_motion, is_scale): (bool, bool),
                         basis: &mut Vec<DVector<f64>>| {
             freedoms.push(Freedom {
-                is_motion: !words.starts_with(OF_PARAMETERS),
+                is_motion,
                 words,
                 is_scale,
                 direction: direction.clone(),
@@ -73,7 +70,7 @@ impl Shared<'_> {
                 take(
                     &motion.change,
                     motion.words.clone(),
-                    motion.is_scale,
+                    (true, motion.is_scale),
                     &mut basis,
                 );
                 used.push(motion);
@@ -111,7 +108,12 @@ impl Shared<'_> {
                     let most = named[0].0;
                     named.retain(|(share, _)| *share > 0.1 * most);
                     let is_scale = named.iter().any(|(_, motion)| motion.is_scale);
-                    take(&direction, together_in_words(&named), is_scale, &mut basis);
+                    take(
+                        &direction,
+                        together_in_words(&named),
+                        (true, is_scale),
+                        &mut basis,
+                    );
                 }
             }
         }
@@ -124,14 +126,19 @@ impl Shared<'_> {
             left -= &reduced.projected * 2.0;
             let is_known = used.iter().any(|known| known.is_scale);
             if !is_known && left.norm() < NAMED * largest * size {
-                take(&motion.change, motion.words.clone(), true, &mut basis);
+                take(
+                    &motion.change,
+                    motion.words.clone(),
+                    (true, true),
+                    &mut basis,
+                );
             }
         }
         for direction in basis.clone() {
             take(
                 &direction,
                 self.in_parameters(&direction),
-                false,
+                (false, false),
                 &mut basis,
             );
         }
@@ -147,7 +154,7 @@ impl Shared<'_> {
             .iter()
             .filter(|&&place| direction[place].abs() > 0.2 * most);
         let names: Vec<&str> = named.take(4).map(|&place| self.name(place)).collect();
-        format!("{OF_PARAMETERS} {}", names.join(", "))
+        in_parameters(&names)
     }
 
     fn name(&self, place: usize) -> &str {
@@ -159,6 +166,14 @@ impl Shared<'_> {
                 own.map_or("?", |unknown| &unknown.name)
             }
         }
+    }
+}
+
+/// Unknowns that are open together, or one alone.
+fn in_parameters(names: &[&str]) -> String {
+    match names {
+        [name] => (*name).to_owned(),
+        names => format!("a combination of {}", names.join(", ")),
     }
 }
 
@@ -214,4 +229,15 @@ fn without(basis: &mut Vec<DVector<f64>>, vector: &DVector<f64>) {
         left.push(own.normalize());
     }
     *basis = left;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::in_parameters;
+
+    #[test]
+    fn one_parameter_is_no_combination() {
+        assert_eq!(in_parameters(&["c3.track_offset.z"]), "c3.track_offset.z");
+        assert_eq!(in_parameters(&["a", "b"]), "a combination of a, b");
+    }
 }

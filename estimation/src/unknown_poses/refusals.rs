@@ -2,7 +2,7 @@
 
 use tau_kinematics::{Machine, Sample};
 use tau_robot::input_error::InputError;
-use tau_robot::measurements::{DISTANCES, Folder};
+use tau_robot::measurements::Folder;
 use tau_robot::robot::Variant;
 
 use super::Rank;
@@ -148,9 +148,7 @@ pub(super) fn refuse_commands(machine: &Machine, folder: &Folder) -> Result<(), 
 /// Effects of a tracker have no part in what is measured without one.
 pub(super) fn refuse_tracker_effects(variant: &Variant, folder: &Folder) -> Result<(), Error> {
     let effects = variant.tracker_effects();
-    let other = folder.plate_rows.first().map(|row| row.kind.file());
-    let other = other.or((!folder.distances.is_empty()).then_some(DISTANCES));
-    match (effects.first(), other) {
+    match (effects.first(), folder.measured_without_tracker()) {
         (Some(effect), Some(file)) => {
             let message = format!(
                 "`{effect}` of variant `{}` is an error of the tracker, and {file} is measured without it",

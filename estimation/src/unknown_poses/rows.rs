@@ -116,6 +116,8 @@ pub struct KindFit {
     pub kind: Kind,
     /// Number of residuals.
     pub rows: usize,
+    /// Root mean square of the noise of its rows, in its unit: of those that state their own, that.
+    pub noise: f64,
     /// Residuals less what the fit absorbs of them.
     pub redundancy: f64,
     /// Sum of their squares over the noise.
@@ -154,6 +156,27 @@ impl KindFit {
         let left = self.redundancy > (1.0 - ABSORBED) * self.rows as f64;
         left.then(|| (self.squares / self.redundancy).sqrt())
     }
+}
+
+/// Root mean square of the noise of the rows of each kind; of closures, the first block, and of kinds without rows that of
+/// the kind.
+pub(super) fn noise_of_rows(kinds: &[Kind], blocks: &[Rows]) -> Vec<f64> {
+    let mut squares = vec![(0.0, 0.0); kinds.len()];
+    for rows in blocks.iter().skip(1) {
+        let weights = rows.kinds.iter().cycle().zip(&rows.weights);
+        for (&kind, weight) in weights.filter(|(_, weight)| **weight > 0.0) {
+            squares[kind].0 += weight.powi(-2);
+            squares[kind].1 += 1.0;
+        }
+    }
+    let noise = kinds.iter().zip(squares).map(|(kind, (sum, count))| {
+        if count > 0.0 {
+            kind.sigma * f64::sqrt(sum / count)
+        } else {
+            kind.sigma
+        }
+    });
+    noise.collect()
 }
 
 /// A family with its samples.

@@ -250,8 +250,8 @@ impl UnknownPoses {
                     file: fit.kind.file,
                     kind: fit.kind.quantity,
                     rows: fit.rows,
-                    rms: fit.kind.sigma * (fit.squares / fit.rows as f64).sqrt(),
-                    expected_rms: fit.kind.sigma / fit.kind.excess()
+                    rms: fit.noise * (fit.squares / fit.rows as f64).sqrt(),
+                    expected_rms: fit.noise / fit.kind.excess()
                         * (fit.redundancy / fit.rows as f64).max(0.0).sqrt(),
                     unit: fit.kind.unit,
                 })

@@ -47,7 +47,8 @@ pub fn positions(table: &Table<'_>, columns: &[Column; 3], mistakes: &mut Mistak
     strays(table, &columns.each_ref(), mistakes);
 }
 
-/// Commands, one column a drive, are metres, or radians: of cranks, which do not go round; of drums any number.
+/// Commands, one column a drive, are metres, or radians: of cranks, which do not go round but whose encoder may count from
+/// any turn; of drums any number.
 pub fn commands(
     table: &Table<'_>,
     columns: &[Column],
@@ -61,7 +62,15 @@ pub fn commands(
             .collect()
     };
     lengths(table, &of(|drive| !drive.is_angle()), mistakes);
-    angles(table, of(|drive| *drive == Actuator::Crank), mistakes);
+    let cranks = of(|drive| *drive == Actuator::Crank).into_iter();
+    angles(table, cranks.filter(|crank| goes_round(crank)), mistakes);
+}
+
+/// True if the values of a column are farther apart than a turn.
+fn goes_round(column: &Column) -> bool {
+    let values = || column.values.iter().copied();
+    values().fold(f64::NEG_INFINITY, f64::max) - values().fold(f64::INFINITY, f64::min)
+        > LARGEST_ANGLE_RAD
 }
 
 /// Lengths are metres; fields without a number are passed over.

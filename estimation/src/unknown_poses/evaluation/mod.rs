@@ -24,7 +24,7 @@ use super::fit::Fit;
 use super::predicted::{HeldOutKind, predicted};
 use super::refusals::refuse_tracker_effects;
 use super::rows::ABSORBED;
-use super::rows::{Kind, RowPlace, Rows};
+use super::rows::{Kind, RowPlace, Rows, noise_of_rows};
 use super::{GrossRow, ROUNDS, RowDivision, SAME_NOISE, SAME_POSE};
 use crate::calibration::{self, EXACT_COST, Error, Prepared};
 use crate::numerics::order::largest_first;
@@ -96,6 +96,8 @@ pub struct KindErrors {
     pub kind: Kind,
     /// Number of residuals.
     pub rows: usize,
+    /// Root mean square of the noise of its rows, in the unit of the kind.
+    pub noise: f64,
     /// Those less what poses and places follow.
     pub redundancy: f64,
     /// Root mean square of the residuals, in the unit of the kind.
@@ -509,6 +511,7 @@ impl Fit<'_> {
     }
 
     fn kind_errors(&self, errors: &[RowError]) -> Vec<KindErrors> {
+        let noise = noise_of_rows(&self.assembly.kinds, &self.blocks);
         let kinds = self.assembly.kinds.iter().enumerate();
         let of_kind = |(index, &kind): (usize, &Kind)| {
             let own: Vec<&RowError> = errors.iter().filter(|error| error.kind == index).collect();
@@ -519,6 +522,7 @@ impl Fit<'_> {
                 index,
                 kind,
                 rows: own.len(),
+                noise: noise[index],
                 redundancy: own.iter().map(|error| error.redundancy).sum(),
                 rms: mean(&|error| error.error.powi(2)).sqrt(),
                 expected_rms: mean(&|error| error.variance).sqrt(),

@@ -141,7 +141,7 @@ impl World {
         let context = (fit, self.options.constants);
         let variant = &fit.joint.machine.variant;
         let (model, samples) = (self.model.clone(), self.samples());
-        CandidateSet::new(model, variant, &families, samples, probes, context)
+        CandidateSet::new(model, variant, &families, samples, probes, context, None)
     }
 
     /// A model fitted to measured rows: the offsets, and effects.
