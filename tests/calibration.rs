@@ -276,8 +276,7 @@ fn unusable_measurements_are_refused() {
     let message = |case: &Case, variant: &str| {
         let error = case
             .calibrate(variant, &Options::default())
-            .err()
-            .expect("an error");
+            .expect_err("an error");
         assert!(error.is_input());
         error.to_string()
     };
@@ -306,7 +305,7 @@ fn not_converging_is_an_error_of_its_own() {
     let case = Case::new(gantry_tau());
     let mut options = Options::default();
     options.solver.max_iterations = 1;
-    let error = case.calibrate("Full", &options).err().expect("an error");
+    let error = case.calibrate("Full", &options).expect_err("an error");
     assert!(
         matches!(error, Error::NotConverged { .. }) && !error.is_input(),
         "{error}"

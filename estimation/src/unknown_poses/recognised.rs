@@ -176,11 +176,12 @@ impl Case<'_> {
         words::beside(rivals)
     }
 
-    /// Parameters that some poses tell of, to first order.
+    /// Parameters that some measured poses tell of, to first order. Where less was measured of them, others do the same.
     fn dimensions(&self, few: &RowDivision) -> Dimensions {
         let file = &self.file.completed(self.robot);
         let fit = Fit::new(self.robot, self.variant, file, self.folder, few);
-        let Ok(fit) = fit else {
+        let measured = fit.ok().filter(|_| !self.folder.tcp_poses.is_empty());
+        let Some(fit) = measured else {
             return Dimensions {
                 nominal: vec![],
                 seen: vec![],
