@@ -436,6 +436,7 @@ fn rows_stand_in_any_order_where_times_are_given() {
 /// without the tracker, or all of it, `check` and `discover` both say that they can't see one.
 #[test]
 fn a_tracker_shows_its_errors_where_it_alone_measures() {
+    const UNMEASURED: &str = "no tracker has measured the plate";
     let measured = |options: &str, effects: &[&str]| {
         let folder = simulated(&format!("--random {options}"), effects);
         let checked = tau_in(folder.path(), "tau check DIR --json -").json();
@@ -452,7 +453,6 @@ fn a_tracker_shows_its_errors_where_it_alone_measures() {
         assert_eq!(unseen, lacking, "{options}");
         (found, unseen.len())
     };
-    const UNMEASURED: &str = "no tracker has measured the plate";
     let drift = "tracker_drift(tcp):rate=[5e-8,-5e-8,2e-8]";
     let options = "--model servo_hexapod --measure positions --poses 150";
     let (found, unseen) = measured(options, &[drift]);

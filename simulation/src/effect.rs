@@ -120,7 +120,7 @@ pub enum Physics {
     Tcp(Arc<TcpFunction>),
 }
 
-/// What it acts on: functions show nothing.
+/// The part that it acts on: functions show nothing.
 impl fmt::Debug for Physics {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {

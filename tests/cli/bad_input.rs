@@ -330,7 +330,7 @@ fn measurements_of_drives_that_the_robot_lacks() {
     assert!(!ran.err.contains("name the column"), "{}", ran.err);
 }
 
-/// What is meant for a standard robot is told which there are.
+/// A name that may be meant for a standard robot: those that there are are told.
 #[test]
 fn a_misspelt_robot_comes_with_the_one_meant() {
     let folder = tempfile::tempdir().unwrap();

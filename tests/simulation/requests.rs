@@ -445,9 +445,9 @@ fn errors_of_a_tracker_are_in_positions() {
     assert_eq!((plain.len(), errs.len()), (36, 36));
     for (plain, errs) in plain.iter().zip(&errs) {
         let time_s = plain.conditions.time_s.unwrap();
-        for axis in 0..3 {
+        for (axis, rate) in rate.iter().enumerate() {
             let (truly, seen) = (plain.values[axis].unwrap(), errs.values[axis].unwrap());
-            let expected = truly + rate[axis] * time_s + 2e-4 * truly / (1.0 - 2e-4);
+            let expected = truly + rate * time_s + 2e-4 * truly / (1.0 - 2e-4);
             assert!((seen - expected).abs() < 1e-12, "{seen} {expected}");
         }
     }

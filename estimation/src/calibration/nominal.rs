@@ -40,7 +40,7 @@ impl Nominal {
         self.tolerance.filter(|&tolerance| tolerance > 0.0)
     }
 
-    /// How far a value is off, in tolerances; not a number where there is no tolerance.
+    /// Deviation of a value, in tolerances; not a number where there is no tolerance.
     pub(crate) fn tolerances_to(&self, value: f64) -> f64 {
         (value - self.value) / self.tolerance.unwrap_or(f64::NAN)
     }

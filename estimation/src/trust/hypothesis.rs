@@ -148,13 +148,6 @@ impl Case<'_> {
     pub(crate) fn mended(&self, hypothesis: &Hypothesis) -> Self {
         let mut case = self.clone();
         match hypothesis {
-            Hypothesis::Commands(_)
-            | Hypothesis::Sign(_)
-            | Hypothesis::Axes { .. }
-            | Hypothesis::Angles { .. }
-            | Hypothesis::Frame { .. }
-            | Hypothesis::Millimetres
-            | Hypothesis::Degrees => hypothesis.mend_poses(&mut case.folder.tcp_poses),
             Hypothesis::Carts(carts) => {
                 for cart in &mut case.folder.cart_poses {
                     let runs_on = carts.iter().position(|own| *own == cart.track);
@@ -168,6 +161,7 @@ impl Case<'_> {
             }
             Hypothesis::Tolerances { .. } => case.tolerances = Some(hypothesis.clone()),
             Hypothesis::Dimension { .. } => {}
+            of_poses => of_poses.mend_poses(&mut case.folder.tcp_poses),
         }
         case
     }

@@ -45,6 +45,9 @@ pub(crate) const LEVEL: f64 = 1e-3;
 /// A factor of a thousand, or other measurements, are believed in where they bring residuals nearer to the stated noise by
 /// so many times.
 pub(crate) const NEARER: f64 = 3.0;
+/// Odds in favour of a hypothesis from which on it is believed: a thousand to one, which also is what mistakes are to
+/// folders without.
+pub(crate) const ODDS: f64 = 1e3;
 /// A parameter so many tolerances from nominal is a mistake and no part out of tolerance: halfway, by factors, between
 /// the ten of a bad part and the hundred of a slipped digit or unit.
 pub(crate) const ABSURD_TOLERANCES: f64 = 30.0;

@@ -16,7 +16,7 @@ use crate::samples::frames::fitted_track;
 use crate::trust::exchanged::permutations;
 use crate::trust::hypothesis::{Case, Hypothesis};
 use crate::trust::mistake::Mistake;
-use crate::trust::words;
+use crate::trust::words::{self, CART_POSES};
 
 /// Another numbering has to fit so many times better to be the right one.
 const CLEARLY: f64 = 9.0;
@@ -29,9 +29,6 @@ const PLAUSIBLE: f64 = 9.0;
 const ASTRAY: f64 = 3e-2;
 /// With more carts than this not every numbering is tried.
 const MOST_CARTS: usize = 6;
-
-/// File of set 2.
-pub(super) const CART_POSES: &str = "cart_poses.csv";
 
 /// Points of a set by cart, each with the commands of all tracks.
 struct Measured {
@@ -254,27 +251,7 @@ fn described(robot: &Robot, file: &'static str, reading: &Reading) -> Mistake {
     };
     match of_commands {
         Some(hypothesis) => words::of_measurements(robot, &hypothesis, file),
-        None => renumbered(robot, file, &reading.carts),
-    }
-}
-
-/// A numbering in words; `carts` holds the cart on each track.
-pub(super) fn renumbered(robot: &Robot, file: &'static str, carts: &[usize]) -> Mistake {
-    let list: Vec<String> = carts
-        .iter()
-        .zip(&robot.tracks)
-        .map(|(cart, track)| format!("cart {} on `{track}`", cart + 1))
-        .collect();
-    Mistake {
-        kind: "carts",
-        file,
-        what: format!(
-            "the carts do not run where set 1 has their tracks; they would with {}",
-            list.join(", ")
-        ),
-        mend: "carts are numbered in the order in which the description declares the tracks"
-            .to_owned(),
-        is_absurd: true,
+        None => words::carts(robot, file, &reading.carts),
     }
 }
 

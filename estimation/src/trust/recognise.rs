@@ -24,12 +24,9 @@ use crate::trust::frame;
 use crate::trust::hypothesis::{self, Case, Hypothesis, THOUSAND};
 use crate::trust::judged::{Deviation, Judged, Misfit};
 use crate::trust::mistake::Mistake;
-use crate::trust::{ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, NEARER, numbering, words};
+use crate::trust::{ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, NEARER, ODDS, numbering, words};
 use crate::weighing::weigh_fitted;
 
-/// Odds in favour of a hypothesis from which on it is believed: a thousand to one, which also is what mistakes are to
-/// folders without.
-pub(crate) const ODDS: f64 = 1e3;
 /// Poses for a first look at all hypotheses, and for a closer one at the best of them: as many as calibrations usually
 /// have, whose own fits serve then.
 pub(crate) const FEW_POSES: usize = 12;
@@ -420,7 +417,7 @@ fn fitted(
     }
     let judged = judged(case, &prepared, &start, iterations).ok()?;
     let tried = Tried::of(hypothesis, &judged);
-    // What stays within its tolerance is no mistake, however well all else fits.
+    // A value within its tolerance is no mistake, however well all else fits.
     let is_off = |(parameter, stated): (usize, Nominal)| {
         stated.tolerances_to(tried.values[parameter]).abs() > 1.0
     };

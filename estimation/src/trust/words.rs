@@ -8,10 +8,11 @@ use tau_robot::robot::{Parameter, Plate, Robot};
 use crate::calibration::Nominal;
 use crate::trust::hypothesis::{Case, Hypothesis, THOUSAND};
 use crate::trust::mistake::Mistake;
-use crate::trust::numbering::{self, CART_POSES};
 use crate::trust::{ABSURD_TOLERANCES, general};
 
 const ROBOT: &str = "robot.toml";
+/// File of set 2.
+pub(super) const CART_POSES: &str = "cart_poses.csv";
 const AXES: [&str; 3] = ["x", "y", "z"];
 const ANGLES: [&str; 3] = ["alpha_rad", "beta_rad", "gamma_rad"];
 /// Rivals that are named beside the best explanation.
@@ -117,10 +118,27 @@ pub(crate) fn changed(squares: f64, degrees: f64) -> String {
     )
 }
 
-fn frame(
-    rotation: &Rotation3<f64>,
-    shift: &Vector3<f64>,
-) -> (&'static str, &'static str, String, String) {
+/// A numbering in words; it holds the cart on each track.
+pub(super) fn carts(robot: &Robot, file: &'static str, numbering: &[usize]) -> Mistake {
+    let list: Vec<String> = numbering
+        .iter()
+        .zip(&robot.tracks)
+        .map(|(cart, track)| format!("cart {} on `{track}`", cart + 1))
+        .collect();
+    Mistake {
+        kind: "carts",
+        file,
+        what: format!(
+            "the carts do not run where set 1 has their tracks; they would with {}",
+            list.join(", ")
+        ),
+        mend: "carts are numbered in the order in which the description declares the tracks"
+            .to_owned(),
+        is_absurd: true,
+    }
+}
+
+fn frame(rotation: &Rotation3<f64>, shift: &Vector3<f64>) -> Words {
     let vector = |of: &Vector3<f64>| {
         let components = of.iter().map(|&own| general(own, 3));
         format!("({})", components.collect::<Vec<_>>().join(", "))
@@ -154,14 +172,7 @@ fn nothing() -> Mistake {
 
 fn of(case: &Case<'_>, hypothesis: &Hypothesis, values: &[f64]) -> Mistake {
     let (kind, file, what, mend) = match hypothesis {
-        Hypothesis::Commands(_)
-        | Hypothesis::Sign(_)
-        | Hypothesis::Axes { .. }
-        | Hypothesis::Angles { .. }
-        | Hypothesis::Frame { .. }
-        | Hypothesis::Millimetres
-        | Hypothesis::Degrees => return of_measurements(case.robot, hypothesis, TCP_POSES),
-        Hypothesis::Carts(carts) => return numbering::renumbered(case.robot, CART_POSES, carts),
+        Hypothesis::Carts(numbering) => return carts(case.robot, CART_POSES, numbering),
         Hypothesis::Noise { position, rotation } => noise(case, *position, *rotation),
         Hypothesis::Tolerances {
             factor,
@@ -178,6 +189,7 @@ fn of(case: &Case<'_>, hypothesis: &Hypothesis, values: &[f64]) -> Mistake {
                 values[parameter],
             );
         }
+        of_poses => return of_measurements(case.robot, of_poses, TCP_POSES),
     };
     Mistake {
         kind,

@@ -25,9 +25,9 @@ use crate::trust::dimensions;
 use crate::trust::exchanged::orders;
 use crate::trust::hypothesis::{Hypothesis, THOUSAND, angles, axes};
 use crate::trust::recognise::{
-    CAUTIOUS, CLOSER, FEW_ITERATIONS, FEW_POSES, ODDS, POSES, STATED, differ, has_sign,
+    CAUTIOUS, CLOSER, FEW_ITERATIONS, FEW_POSES, POSES, STATED, differ, has_sign,
 };
-use crate::trust::{ABSURD_TOLERANCES, LEVEL, Mistake, NEARER, words};
+use crate::trust::{ABSURD_TOLERANCES, LEVEL, Mistake, NEARER, ODDS, words};
 
 /// Measurements and the robot that they are of.
 #[derive(Clone, Copy)]
@@ -345,7 +345,7 @@ impl Case<'_> {
 }
 
 impl Dimensions {
-    /// What a parameter pays for its room: −2 ln of the evidence beside squares, in units of these, by Laplace's
+    /// The price of a parameter's room: −2 ln of the evidence beside squares, in units of these, by Laplace's
     /// approximation, the choice of one of so many parameters included. `None` where the fit as given is about as likely, or
     /// the parameter keeps its tolerance.
     fn room(
