@@ -29,8 +29,8 @@ use tau_model_dsl::{Diagnostic, Errors};
 
 /// Expansion of `tau_model!`.
 ///
-/// On error: the errors at their tokens, and the bare type, so that its uses elsewhere raise no errors
-/// of their own.
+/// On error: the errors at their tokens, and the type with a handle for each variant, so that their uses elsewhere raise
+/// no errors of their own.
 pub fn expand(description: &TokenStream, paths: &emit::Paths) -> TokenStream {
     let expansion = language::check_tokens(description.clone()).and_then(|model| {
         let compiled = compile(&model, &description.to_string());
@@ -43,10 +43,12 @@ pub fn expand(description: &TokenStream, paths: &emit::Paths) -> TokenStream {
         let messages = messages
             .map(|diagnostic| syn::Error::from(diagnostic).into_compile_error())
             .collect();
-        match &errors.robot {
-            Some((public, name)) => bare(&messages, *public, name),
-            None => messages,
-        }
+        let Some((public, name)) = &errors.robot else {
+            return messages;
+        };
+        let variants = after(description.clone(), "variant");
+        let handles = emit::broken(*public, name, &variants, paths);
+        quote!(#messages #handles)
     })
 }
 
@@ -81,31 +83,30 @@ pub fn check_names(compiled: &CompiledRobot, description: &TokenStream) -> Resul
     })
 }
 
-/// Errors, and the robot's bare type.
-fn bare(messages: &TokenStream, public: bool, name: &Ident) -> TokenStream {
-    let visibility = if public { quote!(pub) } else { quote!() };
-    quote!(#messages #[allow(missing_docs)] #visibility struct #name;)
-}
-
 /// A name with the span that it has where the description declares it: after `robot` or `variant`.
 fn declared(description: &TokenStream, keyword: &str, name: &str) -> Ident {
-    find(description.clone(), keyword, name).unwrap_or_else(|| Ident::new(name, Span::call_site()))
+    let declarations = after(description.clone(), keyword).into_iter();
+    let mut named = declarations.filter(|declared| declared == name);
+    (named.next()).unwrap_or_else(|| Ident::new(name, Span::call_site()))
 }
 
-fn find(tokens: TokenStream, keyword: &str, name: &str) -> Option<Ident> {
+/// Names that follow a keyword, in order, each once.
+fn after(tokens: TokenStream, keyword: &str) -> Vec<Ident> {
+    let mut found: Vec<Ident> = Vec::new();
     let mut follows_keyword = false;
     for token in tokens {
-        match token {
-            TokenTree::Ident(ident) if follows_keyword && ident == name => return Some(ident),
-            TokenTree::Ident(ident) => follows_keyword = ident == keyword,
-            TokenTree::Group(group) => {
-                if let Some(found) = find(group.stream(), keyword, name) {
-                    return Some(found);
-                }
-                follows_keyword = false;
+        let names = match &token {
+            TokenTree::Ident(name) if follows_keyword => vec![name.clone()],
+            TokenTree::Group(group) => after(group.stream(), keyword),
+            _ => vec![],
+        };
+        follows_keyword =
+            !follows_keyword && matches!(&token, TokenTree::Ident(word) if word == keyword);
+        for name in names {
+            if !found.contains(&name) {
+                found.push(name);
             }
-            _ => follows_keyword = false,
         }
     }
-    None
+    found
 }

@@ -1,9 +1,9 @@
 //! Typed handles: a robot's type with a constant per variant, and constants of a variant's parameters.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::{self, Write};
 
-use proc_macro2::{Literal, TokenStream};
+use proc_macro2::{Ident, Literal, TokenStream};
 use quote::quote;
 
 use super::{Paths, ident, snake_case};
@@ -15,15 +15,8 @@ pub(super) fn robot(robot: &CompiledRobot, paths: &Paths) -> TokenStream {
     let runtime = &paths.runtime;
     let name = ident(&robot.model.name);
     let docs = robot.model.docs.iter().map(|line| quote!(#[doc = #line]));
-    let variants = robot.variants.iter().enumerate().map(|(index, variant)| {
-        let constant = ident(&variant_constant(&variant.name));
-        let index = Literal::usize_unsuffixed(index);
-        let docs = format!(" The variant `{}`.", variant.name);
-        quote! {
-            #[doc = #docs]
-            pub const #constant: #runtime::VariantHandle<Self> = #runtime::VariantHandle::new(#index);
-        }
-    });
+    let variants = robot.variants.iter().map(|variant| variant.name.clone());
+    let variants = constants(variants, paths);
     quote! {
         #(#docs)*
         #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -32,13 +25,71 @@ pub(super) fn robot(robot: &CompiledRobot, paths: &Paths) -> TokenStream {
         impl #name {
             /// The robot's structure and its variants, with their generated functions.
             pub const ROBOT: &'static #runtime::Robot = &ROBOT;
-            #(#variants)*
+            #variants
         }
 
         impl #runtime::DeclaredRobot for #name {
             const ROBOT: &'static #runtime::Robot = &ROBOT;
         }
     }
+}
+
+/// The same of a description that holds mistakes, by the names that it declares: it satisfies the uses of the robot, and
+/// is never run.
+pub fn broken(public: bool, name: &Ident, variants: &[Ident], paths: &Paths) -> TokenStream {
+    let runtime = &paths.runtime;
+    let visibility = if public { quote!(pub) } else { quote!() };
+    let names: Vec<String> = variants.iter().map(Ident::to_string).collect();
+    let constants = constants(names.iter().cloned(), paths);
+    let robot = name.to_string();
+    quote! {
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        #[allow(missing_docs, reason = "its description is not read to the end")]
+        #visibility struct #name;
+
+        #[allow(missing_docs, dead_code, reason = "its description is not read to the end")]
+        impl #name {
+            pub const ROBOT: &'static #runtime::Robot = <Self as #runtime::DeclaredRobot>::ROBOT;
+            #constants
+        }
+
+        impl #runtime::DeclaredRobot for #name {
+            const ROBOT: &'static #runtime::Robot = &#runtime::Robot {
+                name: #robot,
+                description: "",
+                tracks: &[],
+                clusters: &[],
+                links: &[],
+                commands: 0,
+                variants: &[#(#runtime::Variant {
+                    name: #names,
+                    arm: #runtime::Arm::Full,
+                    tracks: &[],
+                    effects: &[],
+                    parameters: &[],
+                    instances: &[],
+                }),*],
+            };
+        }
+    }
+}
+
+/// A constant of the robot's type for each variant; names that would be one constant are one.
+fn constants(variants: impl Iterator<Item = String>, paths: &Paths) -> TokenStream {
+    let runtime = &paths.runtime;
+    let mut known = BTreeSet::new();
+    let constants = variants.enumerate().filter_map(|(index, name)| {
+        let constant = variant_constant(&name);
+        let is_new = known.insert(constant.clone()) && constant != "ROBOT";
+        let constant = ident(&constant);
+        let index = Literal::usize_unsuffixed(index);
+        let docs = format!(" The variant `{name}`.");
+        is_new.then(|| quote! {
+            #[doc = #docs]
+            pub const #constant: #runtime::VariantHandle<Self> = #runtime::VariantHandle::new(#index);
+        })
+    });
+    quote!(#(#constants)*)
 }
 
 /// Constants of all parameters of a variant, for its module.

@@ -17,7 +17,7 @@ use quote::quote;
 
 #[cfg(feature = "files")]
 pub use file::file;
-pub use handles::{Clash, clashes};
+pub use handles::{Clash, broken, clashes};
 
 use crate::compile::{CompiledRobot, Family};
 
