@@ -79,5 +79,13 @@ pub use tau_runtime as runtime;
 pub use tau_runtime::{DeclaredRobot, ParameterHandle, VariantHandle};
 #[cfg(feature = "simulation")]
 pub use tau_simulation as simulation;
+
+/// Sparse nonlinear least squares of any residuals: see the [crate](tau_solver).
 #[cfg(feature = "solver")]
-pub use tau_solver as solver;
+pub mod solver {
+    pub use tau_solver::{
+        Block, Covariance, Error, Identifiability, Iteration, Loss, Method, Options, Parameter,
+        PartSummary, Prior, Problem, Solution, Termination, Undetermined, covariance,
+        identifiability, solve, solve_observed,
+    };
+}
