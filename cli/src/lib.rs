@@ -86,11 +86,9 @@ pub fn main() -> ExitCode {
         let _until_the_end = report::finish_writing();
         std::process::exit(INTERRUPTED);
     });
-    // This thread works with the others, so that none waits for it to hand over the work, nor it for them. Where the pool
-    // is there already, it does without.
-    let _ = rayon::ThreadPoolBuilder::new()
-        .use_current_thread()
-        .build_global();
+    // This thread works with the others, so that none waits for it to hand over the work, nor it for them: not even for
+    // their start, as it would for that of the global pool. Where they can't be started, it does without.
+    let _pool = rayon::ThreadPoolBuilder::new().use_current_thread().build();
     let terminals = Terminals {
         out: io::stdout().is_terminal(),
         err: io::stderr().is_terminal(),

@@ -17,6 +17,7 @@ use tau_estimation::samples::Sample;
 use tau_kinematics::Surroundings;
 use tau_robot::robot::Variant;
 
+use super::Options;
 use super::candidates::{self, Candidate, Entry};
 use super::constants::Constants;
 use super::generic::Family;
@@ -53,6 +54,8 @@ pub(super) struct CandidateSet {
     pub(super) units: usize,
     pub(super) significance: Significance,
     pub(super) constants: Constants,
+    /// Of the random signs under which upcrossings are counted.
+    seed: u64,
     /// Degrees of freedom of the base's residuals.
     degrees: f64,
 }
@@ -130,7 +133,7 @@ impl CandidateSet {
         families: &[Family],
         samples: Vec<Sample>,
         probes: Probes,
-        (fit, constants): (&Fit, Constants),
+        (fit, options): (&Fit, &Options),
         hides_tracker: Option<&'static str>,
     ) -> Self {
         let surroundings = fit.joint.machine.surroundings.clone();
@@ -199,8 +202,9 @@ impl CandidateSet {
             unseen,
             hidden: BTreeSet::new(),
             units,
-            significance: Significance::new(constants, 0, 0, degrees),
-            constants,
+            significance: Significance::new(options.constants, 0, 0, degrees),
+            constants: options.constants,
+            seed: options.seed,
             degrees,
         };
         bench.weigh();

@@ -12,7 +12,9 @@ use tau_robot::robot_file::Noise;
 use tau_runtime::Owner;
 
 use super::candidate_set::CandidateSet;
+use super::constants::Constants;
 use super::evidence::{self, whiteness::Series};
+use super::held_out::HeldOut;
 use super::linear_model::LinearModel;
 use super::results::{
     Considered, Discovery, ErrorOf, Estimate, FoundEffect, Gap, LeftOut, Place, Rival,
@@ -20,7 +22,7 @@ use super::results::{
 };
 use super::search::{Found, Search};
 use super::waves::waves;
-use super::{Error, Input, Outcome, floor, held_out, misfit, results, structure, text};
+use super::{Error, Input, Outcome, floor, misfit, results, structure, text};
 
 /// Chance in white noise below which residuals are said to follow each other.
 const SERIAL: f64 = 0.01;
@@ -54,13 +56,13 @@ pub(super) fn finish(
         ..
     } = *input;
     let (fit, bench) = (&search.state.fit, &search.bench);
-    let after = held_out::gap(input, fit)?;
-    let before = search.gaps.first().copied().unwrap_or(after);
-    let (floor, evidence) = parallel::both(
-        || held_out::floor(input, fit),
+    let (held_out, evidence) = parallel::both(
+        || HeldOut::of(input, fit),
         || evidence::of_effects(search, &beforehand.view),
     );
-    let floor = floor?;
+    let held_out = held_out?;
+    let (after, floor) = (held_out.gap, &held_out.floor);
+    let before = search.gaps.first().copied().unwrap_or(after);
     let (model_text, model) = text::description(robot, &options.catalogues, &search.derived())?;
     let unnamed = unnamed(search, file.noise);
     // Noise many times the stated one is something that no family follows, or stated wrongly by far.
@@ -87,13 +89,13 @@ pub(super) fn finish(
     outliers.dedup();
     let whiteness = whiteness(search, beforehand.serial);
     let mut remarks = remarks(search, whiteness.as_ref());
-    remarks.extend(held_out::not_predicted(input, fit)?);
+    remarks.extend(held_out.not_predicted);
     let discovery = Discovery {
         base: base.to_owned(),
         status,
         noise_floor_um: floor.mean_m * 1e6,
         ceiling_um: removable_um(before, &beforehand.floor),
-        remaining_um: removable_um(after, &floor),
+        remaining_um: removable_um(after, floor),
         validation: Validation {
             before,
             after,
@@ -117,7 +119,7 @@ pub(super) fn finish(
         unnamed,
         outliers,
         left_out,
-        gross_rows: held_out::gross_rows(input, fit)?,
+        gross_rows: held_out.gross_rows,
         steps: search.steps.clone(),
         model_text,
         model,
@@ -125,12 +127,17 @@ pub(super) fn finish(
         whiteness,
         seconds: 0.0,
     };
-    Ok(Outcome::of(discovery, fit, poses))
+    Ok(Outcome::of(discovery, fit, poses, options.constants))
 }
 
 impl Outcome {
     /// A result with the fit that it states, to poses of set 1 given by index.
-    pub(super) fn of(discovery: Discovery, fit: &Fit, poses: Vec<usize>) -> Self {
+    pub(super) fn of(
+        discovery: Discovery,
+        fit: &Fit,
+        poses: Vec<usize>,
+        constants: Constants,
+    ) -> Self {
         let parameters = &fit.joint.machine.variant.parameters;
         let mut fitted: Vec<(&str, usize)> = (fit.joint.used.iter().enumerate())
             .map(|(column, &index)| (parameters[index].name.as_str(), column))
@@ -147,6 +154,7 @@ impl Outcome {
             covariance: &b * b.transpose(),
             cost: 0.5 * fit.chi2(),
             poses,
+            constants,
             unknown: None,
         }
     }

@@ -185,8 +185,11 @@ pub(super) fn families(
     families.scale();
     let has_drums = model.links.iter().any(|link| link.is_driven_by_angle);
     for (target, range) in PERIODS {
-        let is_of_drums = target == Target::Length && has_drums;
-        families.periodic(target, if is_of_drums { PERIODS_OF_DRUMS } else { range });
+        if target == Target::Length && has_drums {
+            families.periodic(target, PERIODS_OF_DRUMS, Dimension::ANGLE);
+        } else {
+            families.periodic(target, range, Dimension::LENGTH);
+        }
     }
     for covariate in [&temperature, &tension] {
         families.add(Placement::Shared, &LENGTH, covariate);
@@ -270,13 +273,13 @@ impl Families {
         self.push((&name, placement), basis, parameters, terms);
     }
 
-    /// A wave along a track.
-    fn periodic(&mut self, target: Target, range: (f64, f64)) {
+    /// A wave along a track, or over the turns of a drum.
+    fn periodic(&mut self, target: Target, range: (f64, f64), of_period: Dimension) {
         let amplitude = |name| EffectParameter::amplitude(name, Dimension::LENGTH);
         let period = EffectParameter {
             nominal: range.0 + 0.5 * (range.1 - range.0),
             search: Some(range),
-            ..amplitude("period")
+            ..EffectParameter::amplitude("period", of_period)
         };
         let q = Formula::Read(Readable::Command);
         let turn = number(2.0) * number(std::f64::consts::PI);

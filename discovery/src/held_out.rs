@@ -6,7 +6,7 @@
 use tau_estimation::calibration::length_noise;
 use tau_estimation::evaluation::{Summary, evaluate};
 use tau_estimation::joint::fit::Fit;
-use tau_estimation::joint::unknown::HeldOut;
+use tau_estimation::joint::unknown;
 use tau_estimation::numerics::spread::spread;
 use tau_estimation::samples::Sample;
 use tau_estimation::samples::frames::Frames;
@@ -23,61 +23,85 @@ pub(super) fn machine(fit: &Fit) -> Machine {
 }
 
 /// Errors of a fit on what took no part.
-pub(super) fn gap(input: &Input<'_>, fit: &Fit) -> Result<Gap, Error> {
-    let summary = match input.unknown {
-        Some(unknown) => {
-            let errors = of_unknown(input, unknown, fit)?.errors_m;
-            let errors: Vec<f64> = errors.into_iter().map(|error| error * 1e6).collect();
-            Summary::of(&errors)
-        }
-        None => evaluate(&machine(fit), input.folder, &input.division.validation)?.position_um,
-    };
-    Ok(summary.into())
+pub(super) struct HeldOut {
+    pub(super) gap: Gap,
+    /// The error that noise alone leaves there.
+    pub(super) floor: Floor,
+    /// Poses there that the fit does not predict, in words.
+    pub(super) not_predicted: Vec<String>,
+    /// Single measurements that are left out there, where poses are unknown.
+    pub(super) gross_rows: Vec<GrossRow>,
 }
 
-/// Poses there that a fit does not predict, in words.
-pub(super) fn not_predicted(input: &Input<'_>, fit: &Fit) -> Result<Vec<String>, Error> {
-    if input.unknown.is_some() {
-        return Ok(vec![]);
+impl HeldOut {
+    pub(super) fn of(input: &Input<'_>, fit: &Fit) -> Result<Self, Error> {
+        if let Some(unknown) = input.unknown {
+            let found = of_unknown(input, unknown, fit)?;
+            let rows = found.gross.iter();
+            return Ok(Self {
+                gap: gap_of_rows(&found.errors_m),
+                floor: floor_of_rows(&found),
+                not_predicted: vec![],
+                gross_rows: rows
+                    .map(|row| GrossRow::of(row, &fit.joint.machine))
+                    .collect(),
+            });
+        }
+        let found = evaluate(&machine(fit), input.folder, &input.division.validation)?;
+        Ok(Self {
+            gap: found.position_um.into(),
+            floor: floor(input, fit)?,
+            not_predicted: (found.not_predicted.iter())
+                .map(ToString::to_string)
+                .collect(),
+            gross_rows: vec![],
+        })
     }
-    let found = evaluate(&machine(fit), input.folder, &input.division.validation)?;
-    let found = found.not_predicted.iter();
-    Ok(found.map(ToString::to_string).collect())
+}
+
+/// Mean and root mean square of the errors alone.
+pub(super) fn gap(input: &Input<'_>, fit: &Fit) -> Result<Gap, Error> {
+    Ok(match input.unknown {
+        Some(unknown) => gap_of_rows(&of_unknown(input, unknown, fit)?.errors_m),
+        None => evaluate(&machine(fit), input.folder, &input.division.validation)?
+            .position_um
+            .into(),
+    })
+}
+
+fn gap_of_rows(errors_m: &[f64]) -> Gap {
+    let errors: Vec<f64> = errors_m.iter().map(|error| error * 1e6).collect();
+    Summary::of(&errors).into()
 }
 
 /// The error that noise alone leaves there: of many poses, on as many evenly spread ones as a search takes.
 pub(super) fn floor(input: &Input<'_>, fit: &Fit) -> Result<Floor, Error> {
-    let Some(unknown) = input.unknown else {
-        let all = &input.division.validation;
-        let taken = spread(all.len(), count(input.options.constants.most_poses));
-        let poses: Vec<usize> = taken.into_iter().map(|pose| all[pose]).collect();
-        let mut machine = machine(fit);
-        machine.surroundings.length_noise = length_noise(input.robot, input.file);
-        return floor::floor(fit, &machine, input.folder, &poses, input.file.noise);
-    };
-    let found = of_unknown(input, unknown, fit)?;
+    if let Some(unknown) = input.unknown {
+        return Ok(floor_of_rows(&of_unknown(input, unknown, fit)?));
+    }
+    let all = &input.division.validation;
+    let taken = spread(all.len(), count(input.options.constants.most_poses));
+    let poses: Vec<usize> = taken.into_iter().map(|pose| all[pose]).collect();
+    let mut machine = machine(fit);
+    machine.surroundings.length_noise = length_noise(input.robot, input.file);
+    floor::floor(fit, &machine, input.folder, &poses, input.file.noise)
+}
+
+fn floor_of_rows(found: &unknown::HeldOut) -> Floor {
     let count = found.expected_m2.len().max(1) as f64;
     let means = found.expected_m2.iter().zip(&found.narrower);
-    Ok(Floor {
-        mean_m: means
-            .map(|(square, narrower)| square.sqrt() * (1.0 - narrower))
-            .sum::<f64>()
-            / count,
+    let means = means.map(|(square, narrower)| square.sqrt() * (1.0 - narrower));
+    Floor {
+        mean_m: means.sum::<f64>() / count,
         square_m2: found.expected_m2.iter().sum::<f64>() / count,
-    })
+    }
 }
 
-/// Single measurements that are left out there, where poses are unknown.
-pub(super) fn gross_rows(input: &Input<'_>, fit: &Fit) -> Result<Vec<GrossRow>, Error> {
-    let Some(unknown) = input.unknown else {
-        return Ok(vec![]);
-    };
-    let rows = of_unknown(input, unknown, fit)?.gross;
-    let rows = rows.iter().map(|row| GrossRow::of(row, &fit.joint.machine));
-    Ok(rows.collect())
-}
-
-fn of_unknown(input: &Input<'_>, unknown: &Unknown<'_>, fit: &Fit) -> Result<HeldOut, Error> {
+fn of_unknown(
+    input: &Input<'_>,
+    unknown: &Unknown<'_>,
+    fit: &Fit,
+) -> Result<unknown::HeldOut, Error> {
     let poses = &input.division.validation;
     let samples = Sample::all(input.robot, input.folder, poses, &Frames::default());
     fit.held_out(&unknown.poses, &samples, input.file.noise)

@@ -58,7 +58,7 @@ pub use p_value::PValue;
 pub use results::{Discovery, Status};
 pub use tau_estimation::calibration::Error;
 pub use text::DISCOVERED;
-pub use unknown_poses::{OfUnknownPoses, calibration_of_unknown_poses};
+pub use unknown_poses::OfUnknownPoses;
 
 use base::base_fit;
 use candidate_set::CandidateSet;
@@ -80,7 +80,7 @@ use unknown_poses::Unknown;
 pub struct Options {
     /// The split into poses that take part and poses that only show the gap.
     pub split: Split,
-    /// Seed of the resamples.
+    /// Seed of the resamples, and of the signs under which upcrossings are counted.
     pub seed: u64,
     /// Constants on which verdicts depend.
     pub constants: Constants,
@@ -156,6 +156,8 @@ pub struct Outcome {
     covariance: DMatrix<f64>,
     /// Half the sum of squared whitened residuals and priors.
     cost: f64,
+    /// Constants of the search.
+    constants: Constants,
     /// Poses of set 1 that took part, without outliers: indices in the folder, or in the estimated one.
     pub poses: Vec<usize>,
     /// Where poses are unknown: their estimates, and the calibration of what was found.
@@ -229,12 +231,20 @@ impl Outcome {
             folder,
             division: &division,
             unknown: None,
-            options: &Options::default(),
+            options: &Options {
+                constants: self.constants,
+                ..Options::default()
+            },
         };
         let variant = variant_of(&robot, DISCOVERED)?;
         let (fit, _) = parallel::within(|| base_fit(&input, &model, 0, variant))?;
         let poses = division.calibration.clone();
-        Ok(Self::of(self.discovery.clone(), &fit, poses))
+        Ok(Self::of(
+            self.discovery.clone(),
+            &fit,
+            poses,
+            self.constants,
+        ))
     }
 }
 
@@ -453,14 +463,13 @@ fn begun<'a>(
         },
     );
     let (before_floor, probes) = (before_floor?, probes?);
-    let constants = input.options.constants;
     let mut bench = CandidateSet::new(
         model,
         variant,
         &families,
         samples,
         probes,
-        (&fit, constants),
+        (&fit, input.options),
         input.unknown.and_then(|unknown| unknown.hides_tracker),
     );
     let view = LinearModel::of(&fit);

@@ -9,7 +9,7 @@ use tau_estimation::joint::unknown::LEAST_FREE;
 use tau_estimation::samples::Sample;
 use tau_robot::robot::Arm;
 use tau_robot::robot_file::Noise;
-use tau_runtime::{Owner, ResidualKind};
+use tau_runtime::ResidualKind;
 
 use super::p_value::PValue;
 use super::results::{Micro, Misfit, NoiseScale};
@@ -19,7 +19,7 @@ const MICRO: f64 = 1e6;
 /// Residuals of each link, and of each cart and coordinate, against the stated noise.
 pub(super) fn misfits(fit: &Fit, samples: &[Sample], noise: Noise) -> Vec<Misfit> {
     let mut misfits = if fit.joint.eliminated.is_empty() {
-        closures(fit)
+        closures(fit, samples)
     } else {
         of_unknown_poses(fit)
     };
@@ -100,14 +100,15 @@ fn misfit(
     }
 }
 
-/// The whitening of set 1 mixes the links of a pose; here it is undone.
-fn closures(fit: &Fit) -> Vec<Misfit> {
+/// The whitening of set 1 mixes the links of a pose; here it is undone, and closures become errors of lengths by their
+/// slope along the link.
+fn closures(fit: &Fit, samples: &[Sample]) -> Vec<Misfit> {
     let machine = &fit.joint.machine;
     let variant = &machine.variant;
     let instances: Vec<_> = variant.instances_of(ResidualKind::Closure).collect();
     let count = instances.len();
     let scale = fit.scales[Component::Closure as usize];
-    let mut sums = vec![(0.0, 0.0, 0.0, 0.0); count];
+    let mut sums: Vec<Sums> = vec![Default::default(); count];
     for (pose, factor) in fit.joint.closure_factors().enumerate() {
         let first = pose * count;
         if fit.factors[first] == 0.0 {
@@ -117,14 +118,19 @@ fn closures(fit: &Fit) -> Vec<Misfit> {
         let Some(inverse) = lower.solve_lower_triangular(&DMatrix::identity(count, count)) else {
             continue;
         };
+        let at = &samples[fit.joint.rows[first].sample];
+        let Ok(gradients) = machine.gradients(&at.view()) else {
+            continue;
+        };
         let plain = &inverse * DVector::from(fit.residuals.rows(first, count).into_owned());
         let absorbed = &inverse * fit.basis.q.rows(first, count);
         for (k, sum) in sums.iter_mut().enumerate() {
             let variance = inverse.row(k).norm_squared();
             let left = (variance - absorbed.row(k).norm_squared()).max(1e-3 * variance);
+            let slope: f64 = gradients[k][..3].iter().map(|along| along * along).sum();
             sum.0 += (plain[k] * scale).powi(2) / left;
-            sum.1 += (plain[k] * scale).powi(2);
-            sum.2 += left;
+            sum.1 += (plain[k] * scale).powi(2) / slope;
+            sum.2 += left / slope;
             sum.3 += 1.0;
         }
     }
@@ -133,22 +139,11 @@ fn closures(fit: &Fit) -> Vec<Misfit> {
         .zip(sums)
         .filter(|(_, sum)| sum.3 > 0.0)
         .map(|(instance, (chi2, squares, expected, poses))| {
-            let (owner, name) = match variant.arm {
-                Arm::Full => (
-                    Owner::Link(instance.of),
-                    &machine.robot.links[instance.of].name,
-                ),
-                Arm::Reduced => (
-                    Owner::Cluster(instance.of),
-                    &machine.robot.clusters[instance.of].name,
-                ),
+            let name = match variant.arm {
+                Arm::Full => &machine.robot.links[instance.of].name,
+                Arm::Reduced => &machine.robot.clusters[instance.of].name,
             };
-            let length = variant
-                .parameter(owner, "length", None)
-                .map_or(0.5, |index| machine.values[index]);
-            // A closure residual is a difference of squares: 2 L times an error of length.
-            let to_um = |square: f64| (square / poses).sqrt() / (2.0 * length) * MICRO;
-            let rms = (to_um(squares), to_um(expected), 1.0);
+            let rms = ((squares / poses).sqrt(), (expected / poses).sqrt(), MICRO);
             Misfit {
                 link: Some(name.clone()),
                 ..misfit("length".into(), rms, (chi2, poses))

@@ -253,7 +253,8 @@ pub(super) fn global_p(statistic: f64, rank: f64, upcrossings: f64) -> PValue {
     PValue::of_chi2(statistic, rank).or(PValue::exp(beyond))
 }
 
-/// Mean number of times that null scans cross the level `rank` upwards.
+/// Mean number of times that scans cross the level `rank` upwards, of those that null scans do: the mean of a Poisson
+/// variable under Jeffreys' prior, which is not zero where none was seen.
 fn upcrossings(scans: impl Iterator<Item = Vec<f64>>, rank: f64) -> f64 {
     let (mut count, mut crossings) = (0, 0);
     for scan in scans {
@@ -263,7 +264,7 @@ fn upcrossings(scans: impl Iterator<Item = Vec<f64>>, rank: f64) -> f64 {
             .count();
         count += 1;
     }
-    crossings as f64 / f64::from(count.max(1))
+    (crossings as f64 + 0.5) / f64::from(count.max(1))
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 use tau_estimation::joint::fit::Fit;
-use tau_estimation::numerics::distribution::detectable_noncentrality;
+use tau_estimation::numerics::distribution::{chi2_quantile_above, detectable_noncentrality};
 use tau_estimation::numerics::order::largest_first;
 use tau_estimation::numerics::products::transposed_times;
 use tau_estimation::samples::{Sample, Treatment};
@@ -41,11 +41,9 @@ pub(super) fn separate_by(
     };
     let present = now.all().separation();
     let parameters: usize = rivals.iter().map(|r| r.candidate.parameters.len()).sum();
-    let needed = detectable_noncentrality(
-        parameters as f64,
-        bench.constants.level,
-        bench.constants.power,
-    );
+    let parameters = parameters as f64;
+    let threshold = chi2_quantile_above(bench.constants.level, parameters);
+    let needed = detectable_noncentrality(threshold, parameters, bench.constants.power);
     let best = TREATMENTS
         .into_iter()
         .filter_map(|(treatment, _)| {

@@ -3,9 +3,7 @@
 
 use super::constants::Constants;
 use super::scan::global_p;
-use tau_estimation::numerics::distribution::{
-    bisect, chi2_quantile_above, f_quantile_above, noncentral_chi2_survival,
-};
+use tau_estimation::numerics::distribution::{bisect, detectable_noncentrality, f_quantile_above};
 
 /// The family-wise test over the candidates of one search.
 ///
@@ -100,14 +98,8 @@ impl Significance {
 
     /// The non-centrality at which a candidate is found with the power that the method states.
     pub(crate) fn detectable(&self, null: Null, is_named: bool) -> f64 {
-        let level = self.level(is_named);
-        let threshold = match null.crossings {
-            Some(_) => self.threshold(null, is_named),
-            None => chi2_quantile_above(level, null.rank),
-        };
-        bisect(1e-9, 20.0, |lambda| {
-            self.constants.power - noncentral_chi2_survival(threshold, null.rank, lambda)
-        })
+        let threshold = self.threshold(null, is_named);
+        detectable_noncentrality(threshold, null.rank, self.constants.power)
     }
 }
 

@@ -9,13 +9,12 @@ use tau_estimation::unknown_poses::{self, EstimatedPoses, RowDivision, UnknownPo
 use tau_kinematics::Statics;
 use tau_robot::measurements::{Division, Folder, PlateRow, PoseCounts};
 use tau_robot::robot::Robot;
+use tau_robot::robot_file::keys::effect_key;
 use tau_robot::robot_file::{RobotFile, Value};
 
 use super::constants::count;
 use super::results::GrossRow;
-use super::{
-    Constants, DISCOVERED, Error, Input, Options, Outcome, remark_on_part, searched, variant_of,
-};
+use super::{DISCOVERED, Error, Input, Options, Outcome, remark_on_part, searched, variant_of};
 
 /// Result of a discovery in a folder whose poses are unknown.
 #[derive(Clone)]
@@ -115,7 +114,7 @@ pub(super) fn search(
         };
         let mut outcome = searched(&input, progress)?;
         progress("calibrating what was found");
-        let fitted = outcome.stated(&file, folder, &rows, &options.constants)?;
+        let fitted = outcome.calibration_of_unknown_poses(&file, folder, &rows)?;
         // Effects that a base lacks may look like gross measurements or like noise, and may hide some.
         let is_other = fitted.left_out() != *unknown.poses.left_out()
             || unknown.poses.change_of_noise(&fitted) > options.constants.other_noise;
@@ -175,74 +174,53 @@ fn with_known_tensions(
     (folder, remark)
 }
 
-/// The calibration of what was found where poses are unknown, under the priors of the search: those of effects keep
-/// within what is plausible, and do not pull back what the data say.
-///
-/// # Errors
-/// As [`unknown_poses::calibrate`].
-pub fn calibration_of_unknown_poses(
-    found: &Outcome,
-    file: &RobotFile,
-    folder: &Folder,
-    rows: &RowDivision,
-) -> Result<UnknownPoses, Error> {
-    found.stated(file, folder, rows, &Constants::default())
-}
-
 impl Outcome {
-    fn stated(
+    /// The calibration of what was found where poses are unknown, under the priors of the search: those of effects keep
+    /// within what is plausible, and do not pull back what the data say.
+    ///
+    /// # Errors
+    /// As [`unknown_poses::calibrate`].
+    pub fn calibration_of_unknown_poses(
         &self,
         file: &RobotFile,
         folder: &Folder,
         rows: &RowDivision,
-        constants: &Constants,
     ) -> Result<UnknownPoses, Error> {
         let robot = self.robot();
         let variant = variant_of(&robot, DISCOVERED)?;
         let found: BTreeSet<String> = (self.discovery.effects.iter())
             .map(|effect| format!("{}({})", effect.name, effect.place))
             .collect();
-        let mut wide = file.clone();
+        let mut effects: BTreeMap<String, BTreeMap<String, Value>> = BTreeMap::new();
         let mut tolerances = vec![];
         for parameter in &variant.parameters {
-            let Some((key, _)) = parameter.name.split_once(").") else {
+            let Some(key) = effect_key(parameter).filter(|key| found.contains(*key)) else {
                 continue;
             };
-            let key = format!("{key})");
-            if !found.contains(&key) {
-                continue;
-            }
             // A parameter that is searched has many minima in its range: it starts where it was found.
-            let prior = match (parameter.tolerance, parameter.search) {
+            let (at, tol) = match (parameter.tolerance, parameter.search) {
                 (Some(tolerance), _) => {
-                    tolerances.push((key.clone(), parameter.quantity.clone(), tolerance));
-                    Some((parameter.nominal, constants.implausible * tolerance))
+                    tolerances.push((key, &parameter.quantity, tolerance));
+                    (parameter.nominal, self.constants.implausible * tolerance)
                 }
                 (None, Some((low, high))) => {
-                    Some((self.values.get(&parameter.name).copied(), high - low))
+                    (self.values.get(&parameter.name).copied(), high - low)
                 }
-                (None, None) => None,
+                (None, None) => continue,
             };
-            let Some((at, tol)) = prior else {
-                continue;
-            };
-            let value = (wide.effects.entry(key).or_default())
-                .entry(parameter.quantity.clone())
-                .or_insert_with(|| Value {
-                    value: vec![],
-                    tol,
-                    sigma: None,
-                });
+            let values = effects.entry(key.to_owned()).or_default();
+            let value = values.entry(parameter.quantity.clone()).or_default();
             value.value.push(at.unwrap_or_default());
+            value.tol = tol;
         }
+        let mut wide = file.clone();
+        wide.effects.extend(effects);
         let options = calibration::Options::default();
         let mut fitted = unknown_poses::calibrate(&robot, variant, &wide, folder, rows, &options)?;
         let effects = &mut fitted.calibration.file.effects;
         for (key, quantity, tol) in tolerances {
-            let value = effects
-                .get_mut(&key)
-                .and_then(|values| values.get_mut(&quantity));
-            if let Some(value) = value {
+            let values = effects.get_mut(key);
+            if let Some(value) = values.and_then(|values| values.get_mut(quantity)) {
                 value.tol = tol;
             }
         }

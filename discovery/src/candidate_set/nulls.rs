@@ -18,7 +18,7 @@ impl CandidateSet {
         if scans.bands.iter().all(|band| band.crossings().is_some()) {
             return vec![];
         }
-        let mut random = Random(1);
+        let mut random = Random(self.seed);
         let null = |_| {
             let signs: Vec<f64> = (0..self.units).map(|_| random.sign()).collect();
             let mut turned = DVector::zeros(view.residuals.len());

@@ -171,8 +171,9 @@ fn period(described: &Candidate, values: &[f64], readable: Readable) -> Option<f
         Readable::Command | Readable::CommandOf(_) | Readable::SourceCommand
     );
     let (searched, _) = described.search.filter(|_| is_command)?;
-    let is_length = described.parameters[searched].unit == Dimension::LENGTH;
-    Some(values[searched]).filter(|period| is_length && *period > 0.0)
+    let unit = described.parameters[searched].unit;
+    let is_of_command = unit == Dimension::LENGTH || unit == Dimension::ANGLE;
+    Some(values[searched]).filter(|period| is_of_command && *period > 0.0)
 }
 
 fn probe<'a>(bench: &'a CandidateSet, entry: &Entry) -> &'a Probe {

@@ -1,5 +1,7 @@
 //! Serial correlation of residuals in the order of measurement.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{DMatrix, DVector};
 use tau_estimation::numerics::distribution::chi2_survival;
 use tau_estimation::numerics::products::transposed_times;
@@ -26,7 +28,8 @@ pub(crate) struct Series {
 }
 
 impl Series {
-    /// `None` where set 1 has too few poses.
+    /// Of the poses with as many residuals as most have: where poses are unknown, not all have the same. `None` where set 1
+    /// has too few.
     pub(crate) fn of(view: &LinearModel, samples: &[Sample]) -> Option<Self> {
         let mut rows_of: Vec<(usize, Vec<usize>)> = Vec::new();
         for (row, at) in view.rows.iter().enumerate() {
@@ -37,9 +40,14 @@ impl Series {
                 }
             }
         }
+        let mut counts: BTreeMap<usize, usize> = BTreeMap::new();
+        for (_, rows) in &rows_of {
+            *counts.entry(rows.len()).or_default() += 1;
+        }
+        let (width, _) = counts.into_iter().max_by_key(|&(_, poses)| poses)?;
+        rows_of.retain(|(_, rows)| rows.len() == width);
         let time = |sample: usize| samples[sample].conditions.time_s;
         let is_by_time = rows_of.iter().all(|(sample, _)| time(*sample).is_some());
-        let width = rows_of.first()?.1.len();
         let rows: Vec<usize> = rows_of.into_iter().flat_map(|(_, rows)| rows).collect();
         (rows.len() >= LEAST_SAMPLES * width).then(|| Self {
             is_by_time,

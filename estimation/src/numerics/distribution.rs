@@ -112,9 +112,8 @@ pub fn noncentral_chi2_survival(t: f64, degrees: f64, noncentrality: f64) -> f64
     sum.min(1.0)
 }
 
-/// The non-centrality at which a test with `degrees` degrees of freedom and level `level` has a power.
-pub fn detectable_noncentrality(degrees: f64, level: f64, power: f64) -> f64 {
-    let threshold = chi2_quantile_above(level, degrees);
+/// The non-centrality at which χ² exceeds a threshold with a probability.
+pub fn detectable_noncentrality(threshold: f64, degrees: f64, power: f64) -> f64 {
     bisect(1e-9, 20.0, |lambda| {
         power - noncentral_chi2_survival(threshold, degrees, lambda)
     })
@@ -178,10 +177,12 @@ mod tests {
             (12.0, 29.394_09),
             (30.0, 40.163_36),
         ] {
-            let found = detectable_noncentrality(degrees, 0.05 / 27.0, 0.8);
+            let threshold = chi2_quantile_above(0.05 / 27.0, degrees);
+            let found = detectable_noncentrality(threshold, degrees, 0.8);
             assert!((found - lambda).abs() < 1e-4, "{degrees}: {found}");
         }
-        assert!((detectable_noncentrality(1.0, 0.001, 0.8) - 17.07).abs() < 0.01);
+        let threshold = chi2_quantile_above(0.001, 1.0);
+        assert!((detectable_noncentrality(threshold, 1.0, 0.8) - 17.07).abs() < 0.01);
     }
 
     /// As mpmath 1.4 has them with 40 digits.

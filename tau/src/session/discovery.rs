@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use tau_discovery::{Options, Outcome, UNNAMED, calibration_of_unknown_poses, reserved};
+use tau_discovery::{Options, Outcome, UNNAMED, reserved};
 use tau_estimation::calibration::Error;
 use tau_estimation::unknown_poses::UnknownPoses;
 use tau_model_dsl::{self as language, Model};
@@ -84,7 +84,7 @@ impl<R> Session<R> {
     /// # Errors
     /// As [`Self::calibrate_unknown_poses`].
     pub fn refitted_of_unknown_poses(&self, found: &Outcome) -> Result<UnknownPoses, Error> {
-        calibration_of_unknown_poses(found, &self.robot_file, &self.folder, &self.row_division())
+        found.calibration_of_unknown_poses(&self.robot_file, &self.folder, &self.row_division())
     }
 
     /// The effects of files, then those of the catalogue that ships; mistakes of all files are reported together.

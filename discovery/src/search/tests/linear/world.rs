@@ -138,7 +138,7 @@ impl World {
             tcp: [0; 3],
             row_count: ROWS,
         };
-        let context = (fit, self.options.constants);
+        let context = (fit, &self.options);
         let variant = &fit.joint.machine.variant;
         let (model, samples) = (self.model.clone(), self.samples());
         CandidateSet::new(model, variant, &families, samples, probes, context, None)
