@@ -268,3 +268,23 @@ fn what_is_missing_may_be_far_more_than_the_noise() {
         "{expansion}"
     );
 }
+
+/// The misfit of a link is told as an error of its length, also where the length is a formula: of clean positions it is
+/// their noise along the link, 10 µm, less what the fit takes of it.
+#[test]
+fn misfit_of_lengths_is_in_micrometres_of_the_length() {
+    let folder = tempfile::tempdir().unwrap();
+    let line = "tau simulate --model linear_delta --out DIR/measured --random --seed 3";
+    tau_in(folder.path(), line).done();
+    let line = "tau discover DIR/measured --model linear_delta --out DIR/out --json -";
+    let found = tau_in(folder.path(), line).json();
+    let lengths: Vec<_> = (found["where"].as_array().unwrap().iter())
+        .filter(|misfit| misfit["coordinate"] == "length")
+        .collect();
+    assert_eq!(lengths.len(), 3, "{lengths:?}");
+    for misfit in lengths {
+        let [rms, expected] = ["rms", "expected_rms"].map(|key| number(&misfit[key]));
+        assert!((9.0..10.0).contains(&expected), "{misfit}");
+        assert!((rms / expected - 1.0).abs() < 0.3, "{misfit}");
+    }
+}

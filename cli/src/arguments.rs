@@ -123,7 +123,7 @@ impl Study {
 ///   robot.toml        calibrated values, to be used with --robot
 ///   parameters.csv    nominal value, tolerance, calibrated value and sigma of each parameter
 ///   covariance.csv    covariance of the parameters, in products of their SI units
-///   undetermined.csv  combinations of parameters that only the priors determine
+///   undetermined.csv  combinations that tolerances determine better than the data
 ///   statistics.json   the same as --json
 #[derive(Debug, Args)]
 #[command(

@@ -143,7 +143,7 @@ pub struct VariantResult {
     pub parameters: Vec<ParameterEstimate>,
     /// Pairs with the largest correlations.
     pub correlations: Vec<(String, String, f64)>,
-    /// Combinations that the data do not determine: only the prior does.
+    /// Combinations of which the tolerances say more than the data, worst first.
     pub undetermined: Vec<Combination>,
     /// Iterations of the solver, summed over independent parts.
     pub iterations: usize,

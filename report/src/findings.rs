@@ -320,16 +320,16 @@ pub(super) fn spacing_mm(tracks: &[TrackLinearity]) -> Option<f64> {
     gaps.get(gaps.len() / 2).copied()
 }
 
-/// Number of combinations that only the prior determines.
+/// Number of combinations of which the tolerances say more than the data.
 pub(super) fn undetermined(variant: &VariantResult) -> String {
     match variant.undetermined.len() {
         0 => format!("{}: the data determine every parameter.", variant.name),
         1 => format!(
-            "{}: only the prior determines one combination of parameters.",
+            "{}: the tolerances say more than the data of one combination of parameters.",
             variant.name
         ),
         count => format!(
-            "{}: only the prior determines {count} combinations of parameters.",
+            "{}: the tolerances say more than the data of {count} combinations of parameters.",
             variant.name
         ),
     }

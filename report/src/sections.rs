@@ -359,7 +359,7 @@ fn determined(study: &Study) -> Markup {
     html! {
         ul { @for variant in &study.variants { li { (findings::undetermined(variant)) } } }
         @if !undetermined.is_empty() {
-            h3 { "Combinations that only the prior determines" }
+            h3 { "Combinations of which the tolerances say more than the data" }
             p {
                 "Shares are in units of the tolerances; the ratio compares the standard deviation from the data alone with that \
                  of the prior. Single values of these parameters must not be read as measured: the pose depends on them only \

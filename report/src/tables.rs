@@ -482,7 +482,7 @@ pub(super) fn combination(combination: &Combination, count: usize) -> String {
     sum
 }
 
-/// Combinations that only the prior determines.
+/// Combinations of which the tolerances say more than the data.
 pub(super) fn undetermined(variant: &VariantResult) -> Option<Table> {
     let rows: Vec<_> = variant
         .undetermined
