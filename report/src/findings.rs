@@ -325,11 +325,11 @@ pub(super) fn undetermined(variant: &VariantResult) -> String {
     match variant.undetermined.len() {
         0 => format!("{}: the data determine every parameter.", variant.name),
         1 => format!(
-            "{}: the tolerances say more than the data of one combination of parameters.",
+            "{}: the tolerances say more than the data of one combination.",
             variant.name
         ),
         count => format!(
-            "{}: the tolerances say more than the data of {count} combinations of parameters.",
+            "{}: the tolerances say more than the data of {count} combinations.",
             variant.name
         ),
     }
