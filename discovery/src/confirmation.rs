@@ -150,7 +150,6 @@ impl Prediction {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fixture::normal;
     use crate::fixture::of_set_1;
     use tau_estimation::joint::Row;
     use tau_estimation::numerics::projection::Basis;
@@ -161,7 +160,7 @@ mod tests {
         let (joint, samples) = of_set_1();
         let rows = joint.rows;
         let mut random = Random(3);
-        let noise = DVector::from_fn(rows.len(), |_, _| normal(&mut random));
+        let noise = DVector::from_fn(rows.len(), |_, _| random.normal());
         let constant = DMatrix::from_element(rows.len(), 1, 1.0);
         let gain = |column: &dyn Fn(Row) -> f64, size: f64| {
             let column = DMatrix::from_fn(rows.len(), 1, |row, _| column(rows[row]));

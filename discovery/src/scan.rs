@@ -272,7 +272,6 @@ mod tests {
     use std::f64::consts::TAU;
 
     use super::*;
-    use crate::fixture::normal;
     use tau_estimation::numerics::distribution::Random;
 
     const RANGE_M: f64 = 1.4;
@@ -325,7 +324,7 @@ mod tests {
         let mut random = Random(7);
         let scans: Vec<Vec<f64>> = (0..600)
             .map(|_| {
-                let noise: Vec<f64> = commands.iter().map(|_| normal(&mut random)).collect();
+                let noise: Vec<f64> = commands.iter().map(|_| random.normal()).collect();
                 grid.iter()
                     .map(|&period| statistic(&noise, &commands, period))
                     .collect()

@@ -239,7 +239,6 @@ fn chains(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fixture::normal;
     use crate::fixture::of_set_1;
     use tau_estimation::numerics::distribution::Random;
     use tau_estimation::numerics::projection::Basis;
@@ -251,7 +250,7 @@ mod tests {
     fn left_of(correlation: f64, random: &mut Random) -> (Kind, f64) {
         let mut noise = DVector::zeros(CHAINS * LENGTH);
         for row in 0..noise.len() {
-            let fresh = normal(random);
+            let fresh = random.normal();
             noise[row] = match row % LENGTH {
                 0 => fresh,
                 _ => correlation * noise[row - 1] + (1.0 - correlation.powi(2)).sqrt() * fresh,
@@ -327,7 +326,7 @@ mod tests {
                         rows[b].residual == rows[row].residual
                             && rows[b].sample + 1 == rows[row].sample
                     });
-                    let fresh = normal(&mut random);
+                    let fresh = random.normal();
                     noise[row] = match before {
                         Some(before) => {
                             correlation * noise[before] + (1.0 - correlation.powi(2)).sqrt() * fresh

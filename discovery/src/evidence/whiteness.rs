@@ -119,7 +119,6 @@ impl Series {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fixture::normal;
     use tau_estimation::numerics::distribution::Random;
     use tau_estimation::numerics::projection::Basis;
 
@@ -135,7 +134,7 @@ mod tests {
     #[test]
     fn without_a_fit_it_is_the_statistic_of_ljung_and_box() {
         let mut random = Random(5);
-        let noise: Vec<f64> = (0..60).map(|_| normal(&mut random)).collect();
+        let noise: Vec<f64> = (0..60).map(|_| random.normal()).collect();
         let found = series(noise.clone(), DMatrix::zeros(60, 0), 1).correlation();
         let square: f64 = noise.iter().map(|e| e * e).sum();
         let at = |lag: usize| -> f64 {
@@ -163,7 +162,7 @@ mod tests {
         let mut random = Random(9);
         let (mut rejected, mut naive, mut mean) = (0, 0.0, 0.0);
         for _ in 0..trials {
-            let noise = DVector::from_fn(poses * width, |_, _| normal(&mut random));
+            let noise = DVector::from_fn(poses * width, |_, _| random.normal());
             let left = basis.residuals_after(&noise);
             let (head, tail) = (
                 left.rows(0, left.len() - width),
@@ -186,7 +185,7 @@ mod tests {
         let mut noise = vec![0.0; poses * width];
         for k in 0..noise.len() {
             let before = if k < width { 0.0 } else { noise[k - width] };
-            noise[k] = coefficient * before + normal(&mut random);
+            noise[k] = coefficient * before + random.normal();
         }
         let found = series(noise, DMatrix::zeros(poses * width, 0), width).correlation();
         // Its standard deviation is √((1 − a²)/n) = 0.02.

@@ -392,14 +392,13 @@ mod tests {
     use super::*;
     use crate::joint::tests::of_set_1;
     use crate::numerics::distribution::Random;
-    use crate::numerics::projection::tests::normal;
 
     /// A descent from values as many of their tolerances away from nominal ones.
     fn descent(random: &mut Random, tolerances: f64) -> Descent {
         let (joint, samples) = of_set_1();
         let nominal = joint.fitted(&joint.machine.values);
         let start = nominal.iter().zip(&joint.priors).map(|(value, prior)| {
-            value + tolerances * prior.tolerance.unwrap_or(0.0) * normal(random)
+            value + tolerances * prior.tolerance.unwrap_or(0.0) * random.normal()
         });
         let start = start.collect();
         Descent::from(joint, start, [1.0; 4], vec![1.0; samples.len()]).unwrap()

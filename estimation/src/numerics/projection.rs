@@ -349,24 +349,18 @@ fn orthonormal_pair(scale: [f64; 2], gram: &DMatrix<f64>) -> DMatrix<f64> {
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
+mod tests {
     use super::*;
     use crate::numerics::distribution::{
         Random, chi2_quantile_above, chi2_survival, noncentral_chi2_survival,
     };
-
-    pub(crate) fn normal(random: &mut Random) -> f64 {
-        let uniform = |random: &mut Random| (random.bits() >> 11) as f64 / (1_u64 << 53) as f64;
-        let (a, b) = (uniform(random).max(1e-300), uniform(random));
-        (-2.0 * a.ln()).sqrt() * (std::f64::consts::TAU * b).cos()
-    }
 
     fn left_of(basis: &Basis, columns: &DMatrix<f64>) -> DMatrix<f64> {
         columns - &*basis.q * (basis.q.transpose() * columns)
     }
 
     fn matrix(random: &mut Random, rows: usize, columns: usize) -> DMatrix<f64> {
-        DMatrix::from_fn(rows, columns, |_, _| normal(random))
+        DMatrix::from_fn(rows, columns, |_, _| random.normal())
     }
 
     #[test]
@@ -414,7 +408,7 @@ pub(crate) mod tests {
             let effect = &raw * &direction * (lambda / signal.norm_squared()).sqrt();
             let found = (0..trials)
                 .filter(|_| {
-                    let noise = DVector::from_fn(rows, |_, _| normal(&mut random));
+                    let noise = DVector::from_fn(rows, |_, _| random.normal());
                     let residuals = basis.residuals_after(&(noise + &effect));
                     subspace.statistic(&residuals) > threshold
                 })

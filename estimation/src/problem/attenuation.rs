@@ -265,7 +265,6 @@ mod tests {
     use super::*;
     use crate::joint::tests::of_set_1;
     use crate::numerics::distribution::Random;
-    use crate::numerics::projection::tests::normal;
     use crate::problem::Closures;
     use tau_kinematics::Pose;
 
@@ -308,7 +307,7 @@ mod tests {
         let (r, j) = closures(machine, sample, sample.pose);
         let mut sum = DVector::zeros(machine.values.len());
         for _ in 0..PAIRS {
-            let by = times_noise(std::array::from_fn(|_| normal(&mut random)), NOISE);
+            let by = times_noise(std::array::from_fn(|_| random.normal()), NOISE);
             for sign in [1.0, -1.0] {
                 let [x, y, z, a, b, c] = by.map(|k| sign * k);
                 let pose = sample.pose.moved([x, y, z].into(), [a, b, c].into());

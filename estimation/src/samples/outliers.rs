@@ -58,15 +58,21 @@ pub(crate) fn variance_of_most(sums: &[(f64, f64)]) -> f64 {
 /// Shares `part` of `of` samples, as (of, part), by the largest of which variances are told.
 const SHARES: [(usize, usize); 3] = [(2, 1), (4, 3), (10, 9)];
 
+/// Each sum is held against the quantile of its own number of residuals: samples of unknown poses have none to many.
 fn variance_of_share(sums: &[(f64, f64)], (of, part): (usize, usize)) -> f64 {
-    let Some(&(_, degrees)) = sums.first() else {
-        return 1.0;
-    };
-    let mut sorted: Vec<f64> = sums.iter().map(|sum| sum.0).collect();
-    sorted.sort_by(f64::total_cmp);
     let share = (of - part) as f64 / of as f64;
-    let index = (sorted.len() * part / of).min(sorted.len() - 1);
-    sorted[index] / chi2_quantile_above(share, degrees.max(1.0))
+    let mut quantiles: BTreeMap<u64, f64> = BTreeMap::new();
+    let mut variances: Vec<f64> = (sums.iter())
+        .filter(|(_, degrees)| *degrees > 0.0)
+        .map(|&(sum, degrees)| {
+            let quantile = (quantiles.entry(degrees.to_bits()))
+                .or_insert_with(|| chi2_quantile_above(share, degrees.max(1.0)));
+            sum / *quantile
+        })
+        .collect();
+    variances.sort_by(f64::total_cmp);
+    let index = (variances.len() * part / of).min(variances.len().saturating_sub(1));
+    variances.get(index).copied().unwrap_or(1.0)
 }
 
 /// Weights that let samples far off count less.
@@ -246,7 +252,30 @@ pub fn about_lines(samples: &[Sample]) -> Vec<(f64, f64)> {
 
 #[cfg(test)]
 mod tests {
-    use super::Choices;
+    use super::*;
+    use crate::numerics::distribution::Random;
+
+    /// Unit noise has unit variance, whichever sample comes first and however many residuals each has.
+    #[test]
+    fn variance_is_that_of_samples_of_all_sizes() {
+        let mut random = Random(5);
+        let mut sums: Vec<(f64, f64)> = (0..900)
+            .map(|index| {
+                let count = [0, 1, 1, 4, 1, 6][index % 6];
+                let squares = (0..count).map(|_| random.normal().powi(2));
+                (squares.sum(), f64::from(count))
+            })
+            .collect();
+        let found: Vec<f64> = (0..6)
+            .map(|_| {
+                sums.rotate_left(1);
+                variance(&sums)
+            })
+            .collect();
+        for variance in found {
+            assert!((0.9..1.3).contains(&variance), "{variance}");
+        }
+    }
 
     #[test]
     fn choices_are_binomial_coefficients() {

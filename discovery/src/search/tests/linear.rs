@@ -25,7 +25,6 @@ use tau_robot::robot_file::RobotFile;
 use super::super::moves::Move;
 use super::super::*;
 use crate::candidates::Candidate;
-use crate::fixture::normal;
 use crate::generic::{Family, Placement};
 use crate::probes::{Probe, Probes};
 use crate::{Input, Options};
@@ -100,7 +99,7 @@ fn remainder(of: &DVector<f64>, columns: &[DVector<f64>]) -> DVector<f64> {
 /// Noise that leaves nothing to any effect, which has one per degree of freedom of the rows.
 fn noise() -> DVector<f64> {
     let mut random = Random(5);
-    let noise = DVector::from_fn(ROWS, |_, _| normal(&mut random));
+    let noise = DVector::from_fn(ROWS, |_, _| random.normal());
     let mut columns = offsets();
     for cart in 0..3 {
         columns.extend([gap(&[cart]), tilt(&[cart]), bow(&[cart])]);
