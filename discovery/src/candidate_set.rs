@@ -187,7 +187,7 @@ impl CandidateSet {
         }
         let units = Sample::units(&samples);
         let degrees = fit.degrees();
-        let mut bench = Self {
+        let mut set = Self {
             model,
             candidates,
             samples,
@@ -207,8 +207,8 @@ impl CandidateSet {
             seed: options.seed,
             degrees,
         };
-        bench.weigh();
-        bench
+        set.weigh();
+        set
     }
 
     /// Shares the level among the candidates that are not hidden.
@@ -243,7 +243,7 @@ impl CandidateSet {
     /// searched one, in the middle of its range. `None` where the model absorbs all of them.
     pub(super) fn best_columns(
         &self,
-        view: &LinearModel,
+        linear: &LinearModel,
         table: &Table,
     ) -> Vec<Option<(Column, f64)>> {
         let mut best = vec![None; self.candidates.len()];
@@ -266,8 +266,9 @@ impl CandidateSet {
         }
         let searched = parallel::map(&self.scans.scans, |&Scan { candidate, .. }| {
             let (_, (low, high)) = self.candidates[candidate].search?;
-            let (columns, subspace) = self.subspace(view, candidate, Some((low * high).sqrt()))?;
-            let left = view.remainder(&columns);
+            let (columns, subspace) =
+                self.subspace(linear, candidate, Some((low * high).sqrt()))?;
+            let left = linear.remainder(&columns);
             let norms = |matrix: &DMatrix<f64>| -> Vec<f64> {
                 matrix.column_iter().map(|column| column.norm()).collect()
             };
@@ -305,27 +306,27 @@ impl CandidateSet {
     /// where that is nothing.
     pub(super) fn subspace(
         &self,
-        view: &LinearModel,
+        linear: &LinearModel,
         candidate: usize,
         searched: Option<f64>,
     ) -> Option<(DMatrix<f64>, Subspace)> {
         let described = &self.candidates[candidate];
         let values = described.values_at(searched);
-        self.subspace_of(view, candidate, &values, &described.amplitudes())
+        self.subspace_of(linear, candidate, &values, &described.amplitudes())
     }
 
     /// The same by some parameters of a candidate, at given values of all.
     pub(super) fn subspace_of(
         &self,
-        view: &LinearModel,
+        linear: &LinearModel,
         candidate: usize,
         values: &[f64],
         parameters: &[usize],
     ) -> Option<(DMatrix<f64>, Subspace)> {
         let entries = self.entries(candidate, values, parameters)?;
         let raw = candidates::columns(&entries, parameters, &self.probes);
-        let columns = view.weighted(&raw);
-        let subspace = Subspace::of(&columns, &view.remainder(&columns));
+        let columns = linear.weighted(&raw);
+        let subspace = Subspace::of(&columns, &linear.remainder(&columns));
         (subspace.rank() > 0).then_some((columns, subspace))
     }
 
@@ -373,30 +374,30 @@ impl CandidateSet {
     }
 
     /// Scores every candidate beside a model.
-    pub(super) fn table(&self, view: &LinearModel) -> Table {
-        let responses = Responses::of(view, &self.probes, &self.pairs);
-        self.scored(view, responses, None)
+    pub(super) fn table(&self, linear: &LinearModel) -> Table {
+        let responses = Responses::of(linear, &self.probes, &self.pairs);
+        self.scored(linear, responses, None)
     }
 
     /// Scores every candidate beside a model without some of its parameters.
-    pub(super) fn table_without(&self, whole: &Table, freed: Freed, view: &LinearModel) -> Table {
+    pub(super) fn table_without(&self, whole: &Table, freed: Freed, linear: &LinearModel) -> Table {
         let responses = whole.responses.without(freed.directions, &freed.amounts);
-        self.scored(view, responses, Some(whole))
+        self.scored(linear, responses, Some(whole))
     }
 
-    fn scored(&self, view: &LinearModel, responses: Responses, known: Option<&Table>) -> Table {
+    fn scored(&self, linear: &LinearModel, responses: Responses, known: Option<&Table>) -> Table {
         // The plain candidates are one task beside the bands, and the longest.
         let tasks: Vec<Option<usize>> = std::iter::once(None)
             .chain((0..self.scans.bands.len()).map(Some))
             .collect();
-        let nulls = self.nulls(view, &self.scans);
+        let nulls = self.nulls(linear, &self.scans);
         let mut scores = Vec::new();
         let mut plain = None;
         let mut bands = Vec::new();
         let of_task = |&task: &Option<usize>| match task {
             None => {
                 let plain = self.plain(&responses, known.map(|known| &*known.plain));
-                Scored::Plain(self.plain_scores(view, &responses, &plain), plain)
+                Scored::Plain(self.plain_scores(linear, &responses, &plain), plain)
             }
             Some(place) => {
                 let known = known.map(|known| &*known.bands[place]);
@@ -412,7 +413,7 @@ impl CandidateSet {
                 Scored::Band(scored) => bands.push(Arc::new(scored)),
             }
         }
-        scores.extend(self.scan_scores(view, &responses, &self.scans, &bands));
+        scores.extend(self.scan_scores(linear, &responses, &self.scans, &bands));
         scores.sort_by_key(|score| score.candidate);
         let plain = plain.unwrap_or_else(|| self.plain(&responses, None));
         Table {
@@ -433,23 +434,28 @@ impl CandidateSet {
     }
 
     /// Adds the unnamed families with a search to a table.
-    pub(super) fn with_family_scans(&self, view: &LinearModel, mut table: Table) -> Table {
+    pub(super) fn with_family_scans(&self, linear: &LinearModel, mut table: Table) -> Table {
         let families = self.family_scans();
         let responses = &table.responses;
-        let nulls = self.nulls(view, families);
+        let nulls = self.nulls(linear, families);
         let scored = parallel::map(&families.bands, |band| {
             Arc::new(band.scored(responses, None, &nulls))
         });
         table.bands.extend(scored);
         table.has_families = true;
-        let scores = self.scan_scores(view, responses, families, &table.bands);
+        let scores = self.scan_scores(linear, responses, families, &table.bands);
         table.scores.extend(scores);
         table.scores.sort_by_key(|score| score.candidate);
         table
     }
 
     /// Scores of all candidates without a search.
-    fn plain_scores(&self, view: &LinearModel, responses: &Responses, plain: &Plain) -> Vec<Score> {
+    fn plain_scores(
+        &self,
+        linear: &LinearModel,
+        responses: &Responses,
+        plain: &Plain,
+    ) -> Vec<Score> {
         let products = self.columns.score(responses);
         self.places
             .iter()
@@ -458,7 +464,7 @@ impl CandidateSet {
             .map(|((candidate, place), c)| {
                 let own = products.rows(place.start, place.len());
                 Self::score_of(
-                    view,
+                    linear,
                     *candidate,
                     c.tr_mul(&own).norm_squared(),
                     c.ncols() as f64,
@@ -469,12 +475,12 @@ impl CandidateSet {
 
     /// Score of a candidate without a search from its statistic.
     pub(super) fn score_of(
-        view: &LinearModel,
+        linear: &LinearModel,
         candidate: usize,
         statistic: f64,
         rank: f64,
     ) -> Score {
-        let (_, p_value) = f_form(statistic, rank.max(1.0), view.total(), view.degrees);
+        let (_, p_value) = f_form(statistic, rank.max(1.0), linear.total(), linear.degrees);
         Score {
             candidate,
             statistic,

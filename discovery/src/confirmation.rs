@@ -28,7 +28,7 @@ const RESAMPLES: usize = 400;
 /// and Raftery, J. Am. Stat. Assoc. 102, 2007) weighs an error by how well the other blocks determine the
 /// prediction, where the square of the error would make much of what they hardly do.
 pub(super) fn held_out_gain(
-    view: &LinearModel,
+    linear: &LinearModel,
     subspace: &Subspace,
     samples: &[Sample],
     seed: u64,
@@ -36,20 +36,23 @@ pub(super) fn held_out_gain(
 ) -> f64 {
     let fold_count = count(constants.folds).max(2);
     let folds = folds(samples, fold_count);
-    let before = view.q.ncols();
+    let before = linear.q.ncols();
     let with = before + subspace.rank();
-    let mut fitted = view.q.tr_mul(&view.residuals).resize_vertically(with, 0.0);
-    (fitted.rows_mut(before, subspace.rank())).copy_from(&subspace.u.tr_mul(&view.residuals));
+    let mut fitted = linear
+        .q
+        .tr_mul(&linear.residuals)
+        .resize_vertically(with, 0.0);
+    (fitted.rows_mut(before, subspace.rank())).copy_from(&subspace.u.tr_mul(&linear.residuals));
     let every: Vec<usize> = (0..fold_count).collect();
     let gains_of_folds = parallel::map(&every, |&fold| {
-        let rows: Vec<usize> = (0..view.rows.len())
-            .filter(|&row| view.factors[row] > 0.0 && folds[view.rows[row].sample] == fold)
+        let rows: Vec<usize> = (0..linear.rows.len())
+            .filter(|&row| linear.factors[row] > 0.0 && folds[linear.rows[row].sample] == fold)
             .collect();
-        let q = view.rows_with(subspace, &rows);
-        let prediction = Prediction::of(&q, &fitted, view.residuals.select_rows(&rows))?;
+        let q = linear.rows_with(subspace, &rows);
+        let prediction = Prediction::of(&q, &fitted, linear.residuals.select_rows(&rows))?;
         let mut units: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         for (k, &row) in rows.iter().enumerate() {
-            let unit = samples[view.rows[row].sample].unit;
+            let unit = samples[linear.rows[row].sample].unit;
             units.entry(unit).or_default().push(k);
         }
         let gain =
@@ -166,7 +169,7 @@ mod tests {
             let column = DMatrix::from_fn(rows.len(), 1, |row, _| column(rows[row]));
             let measured = &noise + &column * size;
             let basis = Basis::of(&constant).unwrap();
-            let view = LinearModel {
+            let linear = LinearModel {
                 residuals: basis.residuals_after(&measured),
                 q: basis.q,
                 factors: vec![1.0; rows.len()],
@@ -174,8 +177,8 @@ mod tests {
                 degrees: rows.len() as f64 - 1.0,
                 completed: 0.0,
             };
-            let subspace = Subspace::of(&column, &view.remainder(&column));
-            held_out_gain(&view, &subspace, &samples, 0, &Constants::default())
+            let subspace = Subspace::of(&column, &linear.remainder(&column));
+            held_out_gain(&linear, &subspace, &samples, 0, &Constants::default())
         };
         let wave = |row: Row| (row.sample as f64).sin();
         assert!(gain(&wave, 1.0) > 0.0);

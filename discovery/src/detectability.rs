@@ -17,23 +17,23 @@ const MOSTLY_ABSORBED: f64 = 0.01;
 /// Detectable and undetectable effects beside a model, scored in `table`; undetectable candidates are hidden, that
 /// is, they take no part in the search and cost no significance.
 pub(super) fn detectability(
-    bench: &mut CandidateSet,
-    view: &LinearModel,
+    set: &mut CandidateSet,
+    linear: &LinearModel,
     table: &Table,
 ) -> (Vec<Detectable>, Vec<Unseen>) {
     let (mut detectable, mut unseen) = (Vec::new(), Vec::new());
-    let limits = bench.constants;
+    let limits = set.constants;
     let (best_columns, constants) = parallel::both(
-        || bench.best_columns(view, table),
+        || set.best_columns(linear, table),
         || {
-            parallel::map(&bench.candidates, |candidate| {
-                constant(&bench.model, candidate, &bench.samples)
+            parallel::map(&set.candidates, |candidate| {
+                constant(&set.model, candidate, &set.samples)
             })
         },
     );
-    let nulls: Vec<Option<Null>> = (0..bench.candidates.len())
+    let nulls: Vec<Option<Null>> = (0..set.candidates.len())
         .map(|index| {
-            let (_, rank) = best_columns[index].filter(|_| bench.candidates[index].is_named())?;
+            let (_, rank) = best_columns[index].filter(|_| set.candidates[index].is_named())?;
             let mut scores = table.scores.iter();
             let scored = scores.find(|score| score.candidate == index);
             Some(scored.map_or(Null::plain(rank), |score| score.null))
@@ -47,14 +47,14 @@ pub(super) fn detectability(
         }
     }
     let values = parallel::map(&lambdas, |(null, _)| {
-        bench.significance.detectable(*null, true)
+        set.significance.detectable(*null, true)
     });
     for ((_, lambda), value) in lambdas.iter_mut().zip(values) {
         *lambda = value;
     }
-    for ((index, candidate), constant) in bench.candidates.iter().enumerate().zip(constants) {
+    for ((index, candidate), constant) in set.candidates.iter().enumerate().zip(constants) {
         if constant.is_some() {
-            bench.hidden.insert(index);
+            set.hidden.insert(index);
         }
         if !candidate.is_named() {
             continue;
@@ -64,9 +64,9 @@ pub(super) fn detectability(
             place: candidate.at.clone(),
             why,
         };
-        if let Some(&(_, why)) = bench.unseen.iter().find(|(unseen, _)| *unseen == index) {
+        if let Some(&(_, why)) = set.unseen.iter().find(|(unseen, _)| *unseen == index) {
             unseen.push(undetectable(Reason::Lacks(why)));
-            bench.hidden.insert(index);
+            set.hidden.insert(index);
             continue;
         }
         if let Some(readable) = constant {
@@ -75,7 +75,7 @@ pub(super) fn detectability(
         }
         let Some(((best, _), null)) = best_columns[index].zip(nulls[index]) else {
             unseen.push(undetectable(Reason::Absorbed));
-            bench.hidden.insert(index);
+            set.hidden.insert(index);
             continue;
         };
         let parameter = &candidate.parameters[best.parameter];
@@ -95,7 +95,7 @@ pub(super) fn detectability(
                 Reason::Implausible(parameter.name.clone(), amplitude, parameter.unit)
             };
             unseen.push(undetectable(why));
-            bench.hidden.insert(index);
+            set.hidden.insert(index);
             continue;
         }
         detectable.push(Detectable {

@@ -31,7 +31,7 @@ const UNLIKELY: f64 = 0.01;
 
 /// Knowledge before the search: of the experiment, and of the base.
 pub(super) struct Beforehand {
-    pub(super) view: LinearModel,
+    pub(super) linear: LinearModel,
     pub(super) detectable: Vec<results::Detectable>,
     pub(super) cannot_see: Vec<Unseen>,
     pub(super) ambiguous: Vec<results::Ambiguous>,
@@ -55,10 +55,10 @@ pub(super) fn finish(
         options,
         ..
     } = *input;
-    let (fit, bench) = (&search.state.fit, &search.bench);
+    let (fit, set) = (&search.state.fit, &search.set);
     let (held_out, evidence) = parallel::both(
         || HeldOut::of(input, fit),
-        || evidence::of_effects(search, &beforehand.view),
+        || evidence::of_effects(search, &beforehand.linear),
     );
     let held_out = held_out?;
     let (after, floor) = (held_out.gap, &held_out.floor);
@@ -76,7 +76,7 @@ pub(super) fn finish(
         (false, false) => Status::Explained,
         (false, true) => Status::PartlyExplained,
     };
-    let left_out = left_out(fit, bench, robot);
+    let left_out = left_out(fit, set, robot);
     let is_kept = |&pose: &usize| {
         let number = folder.tcp_poses[pose].pose;
         let mut out = left_out.iter();
@@ -162,19 +162,19 @@ impl Outcome {
 
 /// Structure that has no name.
 fn unnamed(search: &Search<'_>, noise: Noise) -> Vec<results::Unnamed> {
-    let (fit, bench) = (&search.state.fit, &search.bench);
-    let view = LinearModel::of(fit);
+    let (fit, set) = (&search.state.fit, &search.set);
+    let linear = LinearModel::of(fit);
     let families = search.state.unnamed.iter().chain(&search.left);
     families
-        .filter_map(|&(family, searched)| structure::unnamed(bench, &view, family, searched))
+        .filter_map(|&(family, searched)| structure::unnamed(set, &linear, family, searched))
         .flatten()
-        .chain(structure::crowds(fit, bench, noise))
+        .chain(structure::crowds(fit, set, noise))
         .collect()
 }
 
 /// Samples that were left out.
-fn left_out(fit: &Fit, bench: &CandidateSet, robot: &Robot) -> Vec<LeftOut> {
-    let samples = bench.samples.iter().zip(&fit.weights);
+fn left_out(fit: &Fit, set: &CandidateSet, robot: &Robot) -> Vec<LeftOut> {
+    let samples = set.samples.iter().zip(&fit.weights);
     samples
         .filter(|(_, weight)| **weight == 0.0)
         .map(|(sample, _)| LeftOut {
@@ -193,7 +193,7 @@ fn removable_um(gap: Gap, floor: &floor::Floor) -> f64 {
 
 /// Serial correlation of the residuals of the base and of what is left in the end.
 fn whiteness(search: &Search<'_>, before: Option<SerialCorrelation>) -> Option<Whiteness> {
-    let series = Series::of(&search.state.view(&search.bench), &search.bench.samples)?;
+    let series = Series::of(&search.state.linear(&search.set), &search.set.samples)?;
     Some(Whiteness {
         order: if series.is_by_time { "time" } else { "row" },
         poses: series.len(),
@@ -204,20 +204,16 @@ fn whiteness(search: &Search<'_>, before: Option<SerialCorrelation>) -> Option<W
 }
 
 fn effects(search: &Search<'_>, found: &[Found]) -> Vec<FoundEffect> {
-    let (fit, bench) = (&search.state.fit, &search.bench);
+    let (fit, set) = (&search.state.fit, &search.set);
     let place = |candidates: &[usize]| match candidates {
-        [one] => bench.candidates[*one].at.clone(),
-        all => Place::Several(
-            all.iter()
-                .map(|&c| bench.candidates[c].at.clone())
-                .collect(),
-        ),
+        [one] => set.candidates[*one].at.clone(),
+        all => Place::Several(all.iter().map(|&c| set.candidates[c].at.clone()).collect()),
     };
     let members = search.state.members.iter().enumerate();
     members
         .zip(found)
         .map(|((index, member), found)| {
-            let candidate = &bench.candidates[member.candidate];
+            let candidate = &set.candidates[member.candidate];
             let (mut parameters, mut fitted) = (BTreeMap::new(), BTreeMap::new());
             for (index, column) in search.state.places_of(&search.context(), index) {
                 let described = &candidate.parameters[index];
@@ -232,9 +228,9 @@ fn effects(search: &Search<'_>, found: &[Found]) -> Vec<FoundEffect> {
                 parameters.insert(described.name.clone(), estimate);
                 fitted.insert(described.name.as_str(), (value, root.into_owned()));
             }
-            let effect = &bench.model.effects[candidate.effect];
+            let effect = &set.model.effects[candidate.effect];
             FoundEffect {
-                waves: waves(&bench.model, effect, &fitted),
+                waves: waves(&set.model, effect, &fitted),
                 name: candidate.name.clone(),
                 place: candidate.at.clone(),
                 parameters,
@@ -245,7 +241,7 @@ fn effects(search: &Search<'_>, found: &[Found]) -> Vec<FoundEffect> {
                     .rivals
                     .iter()
                     .map(|rival| Rival {
-                        name: bench.candidates[rival.candidates[0]].name.clone(),
+                        name: set.candidates[rival.candidates[0]].name.clone(),
                         place: place(&rival.candidates),
                         cosine: rival.cosine,
                         separate_by: rival.separate_by.clone(),
@@ -261,7 +257,7 @@ fn effects(search: &Search<'_>, found: &[Found]) -> Vec<FoundEffect> {
 }
 
 fn considered(search: &Search<'_>, found: &[Found]) -> Vec<Considered> {
-    let bench = &search.bench;
+    let set = &search.set;
     let is_found = |candidate: usize| {
         let mut members = search.state.members.iter();
         members.any(|member| member.candidate == candidate)
@@ -273,9 +269,9 @@ fn considered(search: &Search<'_>, found: &[Found]) -> Vec<Considered> {
     let is_nothing_found = search.state.members.is_empty();
     let scores = search.first.scores.iter();
     scores
-        .filter(|score| bench.candidates[score.candidate].is_named())
+        .filter(|score| set.candidates[score.candidate].is_named())
         .map(|score| {
-            let candidate = &bench.candidates[score.candidate];
+            let candidate = &set.candidates[score.candidate];
             let verdict = if is_found(score.candidate) {
                 Verdict::Found
             } else if rivals.contains(&score.candidate) {
@@ -359,7 +355,7 @@ fn remarks(search: &Search<'_>, whiteness: Option<&Whiteness>) -> Vec<String> {
             "set 3 (`cart_positions.csv`) is missing: it would show the carts under load, and errors along the tracks at many commands",
         ),
     ] {
-        if !takes_sets || search.bench.samples.iter().any(|sample| sample.set == set) {
+        if !takes_sets || search.set.samples.iter().any(|sample| sample.set == set) {
             continue;
         }
         remarks.push(if is_measured {

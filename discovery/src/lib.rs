@@ -463,7 +463,7 @@ fn begun<'a>(
         },
     );
     let (before_floor, probes) = (before_floor?, probes?);
-    let mut bench = CandidateSet::new(
+    let mut set = CandidateSet::new(
         model,
         variant,
         &families,
@@ -472,17 +472,17 @@ fn begun<'a>(
         (&fit, input.options),
         input.unknown.and_then(|unknown| unknown.hides_tracker),
     );
-    let view = LinearModel::of(&fit);
-    let table = bench.table(&view);
-    let (detectable, cannot_see) = detectability::detectability(&mut bench, &view, &table);
-    bench.weigh();
-    let table = bench.without_hidden(table);
+    let linear = LinearModel::of(&fit);
+    let table = set.table(&linear);
+    let (detectable, cannot_see) = detectability::detectability(&mut set, &linear, &table);
+    set.weigh();
+    let table = set.without_hidden(table);
     let (ambiguous, (misfit, serial)) = parallel::both(
-        || evidence::ambiguity::ambiguous(&bench, &view),
+        || evidence::ambiguity::ambiguous(&set, &linear),
         || {
-            let series = Series::of(&view, &bench.samples);
+            let series = Series::of(&linear, &set.samples);
             (
-                misfits(&fit, &bench.samples, file.noise),
+                misfits(&fit, &set.samples, file.noise),
                 series.map(|series| series.correlation()),
             )
         },
@@ -494,10 +494,10 @@ fn begun<'a>(
         detectable,
         cannot_see,
         floor: before_floor,
-        view,
+        linear,
     };
     let at = (index, own_effects);
-    let search = Search::new(input, bench, at, fit, table, likelihood)?;
+    let search = Search::new(input, set, at, fit, table, likelihood)?;
     Ok((search, beforehand))
 }
 

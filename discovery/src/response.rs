@@ -102,26 +102,30 @@ impl Products {
 
 impl Responses {
     pub(super) fn of(
-        view: &LinearModel,
+        linear: &LinearModel,
         probes: &Probes,
         pairs: &BTreeSet<(usize, usize)>,
     ) -> Self {
         // Rows of the basis stand together.
-        let basis = view.q.transpose();
+        let basis = linear.q.transpose();
         let (by_basis, by_residual) = parallel::map(&probes.all, |probe| {
             let mut by_basis = DMatrix::zeros(basis.nrows(), probe.samples.len());
             let mut by_residual = DVector::zeros(probe.samples.len());
             for moved in &probe.rows {
-                let weight = moved.derivative * view.factors[moved.row];
+                let weight = moved.derivative * linear.factors[moved.row];
                 let mut target = by_basis.column_mut(moved.place);
                 target.axpy(weight, &basis.column(moved.row), 1.0);
-                by_residual[moved.place] += weight * view.residuals[moved.row];
+                by_residual[moved.place] += weight * linear.residuals[moved.row];
             }
             (by_basis, by_residual)
         })
         .into_iter()
         .unzip();
-        let squares: Vec<f64> = view.factors.iter().map(|factor| factor * factor).collect();
+        let squares: Vec<f64> = linear
+            .factors
+            .iter()
+            .map(|factor| factor * factor)
+            .collect();
         let pairs: Vec<(usize, usize)> = pairs.iter().copied().collect();
         let products = parallel::map(&pairs, |&(left, right)| {
             let (a, b) = (&probes.all[left], &probes.all[right]);
@@ -165,11 +169,11 @@ impl Responses {
     }
 
     /// Sums over each sample's rows of each probe times a vector over the rows.
-    pub(super) fn sums(view: &LinearModel, probes: &Probes, vector: &[f64]) -> Vec<DVector<f64>> {
+    pub(super) fn sums(linear: &LinearModel, probes: &Probes, vector: &[f64]) -> Vec<DVector<f64>> {
         let of_probe = probes.all.iter().map(|probe| {
             let mut sums = DVector::zeros(probe.samples.len());
             for moved in &probe.rows {
-                let weight = moved.derivative * view.factors[moved.row];
+                let weight = moved.derivative * linear.factors[moved.row];
                 sums[moved.place] += weight * vector[moved.row];
             }
             sums
@@ -393,7 +397,7 @@ pub(super) mod tests {
         (jacobian, measured, probes, candidate)
     }
 
-    pub(crate) fn view(q: Arc<DMatrix<f64>>, residuals: &DVector<f64>) -> LinearModel {
+    pub(crate) fn linear(q: Arc<DMatrix<f64>>, residuals: &DVector<f64>) -> LinearModel {
         let row = |row: usize| Row {
             sample: row / 2,
             component: Component::Closure,
@@ -442,7 +446,7 @@ pub(super) mod tests {
         let mut pairs = BTreeSet::new();
         candidate.pairs(0..2, &mut pairs);
         let factors: Vec<f64> = (0..10).map(|_| number()).collect();
-        let view = LinearModel {
+        let linear = LinearModel {
             q: Arc::new(DMatrix::zeros(10, 1)),
             residuals: DVector::zeros(10),
             factors,
@@ -450,8 +454,8 @@ pub(super) mod tests {
             degrees: 9.0,
             completed: 0.0,
         };
-        let columns = view.weighted(&candidates::columns(&entries, &[0, 1], &probes));
-        let responses = Responses::of(&view, &probes, &pairs);
+        let columns = linear.weighted(&candidates::columns(&entries, &[0, 1], &probes));
+        let responses = Responses::of(&linear, &probes, &pairs);
         let off = candidate.gram(0..2, &responses) - columns.tr_mul(&columns);
         assert!(off.amax() < 1e-12, "{off}");
     }
@@ -462,7 +466,7 @@ pub(super) mod tests {
         let (removed, amplitude) = (2, 0.7);
         let (jacobian, measured, probes, candidate) = fixture(&mut Random(21));
         let basis = Basis::of(&jacobian).unwrap();
-        let whole = view(basis.q.clone(), &measured);
+        let whole = linear(basis.q.clone(), &measured);
         let mut pairs = BTreeSet::new();
         candidate.pairs(0..2, &mut pairs);
 
@@ -473,7 +477,7 @@ pub(super) mod tests {
         without[ROWS + removed] = 0.0;
         let others: Vec<usize> = (0..COLUMNS).filter(|&k| k != removed).collect();
         let others = Basis::of(&jacobian.select_columns(&others)).unwrap();
-        let expected = Responses::of(&view(others.q, &without), &probes, &pairs);
+        let expected = Responses::of(&linear(others.q, &without), &probes, &pairs);
         let freed = Freed::of(
             &basis,
             &Grouped::of(&jacobian),

@@ -39,14 +39,14 @@ impl ProfileLikelihood {
     /// −2 ln L of a model beside the base, but for a constant: the noise of each component is what the model leaves
     /// of it, an outlier counts as one that is just none, and priors count as measurements.
     ///
-    /// `view` is the fit with what unnamed families take up.
-    pub(crate) fn misfit(&self, fit: &Fit, view: &LinearModel) -> f64 {
+    /// `linear` is the fit with what unnamed families take up.
+    pub(crate) fn misfit(&self, fit: &Fit, linear: &LinearModel) -> f64 {
         let (mut sums, mut exact) = ([0.0; Component::ALL.len()], 0.0);
-        for (row, at) in view.rows.iter().enumerate() {
+        for (row, at) in linear.rows.iter().enumerate() {
             let square = if fit.weights[at.sample] == 0.0 {
                 self.limits[at.sample]
             } else {
-                view.residuals[row].powi(2)
+                linear.residuals[row].powi(2)
             };
             // Closures that exact drives hold have no noise to estimate.
             match sums.get_mut(at.component as usize) {
@@ -60,7 +60,10 @@ impl ProfileLikelihood {
             .filter(|(sum, _)| **sum > 0.0)
             .map(|(sum, degrees)| degrees * (sum / degrees).ln())
             .sum();
-        let priors = view.residuals.rows_range(view.rows.len()..).norm_squared();
-        measured + exact + priors - view.completed
+        let priors = linear
+            .residuals
+            .rows_range(linear.rows.len()..)
+            .norm_squared();
+        measured + exact + priors - linear.completed
     }
 }

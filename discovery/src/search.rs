@@ -33,7 +33,7 @@ const SCORE_TOLERANCE: f64 = 0.1;
 /// The search, and the best model so far.
 pub(crate) struct Search<'a> {
     pub(crate) input: &'a Input<'a>,
-    pub(crate) bench: CandidateSet,
+    pub(crate) set: CandidateSet,
     /// Index of the base in the model's variants, and number of effects that it has already.
     variant: usize,
     own_effects: usize,
@@ -71,7 +71,7 @@ impl<'a> Search<'a> {
     /// with which scores shall compare.
     pub(crate) fn new(
         input: &'a Input<'a>,
-        bench: CandidateSet,
+        set: CandidateSet,
         (variant, own_effects): (usize, usize),
         fit: Fit,
         first: Table,
@@ -83,7 +83,7 @@ impl<'a> Search<'a> {
             unnamed: vec![],
         };
         let likelihood =
-            likelihood.unwrap_or_else(|| ProfileLikelihood::of(&base.fit, &bench.samples));
+            likelihood.unwrap_or_else(|| ProfileLikelihood::of(&base.fit, &set.samples));
         let mut search = Self {
             input,
             likelihood,
@@ -92,7 +92,7 @@ impl<'a> Search<'a> {
             base,
             starts_with_family: false,
             score: 0.0,
-            bench,
+            set,
             variant,
             own_effects,
             costs: BTreeMap::new(),
@@ -233,13 +233,12 @@ impl<'a> Search<'a> {
         let Joining { score, beside } = change.joining.last()?;
         let newest = change.members.last()?;
         let is_newest = newest.candidate == score.candidate;
-        is_newest.then(|| start_of(&self.bench, beside, score))?
+        is_newest.then(|| start_of(&self.set, beside, score))?
     }
 
     /// True if a candidate predicts blocks that were held out, and is more than serial noise would imitate.
     fn is_confirmed(&self, Joining { score, beside }: &Joining) -> bool {
-        let Some((_, subspace)) = self.bench.subspace(beside, score.candidate, score.searched)
-        else {
+        let Some((_, subspace)) = self.set.subspace(beside, score.candidate, score.searched) else {
             return false;
         };
         let inflation = self.inflation(beside, &subspace);
@@ -255,30 +254,30 @@ impl<'a> Search<'a> {
             || held_out_gain(
                 beside,
                 &subspace,
-                &self.bench.samples,
+                &self.set.samples,
                 self.input.options.seed,
                 &constants,
             ) > 0.0
     }
 
     /// Factor by which serial noise makes the score of a subspace too large.
-    pub(crate) fn inflation(&self, view: &LinearModel, subspace: &Subspace) -> f64 {
+    pub(crate) fn inflation(&self, linear: &LinearModel, subspace: &Subspace) -> f64 {
         if self.is_without(Rule::Serial) {
             return 1.0;
         }
         let constants = &self.input.options.constants;
-        serial::inflation(view, subspace, &self.bench.samples, constants)
+        serial::inflation(linear, subspace, &self.set.samples, constants)
     }
 
     /// True if the model is better with something more at a cost; each case leaves a sum of squares with the unnamed
     /// families or without.
     pub(crate) fn is_better_with(&self, cost: f64, cases: [(f64, bool); 2]) -> bool {
-        let now = self.state.view(&self.bench).total();
+        let now = self.state.linear(&self.set).total();
         let State {
             members, unnamed, ..
         } = &self.state;
         let price = |families: &[state::Unnamed]| self.cost_of_state(members, families);
-        let significance = &self.bench.significance;
+        let significance = &self.set.significance;
         cases.into_iter().any(|(left, has_families)| {
             let families = if has_families { &unnamed[..] } else { &[] };
             let count = members.len() + families.len();
@@ -323,22 +322,22 @@ impl<'a> Search<'a> {
 
     /// Score of a model: the lower, the better.
     fn score_of_state(&self, state: &State) -> f64 {
-        self.likelihood.misfit(&state.fit, &state.view(&self.bench))
+        self.likelihood.misfit(&state.fit, &state.linear(&self.set))
             + self.cost_of_state(&state.members, &state.unnamed)
     }
 
     /// Scores beside the model as it stands.
-    fn table(&mut self, view: &Arc<LinearModel>, with_families: bool) -> Table {
+    fn table(&mut self, linear: &Arc<LinearModel>, with_families: bool) -> Table {
         if let Some(known) = &self.known[usize::from(with_families)] {
             return known.clone();
         }
         let plain = match self.known[0].take() {
             Some(plain) => plain,
-            None => self.bench.table(view),
+            None => self.set.table(linear),
         };
         let table = if with_families {
             self.known[0] = Some(plain.clone());
-            self.bench.with_family_scans(view, plain)
+            self.set.with_family_scans(linear, plain)
         } else {
             plain
         };
@@ -349,7 +348,7 @@ impl<'a> Search<'a> {
     pub(crate) fn context(&self) -> Context<'_> {
         Context {
             input: self.input,
-            bench: &self.bench,
+            set: &self.set,
             variant: self.variant,
             own_effects: self.own_effects,
         }
@@ -392,9 +391,9 @@ impl<'a> Search<'a> {
     }
 
     fn effects_of(&self, members: &[Member]) -> Vec<UsedEffect> {
-        let model = &self.bench.model;
+        let model = &self.set.model;
         let used = |member: &Member| {
-            let described = &self.bench.candidates[member.candidate];
+            let described = &self.set.candidates[member.candidate];
             UsedEffect::of(model, &described.used(model, member.extended))
         };
         members.iter().map(used).collect()

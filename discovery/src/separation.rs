@@ -30,27 +30,27 @@ pub(super) struct Signal<'a> {
 /// been fitted to it, over the old rows and those of the poses that are repeated: those where the
 /// signal is predicted worst.
 pub(super) fn separate_by(
-    bench: &CandidateSet,
+    set: &CandidateSet,
     fit: &Fit,
     own: &Signal<'_>,
     rivals: &[Signal<'_>],
     base: &[usize],
 ) -> Separation {
-    let Some(now) = system(bench, fit, own, rivals, base, Treatment::Same) else {
+    let Some(now) = system(set, fit, own, rivals, base, Treatment::Same) else {
         return Separation::NotInSet1;
     };
     let present = now.all().separation();
     let parameters: usize = rivals.iter().map(|r| r.candidate.parameters.len()).sum();
     let parameters = parameters as f64;
-    let threshold = chi2_quantile_above(bench.constants.level, parameters);
-    let needed = detectable_noncentrality(threshold, parameters, bench.constants.power);
+    let threshold = chi2_quantile_above(set.constants.level, parameters);
+    let needed = detectable_noncentrality(threshold, parameters, set.constants.power);
     let best = TREATMENTS
         .into_iter()
         .filter_map(|(treatment, _)| {
             let (poses, sum) = if treatment == Treatment::Same {
                 now.with_best(&now)
             } else {
-                now.with_best(&system(bench, fit, own, rivals, base, treatment)?)
+                now.with_best(&system(set, fit, own, rivals, base, treatment)?)
             };
             Some((sum.separation(), poses, treatment))
         })
@@ -58,7 +58,7 @@ pub(super) fn separate_by(
     let Some((raised, poses, treatment)) = best else {
         return Separation::NotInSet1;
     };
-    let mut poses: Vec<u32> = poses.iter().map(|&s| bench.samples[s].number).collect();
+    let mut poses: Vec<u32> = poses.iter().map(|&s| set.samples[s].number).collect();
     poses.sort_unstable();
     Separation::Repeat {
         poses,
@@ -83,14 +83,14 @@ struct Products {
 }
 
 fn system(
-    bench: &CandidateSet,
+    set: &CandidateSet,
     fit: &Fit,
     own: &Signal<'_>,
     rivals: &[Signal<'_>],
     base: &[usize],
     treatment: Treatment,
 ) -> Option<System> {
-    let samples: Vec<Sample> = bench
+    let samples: Vec<Sample> = set
         .samples
         .iter()
         .map(|sample| sample.under(treatment))
@@ -102,14 +102,14 @@ fn system(
         let entries = signal
             .candidate
             .entries(
-                &bench.model,
+                &set.model,
                 (&signal.values, &wanted),
-                &bench.probes,
+                &set.probes,
                 &samples,
-                &bench.surroundings,
+                &set.surroundings,
             )
             .ok()?;
-        let mut columns = candidates::columns(&entries, &wanted, &bench.probes);
+        let mut columns = candidates::columns(&entries, &wanted, &set.probes);
         scale_rows(&mut columns, &fit.factors);
         Some(columns)
     };

@@ -31,18 +31,18 @@ const ROUNDS: usize = 4;
 ///
 /// A correlation counts if it exceeds [`Constants::serial`] standard deviations of that of independent residuals.
 pub(super) fn inflation(
-    view: &LinearModel,
+    linear: &LinearModel,
     subspace: &Subspace,
     samples: &[Sample],
     constants: &Constants,
 ) -> f64 {
-    let signal = &subspace.u * subspace.u.tr_mul(&view.residuals);
-    let residuals = &view.residuals - &signal;
-    let kinds: Vec<Kind> = chains(&view.rows, &view.factors, samples)
+    let signal = &subspace.u * subspace.u.tr_mul(&linear.residuals);
+    let residuals = &linear.residuals - &signal;
+    let kinds: Vec<Kind> = chains(&linear.rows, &linear.factors, samples)
         .into_values()
-        .map(|chains| Kind::of(chains, &residuals, |rows| view.rows_with(subspace, rows)))
+        .map(|chains| Kind::of(chains, &residuals, |rows| linear.rows_with(subspace, rows)))
         .collect();
-    let processes = processes(&kinds, view.q.ncols() + subspace.rank(), constants);
+    let processes = processes(&kinds, linear.q.ncols() + subspace.rank(), constants);
     let added: f64 = kinds
         .iter()
         .zip(&processes)
@@ -334,7 +334,7 @@ mod tests {
                         None => fresh,
                     };
                 }
-                let view = LinearModel {
+                let linear = LinearModel {
                     residuals: basis.residuals_after(&noise),
                     q: basis.q.clone(),
                     factors: vec![1.0; count],
@@ -342,7 +342,7 @@ mod tests {
                     degrees,
                     completed: 0.0,
                 };
-                inflation(&view, &subspace, &samples, &Constants::default())
+                inflation(&linear, &subspace, &samples, &Constants::default())
             })
             .collect();
         // In the mean it is larger, as a convex function of an estimate.

@@ -19,12 +19,10 @@ use super::results::{Motion, Place, Quantity, Unnamed};
 const LEAST_SHARE: f64 = 0.1;
 
 /// Crowds of samples that lie far off in one stretch of a track.
-pub(super) fn crowds(fit: &Fit, bench: &CandidateSet, noise: Noise) -> Vec<Unnamed> {
-    let deviations = fit
-        .joint
-        .deviations(&fit.fitted, &fit.scales, &bench.samples);
-    let beyond = outliers::beyond(&deviations, &bench.samples);
-    outliers::split(&beyond, &bench.samples)
+pub(super) fn crowds(fit: &Fit, set: &CandidateSet, noise: Noise) -> Vec<Unnamed> {
+    let deviations = fit.joint.deviations(&fit.fitted, &fit.scales, &set.samples);
+    let beyond = outliers::beyond(&deviations, &set.samples);
+    outliers::split(&beyond, &set.samples)
         .crowds
         .into_iter()
         .map(|(command, crowd)| {
@@ -34,15 +32,15 @@ pub(super) fn crowds(fit: &Fit, bench: &CandidateSet, noise: Noise) -> Vec<Unnam
                 (sum / count.max(1.0)).sqrt() * noise.position_m
             };
             let square: f64 = crowd.iter().map(|&s| size(s).powi(2)).sum();
-            let track = bench.model.tracks.get(command);
+            let track = set.model.tracks.get(command);
             Unnamed {
                 place: track.map_or(Place::Command(command + 1), |t| Place::Cart(t.name.clone())),
                 direction: Motion::InOneStretch,
-                against: Quantity::of(Readable::Command, &bench.model),
+                against: Quantity::of(Readable::Command, &set.model),
                 rms_um: (square / crowd.len().max(1) as f64).sqrt() * 1e6,
                 curve: crowd
                     .iter()
-                    .map(|&s| [bench.samples[s].commands_m[command], size(s)])
+                    .map(|&s| [set.samples[s].commands_m[command], size(s)])
                     .collect(),
             }
         })
@@ -51,24 +49,24 @@ pub(super) fn crowds(fit: &Fit, bench: &CandidateSet, noise: Noise) -> Vec<Unnam
 
 /// Structure that an unnamed family explains beside a model, displacement by displacement.
 pub(super) fn unnamed(
-    bench: &CandidateSet,
-    view: &LinearModel,
+    set: &CandidateSet,
+    linear: &LinearModel,
     family: usize,
     searched: Option<f64>,
 ) -> Option<Vec<Unnamed>> {
-    let candidate = &bench.candidates[family];
+    let candidate = &set.candidates[family];
     let described = candidate.family.as_ref()?;
-    let (_, subspace) = bench.subspace(view, family, searched)?;
+    let (_, subspace) = set.subspace(linear, family, searched)?;
     let mut values = candidate.values_at(searched);
-    let fitted = subspace.amplitudes(&view.residuals);
+    let fitted = subspace.amplitudes(&linear.residuals);
     for (&place, &amplitude) in candidate.amplitudes().iter().zip(fitted.iter()) {
         values[place] = amplitude;
     }
-    let entries = bench.entries(family, &values, &candidate.amplitudes())?;
+    let entries = set.entries(family, &values, &candidate.amplitudes())?;
     // By displacement: its value at each sample, and the square of what it does to the residuals.
     let mut moved: BTreeMap<usize, (Vec<f64>, f64)> = BTreeMap::new();
     for entry in &entries {
-        let samples = &bench.probes.all[entry.probe].samples;
+        let samples = &set.probes.all[entry.probe].samples;
         let (sums, _) = moved
             .entry(entry.probe)
             .or_insert_with(|| (vec![0.0; samples.len()], 0.0));
@@ -81,15 +79,15 @@ pub(super) fn unnamed(
         }
     }
     for (&probe, (values, square)) in &mut moved {
-        *square = bench.signal(view, probe, values);
+        *square = set.signal(linear, probe, values);
     }
     let most = moved.values().map(|of| of.1).fold(0.0, f64::max);
     let unnamed = moved
         .into_iter()
         .filter(|(_, of)| of.1 > LEAST_SHARE * most)
         .filter_map(|(probe, (values, _))| {
-            let samples = &bench.probes.all[probe].samples;
-            let (against, covariate) = covariates(&described.against, probe, bench, samples)
+            let samples = &set.probes.all[probe].samples;
+            let (against, covariate) = covariates(&described.against, probe, set, samples)
                 .into_iter()
                 .max_by(|a, b| correlation(&a.1, &values).total_cmp(&correlation(&b.1, &values)))?;
             let mut curve: Vec<[f64; 2]> = covariate
@@ -99,7 +97,7 @@ pub(super) fn unnamed(
                 .collect();
             smallest_first(&mut curve, |point| point[0]);
             let square: f64 = values.iter().map(|value| value * value).sum();
-            let (place, direction) = bench.displaced(probe);
+            let (place, direction) = set.displaced(probe);
             Some(Unnamed {
                 place,
                 direction,
@@ -114,12 +112,12 @@ pub(super) fn unnamed(
 
 impl CandidateSet {
     /// Sum of squares of what a displacement does to the residuals.
-    fn signal(&self, view: &LinearModel, probe: usize, values: &[f64]) -> f64 {
+    fn signal(&self, linear: &LinearModel, probe: usize, values: &[f64]) -> f64 {
         let rows = self.probes.all[probe].rows.chunk_by(|a, b| a.row == b.row);
         let shares = |row: &[Moved]| -> f64 {
             let shares = row.iter();
             shares
-                .map(|moved| moved.derivative * view.factors[moved.row] * values[moved.place])
+                .map(|moved| moved.derivative * linear.factors[moved.row] * values[moved.place])
                 .sum()
         };
         rows.map(|row| shares(row).powi(2)).sum()
@@ -151,13 +149,13 @@ impl CandidateSet {
 fn covariates(
     against: &[Readable],
     probe: usize,
-    bench: &CandidateSet,
+    set: &CandidateSet,
     samples: &[usize],
 ) -> Vec<(Quantity, Vec<f64>)> {
-    let cart = |track: &usize| bench.probes.carts[*track].contains(&probe);
-    let mut closures = bench.probes.closures.iter();
+    let cart = |track: &usize| set.probes.carts[*track].contains(&probe);
+    let mut closures = set.probes.closures.iter();
     let closure = closures.find(|closure| closure.length == probe);
-    let track = (0..bench.probes.carts.len()).find(cart);
+    let track = (0..set.probes.carts.len()).find(cart);
     let place = match (track, closure) {
         (Some(track), _) => scope::of_cart(track, None),
         (None, Some(closure)) => scope::of_closure(closure),
@@ -168,11 +166,11 @@ fn covariates(
             &place,
             readable,
             samples,
-            &bench.samples,
-            &bench.surroundings,
-            &bench.probes.closures,
+            &set.samples,
+            &set.surroundings,
+            &set.probes.closures,
         );
-        Some((Quantity::of(readable, &bench.model), series.ok()?))
+        Some((Quantity::of(readable, &set.model), series.ok()?))
     };
     against.iter().copied().filter_map(series).collect()
 }

@@ -14,20 +14,20 @@ const SCANS: usize = 24;
 impl CandidateSet {
     /// Residuals of which each unit has a random sign, as sums over the samples of each probe, unless upcrossings have
     /// been counted.
-    pub(super) fn nulls(&self, view: &LinearModel, scans: &Scans) -> Vec<Vec<DVector<f64>>> {
+    pub(super) fn nulls(&self, linear: &LinearModel, scans: &Scans) -> Vec<Vec<DVector<f64>>> {
         if scans.bands.iter().all(|band| band.crossings().is_some()) {
             return vec![];
         }
         let mut random = Random(self.seed);
         let null = |_| {
             let signs: Vec<f64> = (0..self.units).map(|_| random.sign()).collect();
-            let mut turned = DVector::zeros(view.residuals.len());
-            for (row, at) in view.rows.iter().enumerate() {
-                turned[row] = view.residuals[row] * signs[self.samples[at.sample].unit];
+            let mut turned = DVector::zeros(linear.residuals.len());
+            for (row, at) in linear.rows.iter().enumerate() {
+                turned[row] = linear.residuals[row] * signs[self.samples[at.sample].unit];
             }
-            let absorbed = view.q.tr_mul(&turned);
-            turned.gemv(-1.0, &*view.q, &absorbed, 1.0);
-            Responses::sums(view, &self.probes, turned.as_slice())
+            let absorbed = linear.q.tr_mul(&turned);
+            turned.gemv(-1.0, &*linear.q, &absorbed, 1.0);
+            Responses::sums(linear, &self.probes, turned.as_slice())
         };
         (0..SCANS).map(null).collect()
     }

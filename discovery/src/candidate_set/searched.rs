@@ -66,12 +66,12 @@ impl CandidateSet {
     /// The best of each scan; `bands` are the scores of all bands so far.
     pub(super) fn scan_scores(
         &self,
-        view: &LinearModel,
+        linear: &LinearModel,
         responses: &Responses,
         scans: &Scans,
         bands: &[Arc<Scores>],
     ) -> Vec<Score> {
-        let best = |scan: &Scan| self.scan_score(view, responses, scan, bands);
+        let best = |scan: &Scan| self.scan_score(linear, responses, scan, bands);
         parallel::map(&scans.scans, best)
             .into_iter()
             .flatten()
@@ -80,7 +80,7 @@ impl CandidateSet {
 
     fn scan_score(
         &self,
-        view: &LinearModel,
+        linear: &LinearModel,
         responses: &Responses,
         scan: &Scan,
         bands: &[Arc<Scores>],
@@ -93,7 +93,7 @@ impl CandidateSet {
             return None;
         }
         let p_value = |statistic: f64| {
-            let (equivalent, _) = f_form(statistic, rank, view.total(), view.degrees);
+            let (equivalent, _) = f_form(statistic, rank, linear.total(), linear.degrees);
             global_p(equivalent, rank, crossings)
         };
         let highest = scanned.bands.iter().map(|(_, scores)| scores.highest());

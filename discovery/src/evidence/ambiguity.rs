@@ -18,15 +18,15 @@ const AMBIGUOUS: f64 = 0.64;
 
 /// Pairs of named candidates that would show of which one explains more than [`AMBIGUOUS`] of what a
 /// model leaves of the other's signal, the closest first.
-pub(crate) fn ambiguous(bench: &CandidateSet, view: &LinearModel) -> Vec<Ambiguous> {
-    let (columns, blocks) = columns(bench, view);
+pub(crate) fn ambiguous(set: &CandidateSet, linear: &LinearModel) -> Vec<Ambiguous> {
+    let (columns, blocks) = columns(set, linear);
     let rows = columns.nrows();
-    let absorbed = view.q.rows(0, rows).transpose() * &columns;
+    let absorbed = linear.q.rows(0, rows).transpose() * &columns;
     let gram = transposed_times(&columns, &columns) - transposed_times(&absorbed, &absorbed);
     let signals: Vec<Signal> = blocks
         .into_iter()
         .map(|(candidate, place)| {
-            let described = &bench.candidates[candidate];
+            let described = &set.candidates[candidate];
             let amplitudes = described.amplitudes();
             let tolerances: Option<Vec<f64>> = amplitudes
                 .iter()
@@ -46,8 +46,8 @@ pub(crate) fn ambiguous(bench: &CandidateSet, view: &LinearModel) -> Vec<Ambiguo
             // Rounding alone must not swap two that explain each other alike.
             let (one, other) = if of_a > of_b + 1e-9 { (a, b) } else { (b, a) };
             let (one, other) = (
-                &bench.candidates[one.candidate],
-                &bench.candidates[other.candidate],
+                &set.candidates[one.candidate],
+                &set.candidates[other.candidate],
             );
             pairs.push(Ambiguous {
                 name: one.name.clone(),
@@ -64,11 +64,11 @@ pub(crate) fn ambiguous(bench: &CandidateSet, view: &LinearModel) -> Vec<Ambiguo
 }
 
 /// Columns of all named candidates in units of a model's noise, and where each stands.
-fn columns(bench: &CandidateSet, view: &LinearModel) -> (DMatrix<f64>, Vec<(usize, Range<usize>)>) {
-    let indices: Vec<usize> = (0..bench.candidates.len()).collect();
-    let blocks = parallel::map(&indices, |&index| bench.shown_columns(index));
+fn columns(set: &CandidateSet, linear: &LinearModel) -> (DMatrix<f64>, Vec<(usize, Range<usize>)>) {
+    let indices: Vec<usize> = (0..set.candidates.len()).collect();
+    let blocks = parallel::map(&indices, |&index| set.shown_columns(index));
     let width = blocks.iter().flatten().map(DMatrix::ncols).sum();
-    let mut columns = DMatrix::zeros(view.rows.len(), width);
+    let mut columns = DMatrix::zeros(linear.rows.len(), width);
     let (mut places, mut start) = (Vec::new(), 0);
     for (candidate, block) in blocks.into_iter().enumerate() {
         if let Some(block) = block {
@@ -78,7 +78,7 @@ fn columns(bench: &CandidateSet, view: &LinearModel) -> (DMatrix<f64>, Vec<(usiz
             places.push((candidate, place));
         }
     }
-    scale_rows(&mut columns, &view.factors);
+    scale_rows(&mut columns, &linear.factors);
     (columns, places)
 }
 

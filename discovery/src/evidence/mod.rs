@@ -15,12 +15,12 @@ use super::search::Search;
 
 /// The evidence for each effect that was found; `base` is the model that the search started from.
 pub(super) fn of_effects(search: &Search<'_>, base: &LinearModel) -> Vec<Evidence> {
-    let (bench, fit) = (&search.bench, &search.state.fit);
-    let view = LinearModel::of(fit);
+    let (set, fit) = (&search.set, &search.state.fit);
+    let linear = LinearModel::of(fit);
     let effects: Vec<usize> = (0..search.state.members.len()).collect();
     parallel::map(&effects, |&effect| {
         let accepted = search.state.members[effect];
-        let described = &bench.candidates[accepted.candidate];
+        let described = &set.candidates[accepted.candidate];
         let values = search.state.values_of(&search.context(), effect);
         let mut evidence = Evidence {
             name: described.name.clone(),
@@ -33,11 +33,11 @@ pub(super) fn of_effects(search: &Search<'_>, base: &LinearModel) -> Vec<Evidenc
             return evidence;
         };
         evidence.residuals =
-            residuals::patterns(bench, &view, &before, accepted.candidate, &values);
-        let residuals = [&before, &view.residuals];
+            residuals::patterns(set, &linear, &before, accepted.candidate, &values);
+        let residuals = [&before, &linear.residuals];
         let (first, candidate) = (&search.first, accepted.candidate);
         evidence.spectrum =
-            spectrum::spectrum(bench, first, base, candidate, residuals, &view.factors);
+            spectrum::spectrum(set, first, base, candidate, residuals, &linear.factors);
         evidence
     })
 }

@@ -34,28 +34,28 @@ struct Point {
     absorbed: DVector<f64>,
 }
 
-/// One pattern for each motion that a candidate with these parameter values adds to. `view` is the
+/// One pattern for each motion that a candidate with these parameter values adds to. `linear` is the
 /// model with it, `before` are the residuals without it.
 pub(super) fn patterns(
-    bench: &CandidateSet,
-    view: &LinearModel,
+    set: &CandidateSet,
+    linear: &LinearModel,
     before: &DVector<f64>,
     candidate: usize,
     values: &[f64],
 ) -> Vec<Pattern> {
-    let described = &bench.candidates[candidate];
+    let described = &set.candidates[candidate];
     let mut wanted = described.taken(true);
     wanted.retain(|&k| !described.is_searched(k));
     let Ok(entries) = described.entries(
-        &bench.model,
+        &set.model,
         (values, &wanted),
-        &bench.probes,
-        &bench.samples,
-        &bench.surroundings,
+        &set.probes,
+        &set.samples,
+        &set.surroundings,
     ) else {
         return vec![];
     };
-    let terms = &bench.model.effects[described.effect].terms;
+    let terms = &set.model.effects[described.effect].terms;
     let first = |term: usize| {
         let same = |other: &Term| other.target == terms[term].target;
         terms.iter().position(same).unwrap_or(term)
@@ -78,15 +78,15 @@ pub(super) fn patterns(
             let target = terms[term].target;
             let moving = terms.iter().filter(|term| term.target == target);
             let read = moving.flat_map(|term| term.formula.quantities()).collect();
-            let readable = covariate(bench, described, values, &group, read)?;
+            let readable = covariate(set, described, values, &group, read)?;
             let period = period(described, values, readable);
             // The displacement is the same whichever term moves it.
             let mut probes = BTreeSet::new();
             group.retain(|entry| probes.insert(entry.probe));
             let mut points = Vec::new();
             for entry in &group {
-                let at = series(bench, entry, readable)?;
-                points.extend(displacements(bench, view, before, entry, &at));
+                let at = series(set, entry, readable)?;
+                points.extend(displacements(set, linear, before, entry, &at));
             }
             if let Some(period) = period {
                 for point in &mut points {
@@ -95,10 +95,10 @@ pub(super) fn patterns(
             }
             let target = Motion::Target(target, component);
             Some(Pattern {
-                place: place(&bench.model, described, &group),
+                place: place(&set.model, described, &group),
                 unit: target.unit(),
                 target,
-                against: quantity(&bench.model, readable, group[0].scope),
+                against: quantity(&set.model, readable, group[0].scope),
                 period,
                 bins: binned(&points),
                 points: shown(&points),
@@ -109,7 +109,7 @@ pub(super) fn patterns(
 
 /// Of the quantities that a term reads, the one that the effect follows best.
 fn covariate(
-    bench: &CandidateSet,
+    set: &CandidateSet,
     described: &Candidate,
     values: &[f64],
     group: &[&Entry],
@@ -128,7 +128,7 @@ fn covariate(
     let signal: Vec<f64> = group
         .iter()
         .flat_map(|entry| {
-            (0..probe(bench, entry).samples.len()).map(|k| {
+            (0..probe(set, entry).samples.len()).map(|k| {
                 (0..described.parameters.len())
                     .filter(|&place| !described.is_searched(place))
                     .filter_map(|place| {
@@ -142,7 +142,7 @@ fn covariate(
     let follows = |readable: Readable| -> Option<f64> {
         let mut all = Vec::new();
         for entry in group {
-            all.extend(series(bench, entry, readable)?);
+            all.extend(series(set, entry, readable)?);
         }
         Some(correlation(&all, &signal))
     };
@@ -152,14 +152,14 @@ fn covariate(
         .map(|(_, readable)| readable)
 }
 
-fn series(bench: &CandidateSet, entry: &Entry, readable: Readable) -> Option<Vec<f64>> {
+fn series(set: &CandidateSet, entry: &Entry, readable: Readable) -> Option<Vec<f64>> {
     scope::read(
         &entry.scope,
         readable,
-        &probe(bench, entry).samples,
-        &bench.samples,
-        &bench.surroundings,
-        &bench.probes.closures,
+        &probe(set, entry).samples,
+        &set.samples,
+        &set.surroundings,
+        &set.probes.closures,
     )
     .ok()
 }
@@ -176,39 +176,39 @@ fn period(described: &Candidate, values: &[f64], readable: Readable) -> Option<f
     Some(values[searched]).filter(|period| is_of_command && *period > 0.0)
 }
 
-fn probe<'a>(bench: &'a CandidateSet, entry: &Entry) -> &'a Probe {
-    &bench.probes.all[entry.probe]
+fn probe<'a>(set: &'a CandidateSet, entry: &Entry) -> &'a Probe {
+    &set.probes.all[entry.probe]
 }
 
 /// Motion that would explain the residuals of each sample by itself, by least squares.
 fn displacements(
-    bench: &CandidateSet,
-    view: &LinearModel,
+    set: &CandidateSet,
+    linear: &LinearModel,
     before: &DVector<f64>,
     entry: &Entry,
     at: &[f64],
 ) -> Vec<Point> {
-    let probe = probe(bench, entry);
+    let probe = probe(set, entry);
     let mut sums = vec![(0.0, 0.0, 0.0); probe.samples.len()];
-    let mut absorbed = DMatrix::zeros(view.q.ncols(), probe.samples.len());
+    let mut absorbed = DMatrix::zeros(linear.q.ncols(), probe.samples.len());
     for &Moved {
         row,
         place,
         derivative,
     } in &probe.rows
     {
-        let weight = derivative * view.factors[row];
+        let weight = derivative * linear.factors[row];
         if weight == 0.0 {
             continue;
         }
         let sum = &mut sums[place];
         sum.0 += weight * before[row];
-        sum.1 += weight * view.residuals[row];
+        sum.1 += weight * linear.residuals[row];
         sum.2 += weight * weight;
         for (to, q) in absorbed
             .column_mut(place)
             .iter_mut()
-            .zip(view.q.row(row).iter())
+            .zip(linear.q.row(row).iter())
         {
             *to += weight * q;
         }

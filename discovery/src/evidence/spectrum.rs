@@ -15,16 +15,16 @@ const CURVE: usize = 600;
 /// The spectrum of a searched candidate. `base` is the model in which it was scored first, `residuals`
 /// are those of other models, without and with the effect, each row in units of noise times `factors`.
 pub(super) fn spectrum(
-    bench: &CandidateSet,
+    set: &CandidateSet,
     first: &Table,
     base: &LinearModel,
     candidate: usize,
     residuals: [&DVector<f64>; 2],
     factors: &[f64],
 ) -> Option<Spectrum> {
-    let scanned = bench.scan_in(first, candidate)?;
+    let scanned = set.scan_in(first, candidate)?;
     let rank = scanned.rank;
-    let described = &bench.candidates[candidate];
+    let described = &set.candidates[candidate];
     let (searched, _) = described.search?;
     if rank == 0.0 {
         return None;
@@ -32,7 +32,7 @@ pub(super) fn spectrum(
     let [before, after] = residuals.map(|residuals| {
         let left = left_by(base, residuals, factors);
         let (left, total) = (
-            Responses::sums(base, &bench.probes, left.as_slice()),
+            Responses::sums(base, &set.probes, left.as_slice()),
             left.norm_squared(),
         );
         let mut statistics = Vec::new();
@@ -46,7 +46,7 @@ pub(super) fn spectrum(
         rank,
         crossings: Some(scanned.crossings),
     };
-    let threshold = bench.significance.threshold(null, described.is_named());
+    let threshold = set.significance.threshold(null, described.is_named());
     let whole: Vec<[f64; 3]> = (scanned.bands)
         .iter()
         .flat_map(|(band, _)| &band.grid)

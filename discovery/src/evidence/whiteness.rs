@@ -30,10 +30,10 @@ pub(crate) struct Series {
 impl Series {
     /// Of the poses with as many residuals as most have: where poses are unknown, not all have the same. `None` where set 1
     /// has too few.
-    pub(crate) fn of(view: &LinearModel, samples: &[Sample]) -> Option<Self> {
+    pub(crate) fn of(linear: &LinearModel, samples: &[Sample]) -> Option<Self> {
         let mut rows_of: Vec<(usize, Vec<usize>)> = Vec::new();
-        for (row, at) in view.rows.iter().enumerate() {
-            if samples[at.sample].set == 1 && view.factors[row] > 0.0 {
+        for (row, at) in linear.rows.iter().enumerate() {
+            if samples[at.sample].set == 1 && linear.factors[row] > 0.0 {
                 match rows_of.last_mut().filter(|(last, _)| *last == at.sample) {
                     Some((_, rows)) => rows.push(row),
                     None => rows_of.push((at.sample, vec![row])),
@@ -51,8 +51,8 @@ impl Series {
         let rows: Vec<usize> = rows_of.into_iter().flat_map(|(_, rows)| rows).collect();
         (rows.len() >= LEAST_SAMPLES * width).then(|| Self {
             is_by_time,
-            residuals: view.residuals.select_rows(&rows),
-            basis: view.q.select_rows(&rows),
+            residuals: linear.residuals.select_rows(&rows),
+            basis: linear.q.select_rows(&rows),
             width,
         })
     }

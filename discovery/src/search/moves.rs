@@ -39,7 +39,7 @@ pub(super) struct Joining {
 
 /// A model without one of its effects or families.
 pub(super) struct Without {
-    pub(super) view: Arc<LinearModel>,
+    pub(super) linear: Arc<LinearModel>,
     pub(super) table: Table,
 }
 
@@ -55,15 +55,15 @@ impl Search<'_> {
     /// Neighbours that the linear model predicts to be better, the best first: those that candidates join or leave,
     /// or those in which one takes the place of another, which take a table of scores for each effect.
     pub(super) fn moves(&mut self, exchange: bool, with_families: bool) -> Vec<Move> {
-        let view = Arc::new(self.state.view(&self.bench));
-        let table = self.table(&view, with_families);
+        let linear = Arc::new(self.state.linear(&self.set));
+        let table = self.table(&linear, with_families);
         let mut moves = if exchange {
-            self.exchanges(&view, &table, with_families)
+            self.exchanges(&linear, &table, with_families)
         } else {
-            let mut moves = self.additions(&view, &table, with_families);
-            moves.extend(self.common_placements(&view));
-            moves.extend(self.removals(&view));
-            moves.extend(self.extensions(&view));
+            let mut moves = self.additions(&linear, &table, with_families);
+            moves.extend(self.common_placements(&linear));
+            moves.extend(self.removals(&linear));
+            moves.extend(self.extensions(&linear));
             moves
         };
         moves.retain(|change| change.predicted < 0.0);
@@ -77,12 +77,12 @@ impl Search<'_> {
     }
 
     fn number(&self, count: usize) -> f64 {
-        self.bench.significance.cost_of_number(count)
+        self.set.significance.cost_of_number(count)
     }
 
     /// Index of a member's effect in the catalogue.
     fn effect_of(&self, member: Member) -> usize {
-        self.bench.candidates[member.candidate].effect
+        self.set.candidates[member.candidate].effect
     }
 
     pub(super) fn is_in_model(&self, candidate: usize) -> bool {
@@ -94,11 +94,11 @@ impl Search<'_> {
 
     fn additions(
         &mut self,
-        view: &Arc<LinearModel>,
+        linear: &Arc<LinearModel>,
         table: &Table,
         with_families: bool,
     ) -> Vec<Move> {
-        let (total, count) = (view.total(), self.state.count());
+        let (total, count) = (linear.total(), self.state.count());
         let dearer = self.number(count + 1) - self.number(count);
         let mut best: Option<(f64, Score)> = None;
         let mut best_family = 0.0_f64;
@@ -111,7 +111,7 @@ impl Search<'_> {
             if predicted >= 0.0 {
                 continue;
             }
-            let is_named = self.bench.candidates[score.candidate].is_named();
+            let is_named = self.set.candidates[score.candidate].is_named();
             if !is_named {
                 best_family = best_family.min(predicted);
             } else if best.as_ref().is_none_or(|(least, _)| predicted < *least) {
@@ -121,7 +121,7 @@ impl Search<'_> {
                 let State {
                     members, unnamed, ..
                 } = &self.state;
-                moves.push(self.joined((members, unnamed), score, view, predicted));
+                moves.push(self.joined((members, unnamed), score, linear, predicted));
             }
         }
         if count == 0 {
@@ -131,7 +131,7 @@ impl Search<'_> {
         // Where the effect that fits best can act at several places, these may all be in one move: the first step
         // alone would often be the amplitude that all places have in common.
         if let Some((_, score)) = best
-            && let Some(places) = self.places(view, score.candidate, &[])
+            && let Some(places) = self.places(linear, score.candidate, &[])
             && places.joining.len() > 1
         {
             let more = self.number(count + places.joining.len()) - self.number(count);
@@ -156,7 +156,7 @@ impl Search<'_> {
         predicted: f64,
     ) -> Move {
         let (mut members, mut unnamed) = (members.to_vec(), unnamed.to_vec());
-        if self.bench.candidates[score.candidate].is_named() {
+        if self.set.candidates[score.candidate].is_named() {
             members.push(Member::plain(score.candidate));
         } else {
             unnamed.push((score.candidate, score.searched));
@@ -172,8 +172,8 @@ impl Search<'_> {
         }
     }
 
-    fn removals(&mut self, view: &LinearModel) -> Vec<Move> {
-        let (total, count) = (view.total(), self.state.count());
+    fn removals(&mut self, linear: &LinearModel) -> Vec<Move> {
+        let (total, count) = (linear.total(), self.state.count());
         let cheaper = self.number(count) - self.number(count.saturating_sub(1));
         let mut moves = Vec::new();
         for member in 0..self.state.members.len() {
@@ -189,7 +189,7 @@ impl Search<'_> {
             });
         }
         for family in 0..self.state.unnamed.len() {
-            let without = self.state.view_without_family(&self.bench, family);
+            let without = self.state.view_without_family(&self.set, family);
             let mut unnamed = self.state.unnamed.clone();
             let (candidate, _) = unnamed.remove(family);
             moves.push(Move {
@@ -205,27 +205,28 @@ impl Search<'_> {
     }
 
     /// Effects with their optional parameters.
-    fn extensions(&self, view: &LinearModel) -> Vec<Move> {
+    fn extensions(&self, linear: &LinearModel) -> Vec<Move> {
         let mut moves = Vec::new();
         for (index, member) in self.state.members.iter().enumerate() {
-            let optional = self.bench.candidates[member.candidate].optional();
+            let optional = self.set.candidates[member.candidate].optional();
             if member.extended || optional.is_empty() {
                 continue;
             }
             let values = self.state.values_of(&self.context(), index);
-            let subspace = (self.bench).subspace_of(view, member.candidate, &values, &optional);
+            let subspace = (self.set).subspace_of(linear, member.candidate, &values, &optional);
             let Some((_, subspace)) = subspace else {
                 continue;
             };
             let rank = subspace.rank() as f64;
-            let statistic = subspace.statistic(&view.residuals) / self.inflation(view, &subspace);
+            let statistic =
+                subspace.statistic(&linear.residuals) / self.inflation(linear, &subspace);
             let mut members = self.state.members.clone();
             members[index].extended = true;
             moves.push(Move {
                 members,
                 unnamed: self.state.unnamed.clone(),
-                predicted: self.change(view.total(), view.total() - statistic)
-                    + self.bench.significance.cost_of_option(rank),
+                predicted: self.change(linear.total(), linear.total() - statistic)
+                    + self.set.significance.cost_of_option(rank),
                 joining: vec![],
             });
         }
@@ -233,7 +234,7 @@ impl Search<'_> {
     }
 
     /// One amplitude for all places in the stead of an effect's own at several.
-    fn common_placements(&mut self, view: &LinearModel) -> Vec<Move> {
+    fn common_placements(&mut self, linear: &LinearModel) -> Vec<Move> {
         let effects: BTreeSet<usize> = (self.state.members.iter())
             .map(|member| self.effect_of(*member))
             .collect();
@@ -242,17 +243,17 @@ impl Search<'_> {
             let own: Vec<usize> = (0..self.state.members.len())
                 .filter(|&k| self.effect_of(self.state.members[k]) == effect)
                 .collect();
-            let common = (0..self.bench.candidates.len()).find(|&candidate| {
-                self.bench.candidates[candidate].effect == effect
+            let common = (0..self.set.candidates.len()).find(|&candidate| {
+                self.set.candidates[candidate].effect == effect
                     && self.is_common(candidate)
                     && !self.is_in_model(candidate)
-                    && !self.bench.hidden.contains(&candidate)
+                    && !self.set.hidden.contains(&candidate)
             });
             let Some(common) = common.filter(|_| own.len() > 1) else {
                 continue;
             };
             let without = Arc::new(self.state.view_without(&self.context(), &own));
-            let Some((_, subspace)) = self.bench.subspace(&without, common, None) else {
+            let Some((_, subspace)) = self.set.subspace(&without, common, None) else {
                 continue;
             };
             let score = Self::score_of(&without, common, &subspace);
@@ -262,7 +263,7 @@ impl Search<'_> {
                 .sum();
             let count = self.state.count();
             let fewer = self.number(count) - self.number(count + 1 - own.len());
-            let predicted = self.change(view.total(), without.total() - score.statistic)
+            let predicted = self.change(linear.total(), without.total() - score.statistic)
                 + self.cost(&score)
                 - saved
                 - fewer;
@@ -285,12 +286,12 @@ impl Search<'_> {
     /// Other candidates in the stead of an effect or a family.
     fn exchanges(
         &mut self,
-        view: &Arc<LinearModel>,
+        linear: &Arc<LinearModel>,
         table: &Table,
         with_families: bool,
     ) -> Vec<Move> {
         let is_wanted = |search: &Self, score: &Score| {
-            with_families || search.bench.candidates[score.candidate].is_named()
+            with_families || search.set.candidates[score.candidate].is_named()
         };
         let members: Vec<usize> = (0..self.state.members.len()).collect();
         let without = self.without_each(table);
@@ -300,22 +301,22 @@ impl Search<'_> {
             let removed = others.remove(member);
             let saved = self.cost_of(removed);
             let unnamed = self.state.unnamed.clone();
-            moves.extend(self.instead(view, without, (others, unnamed), saved, is_wanted));
+            moves.extend(self.instead(linear, without, (others, unnamed), saved, is_wanted));
             if self.is_common(removed.candidate) {
-                moves.extend(self.split(view, removed));
+                moves.extend(self.split(linear, removed));
             }
         }
         for family in 0..self.state.unnamed.len() {
-            let beside = self.state.view_without_family(&self.bench, family);
+            let beside = self.state.view_without_family(&self.set, family);
             let mut unnamed = self.state.unnamed.clone();
             let (removed, _) = unnamed.remove(family);
             let saved = self.cost_of(Member::plain(removed));
             let without = Without {
-                table: self.bench.table(&beside),
-                view: Arc::new(beside),
+                table: self.set.table(&beside),
+                linear: Arc::new(beside),
             };
             let rest = (self.state.members.clone(), unnamed);
-            moves.extend(self.instead(view, &without, rest, saved, |_, _| true));
+            moves.extend(self.instead(linear, &without, rest, saved, |_, _| true));
         }
         moves
     }
@@ -323,21 +324,21 @@ impl Search<'_> {
     /// Wanted candidates in the stead of one that has left the model, whose cost is `saved`.
     fn instead(
         &mut self,
-        view: &LinearModel,
+        linear: &LinearModel,
         without: &Without,
         (members, unnamed): (Vec<Member>, Vec<Unnamed>),
         saved: f64,
         is_wanted: impl Fn(&Self, &Score) -> bool,
     ) -> Vec<Move> {
-        let total = without.view.total();
+        let total = without.linear.total();
         let mut moves = Vec::new();
         for score in &without.table.scores {
             if self.is_in_model(score.candidate) || !is_wanted(self, score) {
                 continue;
             }
             let predicted =
-                self.change(view.total(), total - score.statistic) + self.cost(score) - saved;
-            moves.push(self.joined((&members, &unnamed), score, &without.view, predicted));
+                self.change(linear.total(), total - score.statistic) + self.cost(score) - saved;
+            moves.push(self.joined((&members, &unnamed), score, &without.linear, predicted));
         }
         moves
     }
@@ -355,8 +356,8 @@ impl Search<'_> {
         if strong.is_empty() {
             return vec![];
         }
-        let view = Arc::new(self.state.view(&self.bench));
-        let table = self.table(&view, false);
+        let linear = Arc::new(self.state.linear(&self.set));
+        let table = self.table(&linear, false);
         let without = self.without_each(&table);
         let mut moves = vec![];
         for member in strong {
@@ -365,10 +366,12 @@ impl Search<'_> {
             let without = &without[member];
             let own = self
                 .state
-                .own_subspace(&self.context(), member, &without.view);
-            moves.extend(self.instead(&view, without, rest, saved, |search, score| {
-                search.is_alike(&without.view, &own, score)
-            }));
+                .own_subspace(&self.context(), member, &without.linear);
+            moves.extend(
+                self.instead(&linear, without, rest, saved, |search, score| {
+                    search.is_alike(&without.linear, &own, score)
+                }),
+            );
         }
         smallest_first(&mut moves, |change| change.predicted);
         moves
@@ -376,7 +379,7 @@ impl Search<'_> {
 
     /// True if the signal of a named candidate is the effect's own, which `own` is all that explains beside a model without.
     fn is_alike(&self, without: &LinearModel, own: &Subspace, score: &Score) -> bool {
-        let described = &self.bench.candidates[score.candidate];
+        let described = &self.set.candidates[score.candidate];
         let alike = self.input.options.constants.alike;
         if !described.is_named()
             || described.search.is_some()
@@ -384,13 +387,13 @@ impl Search<'_> {
         {
             return false;
         }
-        let subspace = self.bench.subspace(without, score.candidate, None);
+        let subspace = self.set.subspace(without, score.candidate, None);
         subspace.is_some_and(|(_, subspace)| cosine(without, own, &[subspace]).powi(2) > alike)
     }
 
     /// The places of an effect that pay, each with an amplitude of its own, in the stead of one that is common to all
     /// and of those that it has beside that.
-    fn split(&mut self, view: &LinearModel, common: Member) -> Option<Move> {
+    fn split(&mut self, linear: &LinearModel, common: Member) -> Option<Move> {
         let effect = self.effect_of(common);
         let (own, others): (Vec<usize>, Vec<usize>) = (0..self.state.members.len())
             .partition(|&k| self.effect_of(self.state.members[k]) == effect);
@@ -409,7 +412,7 @@ impl Search<'_> {
             .sum();
         let count = self.state.count();
         let more = self.number(count + places.joining.len() - own.len()) - self.number(count);
-        let predicted = self.change(view.total(), without.total()) + places.change - saved + more;
+        let predicted = self.change(linear.total(), without.total()) + places.change - saved + more;
         let mut members: Vec<Member> = others.iter().map(|&k| self.state.members[k]).collect();
         members.extend(places.members());
         Some(Move {
@@ -432,16 +435,16 @@ impl Search<'_> {
     }
 
     fn without(&self, member: usize, whole: Option<&Table>) -> Without {
-        let view = self.state.view_without(&self.context(), &[member]);
+        let linear = self.state.view_without(&self.context(), &[member]);
         let table = match whole {
             Some(whole) => {
                 let freed = self.state.freed(&self.context(), member);
-                self.bench.table_without(whole, freed, &view)
+                self.set.table_without(whole, freed, &linear)
             }
-            None => self.bench.table(&view),
+            None => self.set.table(&linear),
         };
         Without {
-            view: Arc::new(view),
+            linear: Arc::new(linear),
             table,
         }
     }
@@ -451,25 +454,25 @@ impl Search<'_> {
     /// Candidates that are `leaving` count as if they were not in the model.
     pub(super) fn places(
         &mut self,
-        view: &Arc<LinearModel>,
+        linear: &Arc<LinearModel>,
         candidate: usize,
         leaving: &[usize],
     ) -> Option<Places> {
-        let effect = self.bench.candidates[candidate].effect;
+        let effect = self.set.candidates[candidate].effect;
         let mut places = Places {
             joining: vec![],
             change: 0.0,
             subspaces: vec![],
         };
-        let mut beside = Arc::clone(view);
-        let mut open: Vec<usize> = (0..self.bench.candidates.len())
+        let mut beside = Arc::clone(linear);
+        let mut open: Vec<usize> = (0..self.set.candidates.len())
             .filter(|&place| {
-                let described = &self.bench.candidates[place];
+                let described = &self.set.candidates[place];
                 described.effect == effect
                     && described.search.is_none()
                     && !self.is_common(place)
                     && (leaving.contains(&place) || !self.is_in_model(place))
-                    && !self.bench.hidden.contains(&place)
+                    && !self.set.hidden.contains(&place)
             })
             .collect();
         if open.len() < 2 {
@@ -477,7 +480,7 @@ impl Search<'_> {
         }
         loop {
             let scored = parallel::map(&open, |&place| {
-                let (_, subspace) = self.bench.subspace(&beside, place, None)?;
+                let (_, subspace) = self.set.subspace(&beside, place, None)?;
                 Some((Self::score_of(&beside, place, &subspace), subspace))
             });
             let mut best: Option<(f64, Score, Subspace)> = None;
@@ -502,21 +505,21 @@ impl Search<'_> {
     }
 
     pub(super) fn is_common(&self, candidate: usize) -> bool {
-        let place = self.bench.candidates[candidate].place;
+        let place = self.set.candidates[candidate].place;
         matches!(place, Place::AllCarts | Place::AllLinks)
     }
 
     /// The score of a candidate without a search from its subspace.
-    pub(super) fn score_of(view: &LinearModel, candidate: usize, subspace: &Subspace) -> Score {
-        let statistic = subspace.statistic(&view.residuals);
-        CandidateSet::score_of(view, candidate, statistic, subspace.rank() as f64)
+    pub(super) fn score_of(linear: &LinearModel, candidate: usize, subspace: &Subspace) -> Score {
+        let statistic = subspace.statistic(&linear.residuals);
+        CandidateSet::score_of(linear, candidate, statistic, subspace.rank() as f64)
     }
 
     /// The cost of a candidate in a model, by the null distribution of its first score.
     pub(super) fn cost(&mut self, score: &Score) -> f64 {
-        let candidate = &self.bench.candidates[score.candidate];
+        let candidate = &self.set.candidates[score.candidate];
         let (is_named, places) = (candidate.is_named(), candidate.place_count());
-        let significance = &self.bench.significance;
+        let significance = &self.set.significance;
         let known = self.costs.entry(score.candidate);
         *known.or_insert_with(|| {
             if places == 1 {
@@ -534,8 +537,8 @@ impl Search<'_> {
         if !member.extended {
             return own;
         }
-        let options = self.bench.candidates[member.candidate].optional().len();
-        own + self.bench.significance.cost_of_option(options as f64)
+        let options = self.set.candidates[member.candidate].optional().len();
+        own + self.set.significance.cost_of_option(options as f64)
     }
 
     /// The cost of all that the model has.
@@ -550,8 +553,8 @@ impl Search<'_> {
 
 /// Cosine between the signal of an effect and what a rival can make of it, whose subspaces follow each other, each
 /// without what is in those before.
-pub(super) fn cosine(view: &LinearModel, own: &Subspace, rival: &[Subspace]) -> f64 {
-    let signal = &own.u * own.u.tr_mul(&view.residuals);
+pub(super) fn cosine(linear: &LinearModel, own: &Subspace, rival: &[Subspace]) -> f64 {
+    let signal = &own.u * own.u.tr_mul(&linear.residuals);
     let made = rival
         .iter()
         .map(|rival| rival.u.tr_mul(&signal).norm_squared());

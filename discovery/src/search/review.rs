@@ -38,33 +38,33 @@ impl Search<'_> {
     /// Results on each effect.
     pub(crate) fn found(&mut self) -> Vec<Found> {
         let members: Vec<usize> = (0..self.state.members.len()).collect();
-        let view = std::sync::Arc::new(self.state.view(&self.bench));
-        let table = self.table(&view, true);
+        let linear = std::sync::Arc::new(self.state.linear(&self.set));
+        let table = self.table(&linear, true);
         let without = self.without_each(&table);
         let found = members.iter().zip(without.iter());
         found
-            .map(|(&member, without)| self.found_of(member, &view, without))
+            .map(|(&member, without)| self.found_of(member, &linear, without))
             .collect()
     }
 
-    fn found_of(&mut self, member: usize, view: &LinearModel, without: &Without) -> Found {
+    fn found_of(&mut self, member: usize, linear: &LinearModel, without: &Without) -> Found {
         let candidate = self.state.members[member].candidate;
         let own = self
             .state
-            .own_subspace(&self.context(), member, &without.view);
-        let statistic = own.statistic(&without.view.residuals);
+            .own_subspace(&self.context(), member, &without.linear);
+        let statistic = own.statistic(&without.linear.residuals);
         let score = without
             .table
             .scores
             .iter()
             .find(|score| score.candidate == candidate);
         let (p_value, aliases) = match score {
-            Some(score) => (score.p_value, self.bench.aliases(&without.table, score)),
+            Some(score) => (score.p_value, self.set.aliases(&without.table, score)),
             None => {
                 let rank = own.rank().max(1) as f64;
-                let Without { view, .. } = without;
+                let Without { linear, .. } = without;
                 (
-                    f_form(statistic, rank, view.total(), view.degrees).1,
+                    f_form(statistic, rank, linear.total(), linear.degrees).1,
                     vec![],
                 )
             }
@@ -74,7 +74,7 @@ impl Search<'_> {
             chi2_drop: statistic,
             aliases,
             heldout_drop_um: self.drops_um.get(&candidate).copied().unwrap_or(0.0),
-            rivals: self.rivals(member, view, without, &own),
+            rivals: self.rivals(member, linear, without, &own),
         }
     }
 
@@ -83,15 +83,15 @@ impl Search<'_> {
     fn rivals(
         &mut self,
         member: usize,
-        view: &LinearModel,
+        linear: &LinearModel,
         without: &Without,
         own: &Subspace,
     ) -> Vec<FoundRival> {
         let removed = self.state.members[member];
         let saved = self.cost_of(removed);
         let Constants { as_good, alike, .. } = self.input.options.constants;
-        let (now, total) = (view.total(), without.view.total());
-        let statistic = own.statistic(&without.view.residuals);
+        let (now, total) = (linear.total(), without.linear.total());
+        let statistic = own.statistic(&without.linear.residuals);
         let mut rivals: Vec<Vec<(usize, Option<f64>)>> = Vec::new();
         let mut cosines = Vec::new();
         for score in &without.table.scores {
@@ -101,11 +101,11 @@ impl Search<'_> {
             {
                 continue;
             }
-            let subspace = (self.bench).subspace(&without.view, score.candidate, score.searched);
+            let subspace = (self.set).subspace(&without.linear, score.candidate, score.searched);
             let Some((_, subspace)) = subspace else {
                 continue;
             };
-            let cosine = cosine(&without.view, own, &[subspace]);
+            let cosine = cosine(&without.linear, own, &[subspace]);
             let is_rival = change < as_good
                 || (cosine.powi(2) > alike && self.fits_as_well(member, score.candidate));
             if is_rival {
@@ -117,18 +117,18 @@ impl Search<'_> {
         // an amplitude that all places have in common.
         let mut tried = BTreeSet::new();
         if !self.is_common(removed.candidate) {
-            tried.insert(self.bench.candidates[removed.candidate].effect);
+            tried.insert(self.set.candidates[removed.candidate].effect);
         }
         let significant: Vec<usize> = (without.table.scores.iter())
             .filter(|score| self.is_significant(score))
             .map(|score| score.candidate)
             .collect();
         for candidate in significant {
-            let described = &self.bench.candidates[candidate];
+            let described = &self.set.candidates[candidate];
             if !described.is_named() || !tried.insert(described.effect) {
                 continue;
             }
-            let Some(places) = self.places(&without.view, candidate, &[]) else {
+            let Some(places) = self.places(&without.linear, candidate, &[]) else {
                 continue;
             };
             let candidates: Vec<(usize, Option<f64>)> = places
@@ -138,12 +138,12 @@ impl Search<'_> {
                 .collect();
             let is_told = candidates.iter().any(|one| rivals.contains(&vec![*one]));
             let count = self.state.count();
-            let significance = &self.bench.significance;
+            let significance = &self.set.significance;
             let more = significance.cost_of_number(count + candidates.len().max(1) - 1)
                 - significance.cost_of_number(count);
             let change = self.change(now, total) + places.change - saved + more;
             if candidates.len() > 1 && !is_told && change < as_good {
-                cosines.push(cosine(&without.view, own, &places.subspaces));
+                cosines.push(cosine(&without.linear, own, &places.subspaces));
                 rivals.push(candidates);
             }
         }
@@ -160,7 +160,7 @@ impl Search<'_> {
 
     /// True if a model with another named effect in the place of one, fitted anew, has a score that is as good.
     fn fits_as_well(&self, member: usize, candidate: usize) -> bool {
-        let described = &self.bench.candidates[candidate];
+        let described = &self.set.candidates[candidate];
         if !described.is_named() || described.search.is_some() {
             return false;
         }
@@ -181,19 +181,19 @@ impl Search<'_> {
 
     /// True if a score is significant among all candidates.
     pub(crate) fn is_significant(&self, score: &Score) -> bool {
-        let is_named = self.bench.candidates[score.candidate].is_named();
-        score.p_value.value() <= self.bench.significance.level(is_named)
+        let is_named = self.set.candidates[score.candidate].is_named();
+        score.p_value.value() <= self.set.significance.level(is_named)
     }
 
     /// Significant structure that the model leaves where its effects act: there are few candidates, so less is
     /// needed to see it than anywhere.
     pub(crate) fn left_where_found(&mut self) -> Vec<Unnamed> {
-        let view = std::sync::Arc::new(self.state.view(&self.bench));
-        let table = self.table(&view, false);
+        let linear = std::sync::Arc::new(self.state.linear(&self.set));
+        let table = self.table(&linear, false);
         let members: Vec<usize> = (0..self.state.members.len()).collect();
         let where_they_act = parallel::map(&members, |&member| {
-            let acts_on = self.bench.displaces(self.state.members[member].candidate);
-            (self.harmonics(&view, member, &acts_on), acts_on)
+            let acts_on = self.set.displaces(self.state.members[member].candidate);
+            (self.harmonics(&linear, member, &acts_on), acts_on)
         });
         let level = self.input.options.constants.left_where_found;
         let mut left: Vec<Unnamed> = Vec::new();
@@ -201,9 +201,9 @@ impl Search<'_> {
             let families: Vec<&Score> = table
                 .scores
                 .iter()
-                .filter(|score| !self.bench.candidates[score.candidate].is_named())
+                .filter(|score| !self.set.candidates[score.candidate].is_named())
                 .filter(|score| !self.state.unnamed.iter().any(|u| u.0 == score.candidate))
-                .filter(|score| self.bench.displaces(score.candidate).is_subset(&acts_on))
+                .filter(|score| self.set.displaces(score.candidate).is_subset(&acts_on))
                 .collect();
             // Harmonics, where there may be any, get half of the level.
             let level = level / if harmonics.is_some() { 2.0 } else { 1.0 };
@@ -230,25 +230,25 @@ impl Search<'_> {
     /// strongest harmonic's period and the p-value of all.
     fn harmonics(
         &self,
-        view: &LinearModel,
+        linear: &LinearModel,
         member: usize,
         acts_on: &BTreeSet<usize>,
     ) -> Option<(usize, f64, PValue)> {
-        let described = &self.bench.candidates[self.state.members[member].candidate];
+        let described = &self.set.candidates[self.state.members[member].candidate];
         let (place, _) = described.search?;
         let period = self.state.values_of(&self.context(), member)[place];
-        let mut families = self.bench.searched_families().iter().copied();
-        let family = families.find(|&family| self.bench.displaces(family) == *acts_on)?;
+        let mut families = self.set.searched_families().iter().copied();
+        let family = families.find(|&family| self.set.displaces(family) == *acts_on)?;
         let (mut statistic, mut rank) = (0.0, 0);
         let mut strongest = (0.0, period);
         let mut beside = None;
         for order in 2..=count(self.input.options.constants.harmonics) {
             let value = period / order as f64;
-            let here = beside.as_ref().unwrap_or(view);
-            let Some((_, subspace)) = self.bench.subspace(here, family, Some(value)) else {
+            let here = beside.as_ref().unwrap_or(linear);
+            let Some((_, subspace)) = self.set.subspace(here, family, Some(value)) else {
                 continue;
             };
-            let own = subspace.statistic(&view.residuals);
+            let own = subspace.statistic(&linear.residuals);
             if own > strongest.0 {
                 strongest = (own, value);
             }
@@ -259,19 +259,19 @@ impl Search<'_> {
         if rank == 0 {
             return None;
         }
-        let (_, p_value) = f_form(statistic, rank as f64, view.total(), view.degrees);
+        let (_, p_value) = f_form(statistic, rank as f64, linear.total(), linear.degrees);
         Some((family, strongest.1, p_value))
     }
 
     /// The measurement that would tell an effect from a rival: candidates, with what is searched.
     fn separate_by(&self, member: usize, rival: &[(usize, Option<f64>)]) -> Separation {
-        let own = &self.bench.candidates[self.state.members[member].candidate];
+        let own = &self.set.candidates[self.state.members[member].candidate];
         let columns = self.state.columns_of(&self.context(), member);
         let base: Vec<usize> = (0..self.state.fit.jacobian.ncols())
             .filter(|column| !columns.contains(column))
             .collect();
         let rivals = rival.iter().map(|&(candidate, searched)| {
-            let candidate = &self.bench.candidates[candidate];
+            let candidate = &self.set.candidates[candidate];
             Signal {
                 candidate,
                 values: candidate.values_at(searched),
@@ -282,6 +282,6 @@ impl Search<'_> {
             candidate: own,
             values: self.state.values_of(&self.context(), member),
         };
-        separate_by(&self.bench, &self.state.fit, &own, &rivals, &base)
+        separate_by(&self.set, &self.state.fit, &own, &rivals, &base)
     }
 }

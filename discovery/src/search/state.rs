@@ -51,7 +51,7 @@ pub(crate) struct State {
 #[derive(Clone, Copy)]
 pub(crate) struct Context<'a> {
     pub(crate) input: &'a Input<'a>,
-    pub(crate) bench: &'a CandidateSet,
+    pub(crate) set: &'a CandidateSet,
     /// Index of the base in the model's variants, and number of effects that it has.
     pub(crate) variant: usize,
     pub(crate) own_effects: usize,
@@ -68,15 +68,15 @@ impl State {
     }
 
     /// The linear model, with what its families take up.
-    pub(crate) fn view(&self, bench: &CandidateSet) -> LinearModel {
-        with_families(LinearModel::of(&self.fit), bench, &self.unnamed)
+    pub(crate) fn linear(&self, set: &CandidateSet) -> LinearModel {
+        with_families(LinearModel::of(&self.fit), set, &self.unnamed)
     }
 
     /// The linear model without one of its families.
-    pub(crate) fn view_without_family(&self, bench: &CandidateSet, family: usize) -> LinearModel {
+    pub(crate) fn view_without_family(&self, set: &CandidateSet, family: usize) -> LinearModel {
         let mut others = self.unnamed.clone();
         others.remove(family);
-        with_families(LinearModel::of(&self.fit), bench, &others)
+        with_families(LinearModel::of(&self.fit), set, &others)
     }
 
     /// The linear model without some of its effects.
@@ -95,8 +95,8 @@ impl State {
             .rows_mut(rows, self.fit.residuals.len() - rows)
             .fill(0.0);
         let removed: BTreeSet<usize> = own.collect();
-        let view = LinearModel::without(&self.fit, &removed, &contribution);
-        with_families(view, context.bench, &self.unnamed)
+        let linear = LinearModel::without(&self.fit, &removed, &contribution);
+        with_families(linear, context.set, &self.unnamed)
     }
 
     /// Directions that the linear model no longer absorbs without one of its effects.
@@ -142,7 +142,7 @@ impl State {
 
     /// Each column of an effect's amplitudes with the distance from no effect.
     fn offsets(&self, context: &Context<'_>, member: usize) -> Vec<(usize, f64)> {
-        let described = &context.bench.candidates[self.members[member].candidate];
+        let described = &context.set.candidates[self.members[member].candidate];
         self.places_of(context, member)
             .into_iter()
             .filter(|&(place, _)| !described.is_searched(place))
@@ -159,14 +159,14 @@ impl State {
             candidate,
             extended,
         } = self.members[member];
-        let taken = context.bench.candidates[candidate].taken(extended);
+        let taken = context.set.candidates[candidate].taken(extended);
         let columns = self.columns_of(context, member);
         taken.into_iter().zip(columns).collect()
     }
 
     /// Fitted values of all parameters of an effect; those that are not in the model are at no effect.
     pub(crate) fn values_of(&self, context: &Context<'_>, member: usize) -> Vec<f64> {
-        let mut values = context.bench.candidates[self.members[member].candidate].none();
+        let mut values = context.set.candidates[self.members[member].candidate].none();
         for (place, column) in self.places_of(context, member) {
             values[place] = self.fit.fitted[column];
         }
@@ -191,19 +191,19 @@ impl State {
     ) -> Result<Fit, Error> {
         let Context {
             input,
-            bench,
+            set,
             variant: base,
             own_effects,
         } = *context;
-        let mut model = bench.model.clone();
+        let mut model = set.model.clone();
         let used: Vec<_> = members
             .iter()
-            .map(|member| bench.candidates[member.candidate].used(&model, member.extended))
+            .map(|member| set.candidates[member.candidate].used(&model, member.extended))
             .collect();
         model.variants[base].effects.extend(used);
         let variant = match members.split_last() {
             Some((newest, others)) if others == self.members => {
-                let place = bench.candidates[newest.candidate].place;
+                let place = set.candidates[newest.candidate].place;
                 free_turning_from(&model, base, &self.fit.joint.machine.variant, place)
             }
             _ => free_turning(&model, base, None),
@@ -249,13 +249,13 @@ impl State {
                 nominal: &prepared.nominal,
                 near: Some(&self.fit),
             };
-            let fitted = unknown::fit(start, &unknown.poses, &bench.samples, file.noise);
+            let fitted = unknown::fit(start, &unknown.poses, &set.samples, file.noise);
             return fitted.map(|(fit, _)| fit);
         }
         let joint = Joint::new(
             prepared.machine,
             &prepared.nominal,
-            &bench.samples,
+            &set.samples,
             file.noise,
         )?;
         let start = joint.fitted(&values);
@@ -264,7 +264,7 @@ impl State {
             start,
             self.fit.scales,
             self.fit.weights.clone(),
-            &bench.samples,
+            &set.samples,
         )
     }
 }
@@ -276,25 +276,25 @@ pub(crate) fn composition(members: &[Member], unnamed: &[Unnamed]) -> Compositio
     )
 }
 
-fn with_families(view: LinearModel, bench: &CandidateSet, unnamed: &[Unnamed]) -> LinearModel {
-    unnamed.iter().fold(view, |view, &(family, searched)| {
-        match bench.subspace(&view, family, searched) {
-            Some((_, subspace)) => view.with(&subspace),
-            None => view,
+fn with_families(linear: LinearModel, set: &CandidateSet, unnamed: &[Unnamed]) -> LinearModel {
+    unnamed.iter().fold(linear, |linear, &(family, searched)| {
+        match set.subspace(&linear, family, searched) {
+            Some((_, subspace)) => linear.with(&subspace),
+            None => linear,
         }
     })
 }
 
 /// Start values of a candidate's parameters where a score sees it, those that a model takes.
 pub(crate) fn start_of(
-    bench: &CandidateSet,
-    view: &LinearModel,
+    set: &CandidateSet,
+    linear: &LinearModel,
     score: &Score,
 ) -> Option<Vec<f64>> {
-    let described = &bench.candidates[score.candidate];
+    let described = &set.candidates[score.candidate];
     let mut values = described.values_at(score.searched);
-    let (_, subspace) = bench.subspace(view, score.candidate, score.searched)?;
-    let amplitudes = subspace.amplitudes(&view.residuals);
+    let (_, subspace) = set.subspace(linear, score.candidate, score.searched)?;
+    let amplitudes = subspace.amplitudes(&linear.residuals);
     for (&place, &amplitude) in described.amplitudes().iter().zip(amplitudes.iter()) {
         values[place] += amplitude;
     }

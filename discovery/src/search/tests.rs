@@ -76,13 +76,13 @@ fn predicted_changes_are_those_of_refits() {
     let (mut search, _) = begun(&input, None, &mut |_| {}).unwrap();
     search.run(&mut |_| {}).unwrap();
     // Every effect taken out, linearly and by a refit.
-    let view = search.state.view(&search.bench);
+    let linear = search.state.linear(&search.set);
     for member in 0..search.state.members.len() {
         let statistic = search
             .state
             .own_statistic(&search.context(), member)
             .unwrap();
-        let linear = search.change(view.total(), view.total() + statistic);
+        let linear = search.change(linear.total(), linear.total() + statistic);
         let mut members = search.state.members.clone();
         let removed = members.remove(member);
         let fit = search
@@ -94,7 +94,7 @@ fn predicted_changes_are_those_of_refits() {
             members,
             unnamed: search.state.unnamed.clone(),
         };
-        let cheaper = search.cost_of(removed) + search.bench.significance.cost_of_number(2);
+        let cheaper = search.cost_of(removed) + search.set.significance.cost_of_number(2);
         let refitted = search.score_of_state(&next) - search.score + cheaper;
         // The noise is one in the linear model and each component's own in the score, so that they agree to the
         // curvature of the logarithm only; both are rises.
@@ -113,15 +113,15 @@ fn the_misfit_is_that_of_the_estimated_noise() {
     let input = case.input();
     let (search, _) = begun(&input, None, &mut |_| {}).unwrap();
     let fit = &search.state.fit;
-    let view = LinearModel::of(fit);
-    let of_priors = view.residuals.rows_range(view.rows.len()..);
+    let linear = LinearModel::of(fit);
+    let of_priors = linear.residuals.rows_range(linear.rows.len()..);
     let mut expected = of_priors.norm_squared() - fit.joint.completed().sum::<f64>();
     for component in tau_estimation::joint::Component::ALL {
         let (sum, degrees, _) = fit.misfit(|row| fit.joint.rows[row].component == component);
         let scale = fit.scales[component as usize];
         expected += degrees * (scale.powi(2) * sum / degrees).ln();
     }
-    let found = search.likelihood.misfit(fit, &view);
+    let found = search.likelihood.misfit(fit, &linear);
     let left_out = fit.weights.iter().filter(|weight| **weight == 0.0).count();
     // Outliers count as samples that are just none.
     assert!(found >= expected - 1e-9);

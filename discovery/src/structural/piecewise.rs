@@ -231,16 +231,16 @@ fn thinned(knots: &[f64], most: usize) -> Vec<f64> {
 }
 
 fn of_track(search: &Search<'_>, track: usize, knots: &[f64]) -> TrackTest {
-    let bench = &search.bench;
-    let view = &LinearModel::of(&search.state.fit);
+    let set = &search.set;
+    let linear = &LinearModel::of(&search.state.fit);
     let count = knots.len();
     let entries: Vec<Entry> = (0..3)
         .map(|axis| {
-            let probe = bench.probes.carts[track][axis];
-            let at: Vec<f64> = bench.probes.all[probe]
+            let probe = set.probes.carts[track][axis];
+            let at: Vec<f64> = set.probes.all[probe]
                 .samples
                 .iter()
-                .map(|&s| bench.samples[s].commands_m[track])
+                .map(|&s| set.samples[s].commands_m[track])
                 .collect();
             let mut slopes = vec![None; 3 * count];
             for knot in 0..count {
@@ -251,19 +251,19 @@ fn of_track(search: &Search<'_>, track: usize, knots: &[f64]) -> TrackTest {
         })
         .collect();
     let wanted: Vec<usize> = (0..3 * count).collect();
-    let columns = view.weighted(&candidates::columns(&entries, &wanted, &bench.probes));
-    let subspace = Subspace::of(&columns, &view.remainder(&columns));
+    let columns = linear.weighted(&candidates::columns(&entries, &wanted, &set.probes));
+    let subspace = Subspace::of(&columns, &linear.remainder(&columns));
     let rank = (subspace.rank() as f64).max(1.0);
-    let statistic = subspace.statistic(&view.residuals);
-    let deflated = statistic / search.inflation(view, &subspace);
-    let (_, p_value) = f_form(deflated, rank, view.total(), view.degrees);
-    let cost = bench.significance.cost(Null::plain(rank), true);
+    let statistic = subspace.statistic(&linear.residuals);
+    let deflated = statistic / search.inflation(linear, &subspace);
+    let (_, p_value) = f_form(deflated, rank, linear.total(), linear.degrees);
+    let cost = set.significance.cost(Null::plain(rank), true);
     // With what has no name, or in its stead.
-    let families = search.state.view(bench);
+    let families = search.state.linear(set);
     let is_wanted = search.is_better_with(
         cost,
         [
-            (view.total() - deflated, false),
+            (linear.total() - deflated, false),
             (
                 families
                     .with(&Subspace::of(&columns, &families.remainder(&columns)))
@@ -274,7 +274,7 @@ fn of_track(search: &Search<'_>, track: usize, knots: &[f64]) -> TrackTest {
     );
     let verdict = if is_wanted {
         Verdict::NotConfirmed
-    } else if p_value.value() > bench.significance.level(true) {
+    } else if p_value.value() > set.significance.level(true) {
         Verdict::NotSignificant
     } else {
         Verdict::NotTheBest
@@ -300,7 +300,7 @@ fn of_track(search: &Search<'_>, track: usize, knots: &[f64]) -> TrackTest {
 fn off_line(search: &Search<'_>, track: usize) -> Vec<Unnamed> {
     let input = search.input;
     let mut points: Vec<(f64, Vector3<f64>)> = search
-        .bench
+        .set
         .samples
         .iter()
         .filter(|sample| sample.set == 2 && sample.track == Some(track))
@@ -318,10 +318,10 @@ fn off_line(search: &Search<'_>, track: usize) -> Vec<Unnamed> {
         let square: f64 = curve.iter().map(|[_, off]| off * off).sum();
         let count = curve.len() as f64;
         let p_value = chi2_survival(square / input.file.noise.position_m.powi(2), count - 2.0);
-        (p_value <= search.bench.constants.left_where_found).then(|| Unnamed {
+        (p_value <= search.set.constants.left_where_found).then(|| Unnamed {
             place: Place::Cart(input.robot.tracks[track].clone()),
             direction: Motion::Target(target, 0),
-            against: Quantity::of(Readable::Command, &search.bench.model),
+            against: Quantity::of(Readable::Command, &search.set.model),
             rms_um: (square / count).sqrt() * 1e6,
             curve,
         })

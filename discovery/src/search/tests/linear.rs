@@ -129,8 +129,8 @@ fn robot_file() -> String {
 }
 
 /// A candidate by its name and place.
-fn candidate(bench: &CandidateSet, name: &str, place: &str) -> usize {
-    let mut candidates = bench.candidates.iter();
+fn candidate(set: &CandidateSet, name: &str, place: &str) -> usize {
+    let mut candidates = set.candidates.iter();
     let is_meant = |own: &Candidate| own.name == name && own.at.to_string() == place;
     candidates.position(is_meant).unwrap()
 }
@@ -145,7 +145,7 @@ fn named(search: &Search<'_>, change: &Move) -> Vec<String> {
 }
 
 fn name_of(search: &Search<'_>, candidate: usize) -> String {
-    let Candidate { name, at, .. } = &search.bench.candidates[candidate];
+    let Candidate { name, at, .. } = &search.set.candidates[candidate];
     format!("{name}({at})")
 }
 
@@ -180,7 +180,7 @@ fn scores_are_those_of_least_squares() {
     let input = world.input();
     let rows = noise() + 2e-5 * gap(&[0]) + 3e-5 * tilt(&[0, 1, 2]);
     let search = world.search(&input, &rows, &[]);
-    let table = search.bench.table(&search.state.view(&search.bench));
+    let table = search.set.table(&search.state.linear(&search.set));
     assert_eq!(table.scores.len(), 12);
     let before = left(&rows, &offsets());
     let places = [
@@ -196,7 +196,7 @@ fn scores_are_those_of_least_squares() {
             ("bow", bow(&carts)),
         ];
         for (name, column) in columns {
-            let index = candidate(&search.bench, name, place);
+            let index = candidate(&search.set, name, place);
             let score = table
                 .scores
                 .iter()

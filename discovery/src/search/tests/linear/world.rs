@@ -74,10 +74,10 @@ impl World {
         members: &[Used],
     ) -> Search<'a> {
         let fit = self.fit(rows, &[], None);
-        let bench = self.bench(&fit);
+        let set = self.set(&fit);
         let candidates: Vec<Member> = (members.iter())
             .map(|used| Member {
-                candidate: candidate(&bench, used.name, used.place),
+                candidate: candidate(&set, used.name, used.place),
                 extended: used.columns.len() > 1,
             })
             .collect();
@@ -87,20 +87,20 @@ impl World {
             unnamed: vec![],
         };
         let fitted = State {
-            fit: self.fit(rows, members, Some((&bench, &candidates))),
+            fit: self.fit(rows, members, Some((&set, &candidates))),
             members: candidates,
             unnamed: vec![],
         };
-        let first = bench.table(&base.view(&bench));
+        let first = set.table(&base.linear(&set));
         let mut search = Search {
             input,
-            likelihood: ProfileLikelihood::of(&base.fit, &bench.samples),
+            likelihood: ProfileLikelihood::of(&base.fit, &set.samples),
             degrees: base.fit.degrees(),
             state: fitted,
             base,
             starts_with_family: false,
             score: 0.0,
-            bench,
+            set,
             variant: 0,
             own_effects: 0,
             costs: BTreeMap::new(),
@@ -121,7 +121,7 @@ impl World {
         search
     }
 
-    fn bench(&self, fit: &Fit) -> CandidateSet {
+    fn set(&self, fit: &Fit) -> CandidateSet {
         let families = vec![
             Family {
                 against: vec![Readable::Command],
@@ -152,10 +152,10 @@ impl World {
         candidates: Option<(&CandidateSet, &[Member])>,
     ) -> Fit {
         let mut model = self.model.clone();
-        if let Some((bench, candidates)) = candidates {
+        if let Some((set, candidates)) = candidates {
             let used = candidates
                 .iter()
-                .map(|member| bench.candidates[member.candidate].used(&model, member.extended));
+                .map(|member| set.candidates[member.candidate].used(&model, member.extended));
             let used: Vec<_> = used.collect();
             model.variants[0].effects = used;
         }
