@@ -309,29 +309,33 @@ impl Request {
                 errors.add(InputError::whole(option, message));
             }
         };
-        let share = |value: f64| (0.0..=1.0).contains(&value);
         let positive = |value: f64| value.is_finite() && value > 0.0;
         let noise = |value: f64| positive(value) && value <= LARGEST_NOISE;
         let size = |value: f64| value.is_finite() && (0.0..=1e6).contains(&value);
-        if let Some(found) = self.noise_position_m {
-            let expected = "a length above zero, in m, and at most 1";
-            refuse(noise(found), "--noise-position", &found, expected);
-        }
-        if let Some(found) = self.noise_rotation_rad {
-            let expected = "an angle above zero, in rad, and at most 1";
-            refuse(noise(found), "--noise-rotation", &found, expected);
-        }
-        if let Some(found) = self.noise_drives {
-            let expected = "a length or an angle above zero, in m or rad, and at most 1";
-            refuse(noise(found), "--noise-drives", &found, expected);
+        for (option, found, expected) in [
+            (
+                "--noise-position",
+                self.noise_position_m,
+                "a length above zero, in m, and at most 1",
+            ),
+            (
+                "--noise-rotation",
+                self.noise_rotation_rad,
+                "an angle above zero, in rad, and at most 1",
+            ),
+            (
+                "--noise-drives",
+                self.noise_drives,
+                "a length or an angle above zero, in m or rad, and at most 1",
+            ),
+        ] {
+            if let Some(found) = found {
+                refuse(noise(found), option, &found, expected);
+            }
         }
         if let Some(found) = self.noise_force_n {
-            refuse(
-                size(found),
-                "--noise-force",
-                &found,
-                "a force from zero to a million newtons",
-            );
+            let expected = "a force from zero to a million newtons";
+            refuse(size(found), "--noise-force", &found, expected);
         }
         refuse(
             self.noise_scale.iter().all(|&scale| size(scale)),
@@ -339,18 +343,15 @@ impl Request {
             &self.noise_scale,
             "factors from zero to a million",
         );
-        refuse(
-            share(self.common_noise),
-            "--common-noise",
-            &self.common_noise,
-            "a share from 0 to 1",
-        );
-        refuse(
-            share(self.visit_noise),
-            "--visit-noise",
-            &self.visit_noise,
-            "a share from 0 to 1",
-        );
+        for (option, found) in [
+            ("--common-noise", self.common_noise),
+            ("--visit-noise", self.visit_noise),
+            ("--outliers", self.outliers),
+            ("--jitter", self.jitter),
+        ] {
+            let is_share = (0.0..=1.0).contains(&found);
+            refuse(is_share, option, &found, "a share from 0 to 1");
+        }
         let of_plate = |kind: &String| kind != "readings";
         refuse(
             self.visit_noise == 0.0
@@ -373,22 +374,10 @@ impl Request {
             "a correlation between -1 and 1",
         );
         refuse(
-            share(self.outliers),
-            "--outliers",
-            &self.outliers,
-            "a share from 0 to 1",
-        );
-        refuse(
             size(self.outlier_size),
             "--outlier-size",
             &self.outlier_size,
             "a number of standard deviations",
-        );
-        refuse(
-            share(self.jitter),
-            "--jitter",
-            &self.jitter,
-            "a share from 0 to 1",
         );
         refuse(
             (0.0..=FARTHEST_TURN).contains(&self.tilt_rad),

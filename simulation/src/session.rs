@@ -125,13 +125,9 @@ impl<'a> Session<'a> {
         let seed = simulation.seed;
         let is_random = matches!(simulation.poses, Poses::Random { .. });
         let mut planner = self.planner();
-        if simulation.tilt_rad > 0.0 && !self.home.turns_plate(&self.nominal) {
-            let message = "the drives can't turn the plate where it is: its orientation follows from its position, or it \
-                           has none";
-            return Err(InputError::whole("--tilt", message).help("leave the option out"));
-        }
+        self.check_tilt()?;
         let mut random = Random::new(seed, "poses");
-        let mut set1 = planner.tcp_poses(&simulation.poses, simulation.tilt_rad, &mut random);
+        let set1 = planner.tcp_poses(&simulation.poses, simulation.tilt_rad, &mut random);
         let planned = set1.stops.len();
         let mut remarks = Vec::new();
         if !self.home.places_tcp(&self.nominal) {
@@ -147,28 +143,7 @@ impl<'a> Session<'a> {
         {
             planner.range_m = range_m;
         }
-        let errors = plate::drive_errors(
-            &simulation.file,
-            &self.nominal.ways_m,
-            simulation.noise.scale[0],
-            set1.stops.len(),
-            seed,
-        );
-        let lengths = plate::length_errors(
-            &simulation.file,
-            self.machine.rods.len(),
-            simulation.noise.scale[0],
-            set1.stops.len(),
-            seed,
-        );
-        for (stop, lengths_m) in set1.stops.iter_mut().zip(lengths) {
-            stop.conditions.lengths_m = lengths_m;
-        }
-        let (mut visited, true_states) = self.reached_by_drives(set1, errors);
-        if let Some(sigma_n) = simulation.noise_force_n {
-            let stops = (&mut visited.stops[..], &true_states[..]);
-            forces::measure(&self.machine, stops, (&simulation.noise, sigma_n), seed);
-        }
+        let (visited, true_states) = self.visited(set1);
         let objects = plate::Objects::draw(
             &simulation.file,
             simulation.build == Build::Exact,
@@ -229,23 +204,7 @@ impl<'a> Session<'a> {
         };
         let cart_positions = trackers.cart_positions(&set3.stops, &states3, &mounting3);
 
-        let effects: Vec<(String, String)> = self
-            .machine
-            .effects
-            .iter()
-            .map(|effect| (effect.name.clone(), write::place(effect, &simulation.robot)))
-            .collect();
-        let listed = self
-            .machine
-            .effects
-            .iter()
-            .filter(|effect| effect.listed)
-            .count();
-        let status = match (effects.len(), effects.len() - listed) {
-            (0, _) => vec!["nothing_missing"],
-            (_, 0) => vec!["explained"],
-            _ => vec!["unnamed_structure", "partly_explained"],
-        };
+        let (effects, status) = self.hidden();
         Ok(SimulatedFolder {
             shape: Shape::from(&simulation.robot),
             folder: Folder {
@@ -283,6 +242,51 @@ impl<'a> Session<'a> {
                 machine: self.machine,
             },
         })
+    }
+
+    fn check_tilt(&self) -> Result<(), InputError> {
+        if self.simulation.tilt_rad > 0.0 && !self.home.turns_plate(&self.nominal) {
+            let message = "the drives can't turn the plate where it is: its orientation follows from its position, or it \
+                           has none";
+            return Err(InputError::whole("--tilt", message).help("leave the option out"));
+        }
+        Ok(())
+    }
+
+    /// Where the plate comes to stand on its way through planned poses, as drives and links are off, with its forces.
+    fn visited(&self, mut planned: Stops) -> (Stops, Vec<State>) {
+        let Simulation {
+            file, noise, seed, ..
+        } = self.simulation;
+        let (scale, count) = (noise.scale[0], planned.stops.len());
+        let errors = plate::drive_errors(file, &self.nominal.ways_m, scale, count, *seed);
+        let lengths = plate::length_errors(file, self.machine.rods.len(), scale, count, *seed);
+        for (stop, lengths_m) in planned.stops.iter_mut().zip(lengths) {
+            stop.conditions.lengths_m = lengths_m;
+        }
+        let (mut visited, states) = self.reached_by_drives(planned, errors);
+        if let Some(sigma_n) = self.simulation.noise_force_n {
+            let stops = (&mut visited.stops[..], &states[..]);
+            forces::measure(&self.machine, stops, (noise, sigma_n), *seed);
+        }
+        (visited, states)
+    }
+
+    /// Name and place of each hidden effect, and the statuses that a search may answer with.
+    fn hidden(&self) -> (Vec<(String, String)>, Vec<&'static str>) {
+        let all = &self.machine.effects;
+        let status = if all.is_empty() {
+            vec!["nothing_missing"]
+        } else if all.iter().all(|effect| effect.listed) {
+            vec!["explained"]
+        } else {
+            vec!["unnamed_structure", "partly_explained"]
+        };
+        let place = |effect: &Effect| write::place(effect, &self.simulation.robot);
+        let effects = all
+            .iter()
+            .map(|effect| (effect.name.clone(), place(effect)));
+        (effects.collect(), status)
     }
 
     fn planner(&self) -> Planner<'_> {
