@@ -12,6 +12,7 @@ use tau_robot::robot::{Robot, TrackShape, Variant};
 use tau_robot::robot_file::RobotFile;
 use tau_solver::Problem;
 
+use crate::calibration::track_scale;
 use crate::calibration::{
     Combination, Error, Prepared, check_poses, combinations, factor_with_shared_noise,
 };
@@ -383,11 +384,10 @@ fn determine(
     poses: &[usize],
 ) -> Result<(), Error> {
     let file = &file.completed(robot);
-    let Prepared {
-        machine, nominal, ..
-    } = Prepared::new(robot, variant, file, Some(folder), poses)?;
+    let prepared = Prepared::new(robot, variant, file, Some(folder), poses)?;
+    let (machine, nominal) = (&prepared.machine, &prepared.nominal);
     let samples = Sample::all(robot, folder, poses, &Frames::default());
-    let residuals = Residuals::new(&machine, &nominal, &samples, file.noise, Closures::Apart)?;
+    let residuals = Residuals::new(machine, nominal, &samples, file.noise, Closures::Apart)?;
     let used = &residuals.used;
     let at: Vec<f64> = used.iter().map(|&index| machine.values[index]).collect();
     let parameters = problem::parameters(variant, used, &residuals.priors, at.iter().copied());
@@ -431,14 +431,16 @@ fn determine(
         check_poses(robot, variant, file, folder, poses)?;
         let inverse = problem::inverse_information(&problem, &at).map_err(failed)?;
         let even = vec![1.0; samples.len()];
-        let known = factor_with_shared_noise(&inverse, &residuals, file.noise, &at, &even)
+        let unknown = (file.noise, &prepared.track_scales[..]);
+        let known = factor_with_shared_noise(&inverse, &residuals, unknown, &at, &even)
             .map(|factor| Uncertainty::new(variant, used, &factor))
-            .map(|known| known.with_path_noise(file.noise.position_m));
+            .map(|known| known.with_path_noise(file.noise.position_m))
+            .map(|known| known.with_track_scales(machine, used.len(), track_scale::names(&prepared)));
         let measured: Vec<&TcpPose> = (poses.iter())
             .map(|&pose| &folder.tcp_poses[pose])
             .collect();
         checked.reach =
-            known.and_then(|known| Reach::new((&machine, &known), &measured, file.noise));
+            known.and_then(|known| Reach::new((machine, &known), &measured, file.noise));
     }
     Ok(())
 }

@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 
 use crate::input_error::quoted;
 use crate::robot::{ResidualKind, Robot, Variant};
-pub use covariance::Covariance;
+pub use covariance::{Covariance, TRACK_SCALE};
 pub(crate) use described::PLACEHOLDER;
 pub use dimensions::Dimensions;
 use keys::effect_key;
@@ -127,6 +127,9 @@ impl RobotFile {
         let is_free = |name: &str| {
             let closures = variant.instances_of(ResidualKind::Closure);
             let mut parameters = closures.flat_map(|closure| &closure.parameters);
+            let owner = name.strip_suffix(TRACK_SCALE);
+            let offset = owner.map(|owner| format!("{owner}.track_offset.x"));
+            let name = offset.as_deref().unwrap_or(name);
             parameters.any(|&index| variant.parameters[index].name == name)
         };
         let other = known.find(|name| !name.contains("(tcp).") && !is_free(name));
