@@ -277,11 +277,7 @@ fn counted(robot: &Robot, file: &RobotFile, case: &Case, arguments: &Arguments) 
         let unseen: Vec<(&TcpPose, &State)> = (unseen.iter())
             .map(|&pose| (&folder.tcp_poses[pose], &simulated.truth.tcp_poses[pose]))
             .collect();
-        counts.add_poses(
-            (&found, &known),
-            (&unseen, largest_m),
-            verdict.widening(),
-        );
+        counts.add_poses((&found, &known), (&unseen, largest_m), verdict.widening());
         counts.consistent += usize::from(verdict.status == Status::Consistent);
         let listed: Vec<u32> = (found.weighing.outliers.iter())
             .map(|outlier| outlier.pose)

@@ -164,7 +164,9 @@ impl Uncertainty {
         let rows = variant.parameters.iter().enumerate().map(row);
         let rows = rows.collect::<Option<Vec<_>>>()?;
         let known_with_paths = Self::by_rows(rows, &factor).with_path_noise(file.noise.position_m);
-        let listed = known.into_iter().flat_map(|known| known.parameters.iter().cloned());
+        let listed = known
+            .into_iter()
+            .flat_map(|known| known.parameters.iter().cloned());
         Some(known_with_paths.with_track_scales(machine, 0, listed))
     }
 

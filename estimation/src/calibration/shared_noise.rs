@@ -183,7 +183,8 @@ mod tests {
         };
         let inverse = problem::inverse_information(&problem, &at).unwrap();
         let even = vec![1.0; samples.len()];
-        let factor = factor_with_shared_noise(&inverse, &residuals, (noise, &[]), &at, &even).unwrap();
+        let factor =
+            factor_with_shared_noise(&inverse, &residuals, (noise, &[]), &at, &even).unwrap();
         let factor = DMatrix::from_fn(at.len(), at.len(), |i, j| {
             factor[i].get(j).copied().unwrap_or(0.0)
         });

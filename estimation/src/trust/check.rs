@@ -435,7 +435,9 @@ fn determine(
         let known = factor_with_shared_noise(&inverse, &residuals, unknown, &at, &even)
             .map(|factor| Uncertainty::new(variant, used, &factor))
             .map(|known| known.with_path_noise(file.noise.position_m))
-            .map(|known| known.with_track_scales(machine, used.len(), track_scale::names(&prepared)));
+            .map(|known| {
+                known.with_track_scales(machine, used.len(), track_scale::names(&prepared))
+            });
         let measured: Vec<&TcpPose> = (poses.iter())
             .map(|&pose| &folder.tcp_poses[pose])
             .collect();

@@ -199,7 +199,10 @@ pub(crate) fn recognised(case: &Case<'_>, known: Option<&Judged>) -> Result<Reco
         });
     }
     let by_noise = |case: &Case<'_>, given: Option<&Tried>, judged: Option<&Judged>| Recognised {
-        mistakes: given.and_then(|given| noise(case, given)).into_iter().collect(),
+        mistakes: given
+            .and_then(|given| noise(case, given))
+            .into_iter()
+            .collect(),
         machine: as_given(case, given, judged),
     };
     let is_fine = given.as_ref().is_some_and(|given| {
@@ -265,10 +268,7 @@ pub(crate) fn recognised(case: &Case<'_>, known: Option<&Judged>) -> Result<Reco
 
 /// Poses that are no outliers beside the explanation that fits most of them best; `None` where none is. What lies far off
 /// beside the right one does beside all, and decides nothing between them.
-fn kept_by_most<'a>(
-    case: &Case<'_>,
-    all: impl Iterator<Item = &'a Tried>,
-) -> Option<Vec<usize>> {
+fn kept_by_most<'a>(case: &Case<'_>, all: impl Iterator<Item = &'a Tried>) -> Option<Vec<usize>> {
     let best = all.min_by(|a, b| a.of_most.total_cmp(&b.of_most))?;
     let hypothesis = best.hypothesis.as_ref();
     let (_, judged) = fitted(case, hypothesis, ITERATIONS)?;
@@ -281,7 +281,9 @@ fn kept(case: &Case<'_>, hypothesis: Option<&Hypothesis>, judged: Judged) -> Opt
     let case = mended.as_ref().unwrap_or(case);
     let (prepared, samples) = (case.prepared().ok()?, case.samples());
     let weighing = weigh_fitted(judged, &prepared, &samples, case.file.noise).ok()?;
-    let kept: Vec<usize> = (0..samples.len()).filter(|&pose| weighing.judged[pose]).collect();
+    let kept: Vec<usize> = (0..samples.len())
+        .filter(|&pose| weighing.judged[pose])
+        .collect();
     (kept.len() < samples.len()).then_some(kept)
 }
 
@@ -322,6 +324,7 @@ fn candidates(case: &Case<'_>, given: Option<&Judged>) -> Vec<Hypothesis> {
     all.extend(signs.map(Hypothesis::Sign));
     all.extend(hypothesis::axes(case.robot.plate));
     all.extend(hypothesis::angles(case.robot.plate));
+    all.extend([Hypothesis::Shifted(1), Hypothesis::Shifted(-1)]);
     all.push(Hypothesis::Millimetres);
     let turns = (prepared.as_ref()).map_or(true, |Prepared { machine, .. }| {
         let mended = few.mended(&Hypothesis::Degrees).samples();

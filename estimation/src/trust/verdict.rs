@@ -203,7 +203,7 @@ pub(super) fn case<'a>(
     robot: &'a Robot,
     variant: &'a Variant,
     file: &RobotFile,
-    folder: &Folder,
+    folder: &'a Folder,
     poses: &[usize],
 ) -> Case<'a> {
     let tcp_poses = poses.iter().filter_map(|&pose| folder.tcp_poses.get(pose));
@@ -225,6 +225,10 @@ pub(super) fn case<'a>(
             },
             ..Folder::default()
         },
+        rows: &folder.tcp_poses,
+        places: (poses.iter().copied())
+            .filter(|&pose| pose < folder.tcp_poses.len())
+            .collect(),
         tolerances: None,
     }
 }

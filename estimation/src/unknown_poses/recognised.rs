@@ -8,7 +8,7 @@
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 
-use tau_robot::measurements::{Folder, PlateKind, TCP_POSES};
+use tau_robot::measurements::{Folder, PlateKind, PlateRow, TCP_POSES};
 use tau_robot::robot::{Robot, Variant};
 use tau_robot::robot_file::{RobotFile, StatedNoise};
 
@@ -23,7 +23,7 @@ use crate::samples::Sample;
 use crate::samples::frames::Frames;
 use crate::trust::dimensions;
 use crate::trust::exchanged::orders;
-use crate::trust::hypothesis::{Hypothesis, THOUSAND, angles, axes};
+use crate::trust::hypothesis::{Hypothesis, THOUSAND, angles, axes, neighbour};
 use crate::trust::recognise::{
     CAUTIOUS, CLOSER, FEW_ITERATIONS, FEW_POSES, POSES, STATED, differ, has_sign,
 };
@@ -259,6 +259,12 @@ impl Case<'_> {
             let pairs = of(folder).into_iter().zip(of(&mended));
             differ(&fit.machine, pairs, fit.mean_length_m())
         });
+        let of_files = files.iter().flat_map(|&file| {
+            let shifted = [1, -1].map(Hypothesis::Shifted).into_iter();
+            let is_height = file == PlateKind::Height.file();
+            let own = shifted.chain(is_height.then_some(Hypothesis::Heights));
+            own.map(move |own| (own, Some(file)))
+        });
         let places = [PlateKind::Position.file(), TCP_POSES];
         let of_places = files.iter().filter(|file| places.contains(file));
         let of_places = of_places.flat_map(|file| {
@@ -280,11 +286,12 @@ impl Case<'_> {
             let own = of_commands.iter().cloned();
             own.map(move |own| (own, file))
         });
-        let of_rows = (of_commands.chain(of_places)).map(|(hypothesis, file)| Trial {
-            folder: Cow::Owned(mended(folder, &hypothesis, file)),
-            hypothesis,
-            file,
-        });
+        let of_rows =
+            (of_commands.chain(of_files).chain(of_places)).map(|(hypothesis, file)| Trial {
+                folder: Cow::Owned(mended(folder, &hypothesis, file)),
+                hypothesis,
+                file,
+            });
         let freed = dimensions.seen.iter().map(|&parameter| Trial {
             folder: Cow::Borrowed(folder),
             hypothesis: Hypothesis::Dimension {
@@ -390,10 +397,33 @@ fn total(found: &UnknownPoses) -> f64 {
 
 /// The rows as they would be without a mistake.
 fn mended(folder: &Folder, hypothesis: &Hypothesis, file: Option<&str>) -> Folder {
+    let given = folder;
     let mut folder = folder.clone();
     let is_meant = |own: &str| file.is_none_or(|file| file == own);
+    if let Hypothesis::Shifted(by) = hypothesis {
+        let of_file = |row: &&PlateRow| is_meant(row.kind.file());
+        let rows: Vec<&PlateRow> = given.plate_rows.iter().filter(of_file).collect();
+        let own = folder.plate_rows.iter_mut();
+        for (place, row) in own.filter(|row| is_meant(row.kind.file())).enumerate() {
+            if let Some(other) = neighbour(&rows, place, *by) {
+                row.values = other.values;
+                row.sigmas = other.sigmas;
+                row.of.clone_from(&other.of);
+            }
+        }
+        let poses = folder.tcp_poses.iter_mut();
+        for (place, pose) in poses.enumerate().filter(|_| is_meant(TCP_POSES)) {
+            if let Some(other) = neighbour(&given.tcp_poses, place, *by) {
+                pose.position_m = other.position_m;
+                pose.angles_rad = other.angles_rad;
+                pose.sigmas = other.sigmas;
+            }
+        }
+        return folder;
+    }
     for row in (folder.plate_rows.iter_mut()).filter(|row| is_meant(row.kind.file())) {
         match hypothesis {
+            Hypothesis::Heights => row.values = row.values.map(|value| Some(-value?)),
             Hypothesis::Axes { columns, signs, .. } => {
                 let given = row.values;
                 row.values = [0, 1, 2].map(|axis| Some(signs[axis] * given[columns[axis]]?));
