@@ -22,7 +22,7 @@ use crate::samples::frames::Frames;
 use crate::trust::mistake::Mistake;
 use crate::trust::numbering;
 use crate::trust::reach::Reach;
-use crate::trust::verdict::mistakes;
+use crate::trust::verdict::{mistakes, plain};
 use crate::uncertainty::Uncertainty;
 use crate::unknown_poses::{self, Rank, RowDivision};
 
@@ -145,7 +145,9 @@ pub fn check(
     let effects = observabilities(robot, file, folder, catalogue);
     let found = (variants.first().copied()).map(|variant| match rows {
         None => mistakes(robot, variant, file, folder, &division.calibration),
-        Some(rows) => unknown_poses::mistakes(robot, variant, file, folder, rows),
+        Some(rows) => {
+            unknown_poses::mistakes(robot, plain(robot, variant, folder), file, folder, rows)
+        }
     });
     let drawn = (variants.first())
         .and_then(|variant| Prepared::new(robot, variant, file, Some(folder), &[]).ok());
