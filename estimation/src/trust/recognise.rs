@@ -218,7 +218,8 @@ pub(crate) fn recognised(case: &Case<'_>, known: Option<&Judged>) -> Result<Reco
     );
     let suspects = dimensions::suspects(&thinned, judged.as_deref());
     all.extend(closer(&thinned, &suspects, ITERATIONS));
-    if let Some(kept) = kept_by_most(&thinned, given.iter().chain(&all)) {
+    let best = least(given.iter().chain(&all), |tried| tried.of_most);
+    if let Some(kept) = best.and_then(|best| kept_beside(&thinned, best)) {
         thinned = thinned.of_poses(&kept);
         (given, judged) = owned(fitted(&thinned, None, ITERATIONS)).unzip();
         let hypotheses: Vec<Hypothesis> = (all.into_iter())
@@ -266,10 +267,17 @@ pub(crate) fn recognised(case: &Case<'_>, known: Option<&Judged>) -> Result<Reco
     Ok(by_noise(&thinned, given.as_ref(), judged.as_deref()))
 }
 
-/// Poses that are no outliers beside the explanation that fits most of them best; `None` where none is. What lies far off
+/// The fit of which something is least.
+fn least<'a>(
+    all: impl Iterator<Item = &'a Tried>,
+    of: impl Fn(&Tried) -> f64,
+) -> Option<&'a Tried> {
+    all.min_by(|a, b| of(a).total_cmp(&of(b)))
+}
+
+/// Poses that are no outliers beside the explanation that fits most of them best; `None` where all are kept. What lies far off
 /// beside the right one does beside all, and decides nothing between them.
-fn kept_by_most<'a>(case: &Case<'_>, all: impl Iterator<Item = &'a Tried>) -> Option<Vec<usize>> {
-    let best = all.min_by(|a, b| a.of_most.total_cmp(&b.of_most))?;
+fn kept_beside(case: &Case<'_>, best: &Tried) -> Option<Vec<usize>> {
     let hypothesis = best.hypothesis.as_ref();
     let (_, judged) = fitted(case, hypothesis, ITERATIONS)?;
     kept(case, hypothesis, judged)
@@ -509,7 +517,13 @@ fn noise(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
             ratio < CAUTIOUS.recip() || is_by_chance(tried)
         }
     };
-    let mut all = closer(case, &hypothesis::noise(case.robot.plate), ITERATIONS);
+    let hypotheses = hypothesis::noise(case.robot.plate);
+    let mut all = closer(case, &hypotheses, ITERATIONS);
+    // What lies far off is as large as noise that is stated too large, or hides that it is.
+    let best = least(all.iter(), |tried| tried.of_most.ln().abs());
+    if let Some(kept) = best.and_then(|best| kept_beside(case, best)) {
+        all = closer(&case.of_poses(&kept), &hypotheses, ITERATIONS);
+    }
     all.retain(|tried| tried.is_plausible() && off(tried) < limit && is_likely(tried));
     let least = all.iter().map(off).fold(f64::INFINITY, f64::min);
     // Of several that bring it about as near, the first is the simplest.

@@ -27,9 +27,7 @@ use crate::samples::frames::Frames;
 use crate::trust::dimensions;
 use crate::trust::exchanged::orders;
 use crate::trust::hypothesis::{Hypothesis, THOUSAND, angles, axes, neighbour};
-use crate::trust::recognise::{
-    CAUTIOUS, CLOSER, FEW_ITERATIONS, FEW_POSES, POSES, STATED, differ, has_sign,
-};
+use crate::trust::recognise::{CLOSER, FEW_ITERATIONS, FEW_POSES, POSES, STATED, differ, has_sign};
 use crate::trust::{ABSURD_TOLERANCES, LEVEL, Mistake, NEARER, ODDS, words};
 
 /// Measurements and the robot that they are of.
@@ -444,15 +442,16 @@ impl<'a> Case<'a> {
             ..*self
         };
         let ratio = given.residual_over_noise();
-        let is_by_chance = chi2_survival(given.chi2, given.dof) < 1.0 - LEVEL;
-        let factor = if ratio < CAUTIOUS.recip() && !is_by_chance {
-            THOUSAND.recip()
-        } else if ratio > THOUSAND.sqrt() {
-            THOUSAND
-        } else {
-            return None;
-        };
+        let chance = chi2_survival(given.chi2, given.dof);
         let off = |ratio: f64| ratio.ln().abs();
+        if off(ratio) < NEARER.ln() || (LEVEL..1.0 - LEVEL).contains(&chance) {
+            return None;
+        }
+        let factor = if ratio < 1.0 {
+            THOUSAND.recip()
+        } else {
+            THOUSAND
+        };
         let is_mended = |file: &RobotFile| {
             case.fitted(file, self.folder, None).is_ok_and(|found| {
                 off(found.residual_over_noise()) < STATED.ln() && is_plausible(&found)
