@@ -164,7 +164,8 @@ mod tests {
     use nalgebra::Vector3;
     use tau_kinematics::{Machine, Path};
 
-    /// Held against the covariance of what each coordinate of each measured pose and point of a path does to the values.
+    /// Held against the covariance of what each coordinate of each measured pose and point of a path, and the length of each
+    /// joint's way, does to the values.
     #[test]
     fn the_covariance_is_that_of_each_coordinate_of_the_noise() {
         let (prepared, samples, noise) = of_prototype("FullPiecewise", 4);
@@ -183,11 +184,11 @@ mod tests {
         };
         let inverse = problem::inverse_information(&problem, &at).unwrap();
         let even = vec![1.0; samples.len()];
-        let factor =
-            factor_with_shared_noise(&inverse, &residuals, (noise, &[]), &at, &even).unwrap();
-        let factor = DMatrix::from_fn(at.len(), at.len(), |i, j| {
-            factor[i].get(j).copied().unwrap_or(0.0)
-        });
+        let scales = vec![1e-4; residuals.parts.len()];
+        let unknown = (noise, &scales[..]);
+        let factor = factor_with_shared_noise(&inverse, &residuals, unknown, &at, &even).unwrap();
+        let all = at.len() + scales.len();
+        let factor = DMatrix::from_fn(all, all, |i, j| factor[i].get(j).copied().unwrap_or(0.0));
         let found = &factor * factor.transpose();
 
         let weights: Vec<f64> = (residuals.parts.iter())
@@ -251,6 +252,30 @@ mod tests {
                     add((there(1.0) - there(-1.0)) / 2.0);
                 }
             }
+        }
+        let closures = variant.instances_of(tau_robot::robot::ResidualKind::Closure);
+        for (part, (closure, &scale)) in closures.zip(&scales).enumerate() {
+            let there = |sign: f64| {
+                let mut moved = machine.clone();
+                let path = moved.surroundings.paths[machine.track_of(closure).unwrap()].as_mut();
+                let path = path.unwrap();
+                let points = path.commands().iter().map(|&q| (q, path.at(q)));
+                let points = points.map(|(q, point)| (q, point * (1.0 + sign * scale)));
+                *path = Path::new(&points.collect::<Vec<_>>()).unwrap();
+                values(&residuals_of(&moved, &samples), &at)
+            };
+            let mut change: DVector<f64> = (there(1.0) - there(-1.0)) / 2.0;
+            for (row, change) in change.iter_mut().enumerate() {
+                if row / samples.len() != part {
+                    *change = 0.0;
+                }
+            }
+            let moved = of_values(&change);
+            let together = found.view((0, at.len() + part), (at.len(), 1)) + &moved * scale;
+            assert!(together.norm() < 1e-2 * scale * moved.norm(), "{part}");
+            let own = found[(at.len() + part, at.len() + part)].sqrt();
+            assert!((own / scale - 1.0).abs() < 1e-9);
+            expected += &moved * moved.transpose();
         }
         for (k, prior) in residuals.priors.iter().enumerate() {
             let pulled = inverse.column(k) / prior.tolerance.unwrap();

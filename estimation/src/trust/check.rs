@@ -12,17 +12,15 @@ use tau_robot::robot::{Robot, TrackShape, Variant};
 use tau_robot::robot_file::RobotFile;
 use tau_solver::Problem;
 
-use crate::calibration::track_scale;
 use crate::calibration::{
-    Combination, Error, Prepared, check_poses, combinations, factor_with_shared_noise,
+    Combination, Error, Prepared, check_poses, combinations, factor_with_shared_noise, track_scale,
 };
 use crate::problem::{self, Closures, Residuals};
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
-use crate::trust::mistake::Mistake;
 use crate::trust::numbering;
-use crate::trust::reach::Reach;
 use crate::trust::verdict::{mistakes, plain};
+use crate::trust::{mistake::Mistake, reach::Reach};
 use crate::uncertainty::Uncertainty;
 use crate::unknown_poses::{self, Rank, RowDivision};
 
@@ -434,12 +432,12 @@ fn determine(
         let inverse = problem::inverse_information(&problem, &at).map_err(failed)?;
         let even = vec![1.0; samples.len()];
         let unknown = (file.noise, &prepared.track_scales[..]);
-        let known = factor_with_shared_noise(&inverse, &residuals, unknown, &at, &even)
-            .map(|factor| Uncertainty::new(variant, used, &factor))
-            .map(|known| known.with_path_noise(file.noise.position_m))
-            .map(|known| {
-                known.with_track_scales(machine, used.len(), track_scale::names(&prepared))
-            });
+        let known = factor_with_shared_noise(&inverse, &residuals, unknown, &at, &even);
+        let known = known.map(|factor| {
+            Uncertainty::new(variant, used, &factor)
+                .with_path_noise(file.noise.position_m)
+                .with_track_scales(machine, used.len(), track_scale::names(&prepared))
+        });
         let measured: Vec<&TcpPose> = (poses.iter())
             .map(|&pose| &folder.tcp_poses[pose])
             .collect();

@@ -221,10 +221,11 @@ fn recognising<'a>(
         Some(length_m) => starts::best(&prepared, length_m, division, fitted),
         None => fitted(nominal(), division, search),
     };
+    let is_met = || first.as_ref().is_ok_and(recognised::is_met);
     let mut mistakes = match at_sight {
-        Some(mistake) => vec![mistake],
-        None if looks => case.explaining(first.as_ref(), look),
-        None => vec![],
+        Some(mistake) if !is_met() => vec![mistake],
+        _ if looks => case.explaining(first.as_ref(), look),
+        _ => vec![],
     };
     let is_explained = sketch_m.is_some() || mistakes.iter().any(|mistake| mistake.is_absurd);
     let found = match first {

@@ -5,7 +5,7 @@
 //! (`trust/recognise.rs`): any change of rows lowers somewhat what a model lacks. A dimension set free pays for the room
 //! that it leaves.
 //!
-//! Where a few steps at a few poses bring other rows to the noise, and those as given not, no fit of these is waited for: rows
+//! Where a few steps at a few poses bring other rows to the noise, and those as given not, a fit of these is soon given up: rows
 //! that belong to no machine keep it on its way the longest.
 
 use std::borrow::Cow;
@@ -124,11 +124,7 @@ pub fn mistakes(
         division: thinned.as_ref().unwrap_or(division),
         options: &calibration::Options::default(),
     };
-    let (mistake, look) = case.at_first_sight();
-    if let Some(mistake) = mistake {
-        return Ok(vec![mistake]);
-    }
-    let (found, mut mistakes) = recognising(&case, None, Some((None, look)))?;
+    let (found, mut mistakes) = recognising(&case, None, Some(case.at_first_sight()))?;
     mistakes.extend(found.into_iter().flat_map(|found| found.mistakes));
     Ok(mistakes)
 }
@@ -219,7 +215,7 @@ impl<'a> Case<'a> {
             division: thinned.as_ref().unwrap_or(self.division),
             ..*self
         };
-        let is_met = given.is_some_and(|given| given.is_consistent() && is_plausible(given));
+        let is_met = given.is_some_and(is_met);
         // Squares are compared with those of the same rows.
         let of_few =
             (thinned.is_some() && !is_met).then(|| case.fitted(self.file, self.folder, None));
@@ -452,7 +448,15 @@ impl<'a> Case<'a> {
         } else {
             THOUSAND
         };
+        let few = case.few();
         let is_mended = |file: &RobotFile| {
+            // More steps leave less, at which noise is too large already.
+            let look = Case { file, ..case };
+            let left = look.cost(self.folder, &few, None);
+            let least = (STATED * NEARER).powi(-2);
+            if left.is_some_and(|left| left.sum < least * left.expected) {
+                return false;
+            }
             case.fitted(file, self.folder, None).is_ok_and(|found| {
                 off(found.residual_over_noise()) < STATED.ln() && is_plausible(&found)
             })
@@ -506,6 +510,11 @@ impl Dimensions {
 /// Squares count by what a fit leaves of them.
 fn scale(found: &UnknownPoses) -> f64 {
     found.residual_over_noise().max(1.0).powi(2)
+}
+
+/// The rows are those of a machine.
+pub(super) fn is_met(found: &UnknownPoses) -> bool {
+    found.is_consistent() && is_plausible(found)
 }
 
 /// No parameter is off by more than any machine.

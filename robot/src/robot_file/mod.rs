@@ -14,7 +14,7 @@ mod write;
 use std::collections::BTreeMap;
 
 use crate::input_error::quoted;
-use crate::robot::{ResidualKind, Robot, Variant};
+use crate::robot::{ResidualKind, Robot, TrackShape, Variant};
 pub use covariance::{Covariance, TRACK_SCALE};
 pub(crate) use described::PLACEHOLDER;
 pub use dimensions::Dimensions;
@@ -127,10 +127,10 @@ impl RobotFile {
         let is_free = |name: &str| {
             let closures = variant.instances_of(ResidualKind::Closure);
             let mut parameters = closures.flat_map(|closure| &closure.parameters);
-            let owner = name.strip_suffix(TRACK_SCALE);
-            let offset = owner.map(|owner| format!("{owner}.track_offset.x"));
-            let name = offset.as_deref().unwrap_or(name);
-            parameters.any(|&index| variant.parameters[index].name == name)
+            let mut tracks = variant.tracks.iter();
+            let goes_along_path = tracks.any(|track| track.shape == TrackShape::Piecewise);
+            (goes_along_path && name.ends_with(TRACK_SCALE))
+                || parameters.any(|&index| variant.parameters[index].name == name)
         };
         let other = known.find(|name| !name.contains("(tcp).") && !is_free(name));
         other.map(String::as_str)
