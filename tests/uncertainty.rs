@@ -220,21 +220,16 @@ fn coverage((name, variant): (&str, &str), machines: u64) -> [(f64, f64); 2] {
     let is_piecewise = |track: &TrackModel| track.shape == TrackShape::Piecewise;
     let mut counts = [(0.0, 0.0); 2];
     for seed in 0..machines {
-        let simulated = simulate(&Simulation {
+        let mut simulation = Simulation {
             seed: 900 + seed,
-            poses: Poses::Random { count: 60 },
             random_poses: 0,
-            track_points: TrackPoints {
-                count: if variant.tracks.iter().any(is_piecewise) {
-                    TrackPoints::default().count
-                } else {
-                    0
-                },
-                ..TrackPoints::default()
-            },
             ..Simulation::new(robot.clone(), file.clone())
-        })
-        .unwrap();
+        };
+        if !variant.tracks.iter().any(is_piecewise) {
+            simulation.poses = Poses::Random { count: 60 };
+            simulation.track_points.count = 0;
+        }
+        let simulated = simulate(&simulation).unwrap();
         let folder = &simulated.folder;
         let poses: Vec<usize> = (0..folder.tcp_poses.len()).collect();
         let options = calibration::Options::default();

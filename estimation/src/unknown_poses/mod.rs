@@ -224,7 +224,7 @@ fn recognising<'a>(
     let is_met = || first.as_ref().is_ok_and(recognised::is_met);
     let mut mistakes = match at_sight {
         Some(mistake) if !is_met() => vec![mistake],
-        _ if looks => case.explaining(first.as_ref(), look),
+        _ if looks => case.explaining(first.as_ref(), look.as_ref()),
         _ => vec![],
     };
     let is_explained = sketch_m.is_some() || mistakes.iter().any(|mistake| mistake.is_absurd);

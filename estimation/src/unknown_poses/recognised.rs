@@ -202,7 +202,7 @@ impl<'a> Case<'a> {
     pub(super) fn explaining(
         &self,
         found: Result<&UnknownPoses, &Error>,
-        look: Option<Look<'a>>,
+        look: Option<&Look<'_>>,
     ) -> Vec<Mistake> {
         let given = match found {
             Ok(found) if !found.mistakes.is_empty() => return vec![],
@@ -226,9 +226,9 @@ impl<'a> Case<'a> {
     }
 
     /// The mistake that brings residuals nearest to the noise.
-    fn of_rows(&self, given: Option<&UnknownPoses>, look: Option<Look<'_>>) -> Option<Mistake> {
+    fn of_rows(&self, given: Option<&UnknownPoses>, look: Option<&Look<'_>>) -> Option<Mistake> {
         let own;
-        let look = match &look {
+        let look = match look {
             Some(look) => look,
             None => {
                 let few = self.few();
