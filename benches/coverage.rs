@@ -1,4 +1,5 @@
-//! Coverage of 95 % intervals on virtual machines: how often the truth lies within 1.96 stated standard deviations.
+//! Coverage of 95 % intervals on virtual machines: how often the truth lies within 1.96 stated standard deviations, of
+//! parameters, and of poses that took no part.
 
 #[path = "support/coverage.rs"]
 mod intervals;
@@ -9,10 +10,12 @@ use std::collections::BTreeMap;
 use clap::Parser;
 use intervals::Coverage;
 use tau::calibration::{Calibration, Options, calibrate};
-use tau::simulation::{Machine, Noise, Poses as Planned, Simulation, simulate};
+use tau::simulation::{Machine, Noise, Poses as Planned, Simulation, State, simulate};
 use tau_estimation::trust::{Status, of_calibration};
+use tau_estimation::uncertainty::Uncertainty;
 use tau_estimation::weighing::{Loss, Treatment};
-use tau_robot::measurements::{Poses, Split};
+use tau_kinematics::Sample;
+use tau_robot::measurements::{Poses, Split, TcpPose};
 use tau_robot::robot::{Owner, Parameter, Robot};
 use tau_robot::robot_file::RobotFile;
 
@@ -152,14 +155,52 @@ impl Counts {
                 continue;
             };
             let off = (estimate.value - truth).abs() / estimate.sigma;
-            let [stated, widened] = self.kinds.entry(kind).or_insert_with(|| {
-                let mut coverage = Coverage::default();
-                coverage.next();
-                [coverage.clone(), coverage]
-            });
-            stated.add(off < HALF_WIDTH);
-            widened.add(off < HALF_WIDTH * widening);
+            self.add_one((kind, widening), off);
         }
+    }
+
+    /// Counts the errors of poses, as the calibrated machine predicts them; of those outside the region of the calibration
+    /// none.
+    fn add_poses(
+        &mut self,
+        (found, known): (&Calibration, &Uncertainty),
+        (poses, largest_m): (&[(&TcpPose, &State)], f64),
+        widening: f64,
+    ) {
+        for (measured, truth) in poses {
+            let sample = Sample::from(*measured);
+            let Ok(pose) = found.machine.forward(&sample) else {
+                continue;
+            };
+            let Ok(sigma) = known.pose(&found.machine, &sample.at(pose)) else {
+                continue;
+            };
+            if sigma.distance_m() > largest_m {
+                continue;
+            }
+            let off = pose.position - truth.pose.position_m;
+            let turned = (pose.rotation * truth.pose.rotation.inverse()).scaled_axis();
+            let positions = off.iter().zip(sigma.position_m());
+            let rotations = turned.iter().zip(sigma.rotation_rad());
+            for (kind, errors) in [
+                ("predicted positions", positions),
+                ("predicted rotations", rotations),
+            ] {
+                for (off, sigma) in errors.filter(|(_, sigma)| *sigma > 0.0) {
+                    self.add_one((kind, widening), off.abs() / sigma);
+                }
+            }
+        }
+    }
+
+    fn add_one(&mut self, (kind, widening): (&'static str, f64), off: f64) {
+        let [stated, widened] = self.kinds.entry(kind).or_insert_with(|| {
+            let mut coverage = Coverage::default();
+            coverage.next();
+            [coverage.clone(), coverage]
+        });
+        stated.add(off < HALF_WIDTH);
+        widened.add(off < HALF_WIDTH * widening);
     }
 }
 
@@ -217,7 +258,7 @@ fn counted(robot: &Robot, file: &RobotFile, case: &Case, arguments: &Arguments) 
         let simulated = simulate(&simulation).unwrap();
         let folder = &simulated.folder;
         let poses = Poses::select(robot, file, folder, split).unwrap();
-        let poses = poses.division.calibration;
+        let (poses, unseen) = (poses.division.calibration, poses.division.validation);
         let options = Options {
             treatment: case.treatment,
             ..Options::default()
@@ -231,6 +272,12 @@ fn counted(robot: &Robot, file: &RobotFile, case: &Case, arguments: &Arguments) 
         };
         let verdict = of_calibration(&found, file, folder, &poses).unwrap();
         counts.add(&found, &simulated.truth.machine, verdict.widening());
+        let known = Uncertainty::of_calibration(&found).unwrap();
+        let largest_m = known.largest_m(&found.machine, folder, &poses).unwrap();
+        let unseen: Vec<(&TcpPose, &State)> = (unseen.iter())
+            .map(|&pose| (&folder.tcp_poses[pose], &simulated.truth.tcp_poses[pose]))
+            .collect();
+        counts.add_poses((&found, &known), (&unseen, largest_m), verdict.widening());
         counts.consistent += usize::from(verdict.status == Status::Consistent);
         let listed: Vec<u32> = (found.weighing.outliers.iter())
             .map(|outlier| outlier.pose)

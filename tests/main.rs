@@ -41,6 +41,7 @@ mod nothing_free;
 mod own_machines;
 mod packages;
 mod recognition;
+mod recognition_of_rows;
 mod redundant;
 mod reference;
 mod repeats;

@@ -16,6 +16,7 @@ use tau_estimation::joint::Joint;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::samples;
 use tau_estimation::samples::frames::Frames;
+use tau_robot::robot::{TrackModel, TrackShape};
 
 use crate::support::{ROBOTS, Random, fields, gantry_tau, number, prototype, tau_in};
 
@@ -211,24 +212,24 @@ fn a_file_holds_the_covariance() {
     }
 }
 
-/// Coverage of 95 % intervals of the position at unseen places inside the region of calibration: over so many machines,
-/// the number of hits and of trials.
-fn coverage(name: &str, machines: u64) -> (f64, f64) {
+/// Coverage of 95 % intervals of the position and of the rotation at unseen places inside the region of calibration: over so
+/// many machines, the numbers of hits and of trials.
+fn coverage((name, variant): (&str, &str), machines: u64) -> [(f64, f64); 2] {
     let (robot, file) = robot(name);
-    let variant = robot.variant("Full").unwrap();
-    let (mut hits, mut trials) = (0.0, 0.0);
+    let variant = robot.variant(variant).unwrap();
+    let is_piecewise = |track: &TrackModel| track.shape == TrackShape::Piecewise;
+    let mut counts = [(0.0, 0.0); 2];
     for seed in 0..machines {
-        let simulated = simulate(&Simulation {
+        let mut simulation = Simulation {
             seed: 900 + seed,
-            poses: Poses::Random { count: 60 },
             random_poses: 0,
-            track_points: TrackPoints {
-                count: 0,
-                ..TrackPoints::default()
-            },
             ..Simulation::new(robot.clone(), file.clone())
-        })
-        .unwrap();
+        };
+        if !variant.tracks.iter().any(is_piecewise) {
+            simulation.poses = Poses::Random { count: 60 };
+            simulation.track_points.count = 0;
+        }
+        let simulated = simulate(&simulation).unwrap();
         let folder = &simulated.folder;
         let poses: Vec<usize> = (0..folder.tcp_poses.len()).collect();
         let options = calibration::Options::default();
@@ -272,13 +273,18 @@ fn coverage(name: &str, machines: u64) -> (f64, f64) {
                 .solve(&commands, &conditions, start)
                 .unwrap();
             let off: Vector3<f64> = pose.position - truth.pose.position_m;
-            for (off, sigma) in off.iter().zip(sigma.position_m()) {
-                trials += 1.0;
-                hits += f64::from(u8::from(off.abs() <= 1.96 * sigma));
+            let turned = (pose.rotation * truth.pose.rotation.inverse()).scaled_axis();
+            let errors = [(off, sigma.position_m()), (turned, sigma.rotation_rad())];
+            for ((hits, trials), (off, sigma)) in counts.iter_mut().zip(errors) {
+                let is_told = |(_, sigma): &(&f64, f64)| *sigma > 0.0;
+                for (off, sigma) in off.iter().zip(sigma).filter(is_told) {
+                    *trials += 1.0;
+                    *hits += f64::from(u8::from(off.abs() <= 1.96 * sigma));
+                }
             }
         }
     }
-    (hits, trials)
+    counts
 }
 
 /// Errors at the places of one machine go together, so machines count, not places; `MACHINES=200` gives the figures of
@@ -286,7 +292,7 @@ fn coverage(name: &str, machines: u64) -> (f64, f64) {
 fn covers(name: &str) {
     let asked = std::env::var("MACHINES").ok();
     let machines = asked.and_then(|count| count.parse().ok()).unwrap_or(40);
-    let (hits, trials) = coverage(name, machines);
+    let [(hits, trials), (turned_hits, turned_trials)] = coverage((name, "Full"), machines);
     let share = hits / trials;
     println!("{name}: {share:.4} of {trials} over {machines} machines");
     let least = 0.95 - 3.0 * (0.95 * 0.05 / machines as f64).sqrt();
@@ -294,6 +300,20 @@ fn covers(name: &str) {
         trials > 12.0 * machines as f64 && share > least,
         "{name}: {share} of {trials}"
     );
+    let share = turned_hits / f64::max(turned_trials, 1.0);
+    println!("{name}, turned: {share:.4} of {turned_trials}");
+    assert!(turned_trials == 0.0 || share > least, "{name}: {share}");
+}
+
+/// Where carts turn, joints go along ways of other lengths than the measured path.
+#[test]
+fn intervals_on_measured_paths_hold_the_truth() {
+    for variant in ["FullPiecewise", "BestPerLink"] {
+        let counts = coverage(("gantry", variant), 60);
+        let [position, rotation] = counts.map(|(hits, trials)| hits / trials);
+        println!("{variant}: {position:.4}, turned {rotation:.4}");
+        assert!(position > 0.93 && rotation > 0.925, "{variant}: {counts:?}");
+    }
 }
 
 #[test]

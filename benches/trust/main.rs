@@ -6,7 +6,7 @@ mod support;
 
 use clap::Parser;
 use nalgebra::Matrix3;
-use tau::simulation::{Simulation, simulate};
+use tau::simulation::{Noise, Simulation, simulate};
 use tau_estimation::calibration::{self, Error, calibrate};
 use tau_estimation::trust::{Mistake, Status, Verdict, mistakes, of_calibration, of_prediction};
 use tau_estimation::weighing::Treatment;
@@ -27,6 +27,9 @@ struct Arguments {
     /// Machines of each robot whose poses are not measured, for each mistake and for none.
     #[arg(long, default_value_t = 3)]
     rows: u64,
+    /// Share of the poses that are outliers where something is wrong.
+    #[arg(long, default_value_t = 0.0)]
+    outliers: f64,
     /// All that is said of mistakes, not only where none is named rightly.
     #[arg(long)]
     texts: bool,
@@ -35,10 +38,14 @@ struct Arguments {
     bench: bool,
 }
 
-fn simulated(robot: &Robot, file: &RobotFile, seed: u64) -> Folder {
+fn simulated(robot: &Robot, file: &RobotFile, seed: u64, outliers: f64) -> Folder {
     let simulation = Simulation {
         seed,
         random_poses: 0,
+        noise: Noise {
+            outliers,
+            ..Noise::default()
+        },
         ..Simulation::new(robot.clone(), file.clone())
     };
     simulate(&simulation).unwrap().folder
@@ -184,7 +191,7 @@ fn main() {
     for (name, robot, file) in support::robots() {
         for wrong in &WRONG {
             let is_right = |seed: &u64| {
-                let folder = simulated(&robot, &file, 7000 + seed);
+                let folder = simulated(&robot, &file, 7000 + seed, arguments.outliers);
                 let (is_named, said) = is_named(&robot, (&folder, &file), wrong);
                 if arguments.texts || !is_named {
                     eprintln!("{name}, {}, {seed}: {said}", wrong.0);
@@ -203,7 +210,7 @@ fn main() {
     for (name, robot, file) in support::robots() {
         let (mut calibrated, mut predicted) = (Counts::default(), Counts::default());
         for seed in 0..arguments.clean {
-            let folder = simulated(&robot, &file, 9000 + seed);
+            let folder = simulated(&robot, &file, 9000 + seed, 0.0);
             let variant = robot.variant("Full").unwrap();
             let poses = Poses::select(&robot, &file, &folder, Split::Alternate).unwrap();
             let division = poses.division;

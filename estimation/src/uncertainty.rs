@@ -3,16 +3,18 @@
 //! With C the covariance of the parameters, F·Fᵀ, and S = ∂(pose)/∂p of the [implicit function
 //! theorem](crate::implicit), a predicted pose has the covariance S·C·Sᵀ: what is not known of the machine, without the
 //! noise of its measurement. Where carts go along measured paths, the noise of the points of these is added; that it is
-//! in the parameters as well, which it moves by far less, is not regarded. What the model lacks is not in it.
+//! in the parameters as well, which it moves by far less, is not regarded. Joints' ways are longer or shorter than these
+//! [where carts turn](crate::calibration::track_scale): these scales do move the parameters, and stand in F with them.
+//! What else the model lacks is not in it.
 
 use nalgebra::{DMatrix, DVector, Matrix6};
 use tau_kinematics::{Error, Machine, POSE_COLUMNS, Sample};
 use tau_robot::measurements::{Folder, TcpPose};
-use tau_robot::robot::{Parameter, ResidualKind, Variant};
+use tau_robot::robot::{Arm, Owner, Parameter, ResidualKind, Variant};
 use tau_robot::robot_file::RobotFile;
 use tau_robot::robot_file::keys::WIDE;
 
-use crate::calibration::{Calibration, Prepared};
+use crate::calibration::{Calibration, Prepared, track_scale};
 use crate::implicit::Linearized;
 use crate::numerics::factor::{Factor, Row};
 use crate::numerics::parallel;
@@ -25,10 +27,21 @@ const MOST_POSES: usize = 4000;
 pub struct Uncertainty {
     /// Row of each of the variant's parameters in F; `None` where the parameter is known exactly.
     rows: Vec<Option<usize>>,
+    /// Row of the scale of each closure's way in F; none where joints go along no measured path.
+    track_scales: Vec<Option<usize>>,
     /// F of their covariance F·Fᵀ.
     factor: Factor,
     /// Standard deviation of each coordinate of the points that piecewise tracks pass through (m).
     points_m: f64,
+}
+
+/// The scale of a joint's way against the path of its cart.
+pub(crate) struct TrackScale {
+    pub(crate) track: usize,
+    /// Parameters of the joint's place at command 0.
+    pub(crate) offset: [usize; 3],
+    /// Row of F.
+    pub(crate) factor: Vec<f64>,
 }
 
 /// Covariance of a predicted pose.
@@ -71,6 +84,7 @@ impl Uncertainty {
     fn by_rows(rows: Vec<Option<usize>>, factor: &[Vec<f64>]) -> Self {
         Self {
             rows,
+            track_scales: vec![],
             factor: Factor::new(factor),
             points_m: 0.0,
         }
@@ -82,12 +96,34 @@ impl Uncertainty {
         Self { points_m, ..self }
     }
 
+    /// The same with the scales of joints' ways that have rows in F, by name, from the first.
+    #[must_use]
+    pub(crate) fn with_track_scales(
+        self,
+        machine: &Machine,
+        first: usize,
+        names: impl Iterator<Item = String>,
+    ) -> Self {
+        let listed: Vec<String> = names.collect();
+        let row = |closure| {
+            let name = track_scale::name(machine, closure);
+            Some(first + listed.iter().position(|own| *own == name)?)
+        };
+        Self {
+            track_scales: machine.closure_instances().map(row).collect(),
+            ..self
+        }
+    }
+
     /// Of a calibration's parameters, under the stated noise; `None` where nothing determines one.
     pub fn of_calibration(calibration: &Calibration) -> Option<Self> {
         let variant = &calibration.machine.variant;
         let factor = calibration.factor.as_ref()?;
         let known = Self::new(variant, &calibration.used, factor);
-        Some(known.with_path_noise(calibration.file.noise.position_m))
+        let known = known.with_path_noise(calibration.file.noise.position_m);
+        let listed = calibration.file.covariance.iter();
+        let listed = listed.flat_map(|covariance| covariance.parameters.iter().cloned());
+        Some(known.with_track_scales(&calibration.machine, 0, listed))
     }
 
     /// Of a machine with the values of a robot file.
@@ -97,7 +133,8 @@ impl Uncertainty {
     /// been calibrated without a record of how it goes with others, and where others than
     /// this variant's were calibrated.
     pub fn of_prepared(prepared: &Prepared, file: &RobotFile) -> Option<Self> {
-        let Machine { variant, .. } = &prepared.machine;
+        let machine = &prepared.machine;
+        let variant = &machine.variant;
         let known = file.covariance.as_ref();
         if file.calibrated_otherwise(variant).is_some() {
             return None;
@@ -126,7 +163,11 @@ impl Uncertainty {
         };
         let rows = variant.parameters.iter().enumerate().map(row);
         let rows = rows.collect::<Option<Vec<_>>>()?;
-        Some(Self::by_rows(rows, &factor).with_path_noise(file.noise.position_m))
+        let known_with_paths = Self::by_rows(rows, &factor).with_path_noise(file.noise.position_m);
+        let listed = known
+            .into_iter()
+            .flat_map(|known| known.parameters.iter().cloned());
+        Some(known_with_paths.with_track_scales(machine, 0, listed))
     }
 
     /// Rows of F of some parameters, given by index; zero where one is known exactly.
@@ -140,6 +181,24 @@ impl Uncertainty {
             }
         }
         factor
+    }
+
+    /// The scales of joints' ways that are not known, of joints whose place at command 0 is parameters of the variant.
+    pub(crate) fn track_scales(&self, machine: &Machine) -> impl Iterator<Item = TrackScale> {
+        let variant = &machine.variant;
+        let closures = machine.closure_instances().zip(&self.track_scales);
+        closures.filter_map(move |(closure, row)| {
+            let owner = match variant.arm {
+                Arm::Full => Owner::Link(closure.of),
+                Arm::Reduced => Owner::Cluster(closure.of),
+            };
+            let offset = |axis| variant.parameter(owner, "track_offset", Some(axis));
+            Some(TrackScale {
+                track: machine.track_of(closure)?,
+                offset: [offset(0)?, offset(1)?, offset(2)?],
+                factor: self.factor.row((*row)?).collect(),
+            })
+        })
     }
 
     /// Largest [distance](PoseUncertainty::distance_m) of a machine's positions at measured poses of a folder, given by
@@ -248,11 +307,22 @@ impl Uncertainty {
         };
         let response = closures.response(unknowns).ok_or_else(not_finite)?;
         let by_paths = self.by_paths(machine, sample, &closures);
-        let of_parameters = (closures.by_parameters.into_iter()).map(|entries| {
-            let own = |(parameter, entry): (usize, f64)| Some((self.rows[parameter]?, entry));
-            entries.into_iter().filter_map(own).collect()
-        });
-        let of_parameters: Vec<Row> = of_parameters.collect();
+        let mut of_parameters: Vec<Row> = (closures.by_parameters.iter())
+            .map(|entries| {
+                let own = |&(parameter, entry): &(usize, f64)| Some((self.rows[parameter]?, entry));
+                entries.iter().filter_map(own).collect()
+            })
+            .collect();
+        for (index, (row, own)) in self.track_scales.iter().zip(&mut of_parameters).enumerate() {
+            own.extend(row.and_then(|row| {
+                let closure = machine.closure_instances().nth(index)?;
+                let track = machine.track_of(closure)?;
+                let travel = machine.measured_path(track)?.at(sample.commands_m[track]);
+                // A cart is displaced against the plate.
+                let along = (0..3).map(|axis| -closures.by_pose[(index, axis)] * travel[axis]);
+                Some((row, along.sum()))
+            }));
+        }
         let mut of_closures =
             self.factor.covariance_of(&of_parameters) + &by_paths * by_paths.transpose();
         if with_length_noise {

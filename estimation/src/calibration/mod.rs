@@ -10,6 +10,7 @@ pub(crate) mod registration;
 pub mod searched;
 mod shared_noise;
 mod stated;
+pub(crate) mod track_scale;
 
 use std::sync::Arc;
 
@@ -273,7 +274,8 @@ fn from_prepared(
                 information: &[f64]|
      -> Result<_, Error> {
         let identifiability = tau_solver::identifiability(problem, at).map_err(failed)?;
-        let factor = factor_with_shared_noise(&inverse, &residuals, file.noise, at, information);
+        let unknown = (file.noise, &prepared.track_scales[..]);
+        let factor = factor_with_shared_noise(&inverse, &residuals, unknown, at, information);
         Ok((identifiability, inverse, factor))
     };
     // Where poses count as they are, which most do, nothing waits for their weights.
@@ -300,8 +302,10 @@ fn from_prepared(
     let name = |index: usize| problem.parameters[index].name.clone();
     let fitted = Fitted {
         values: problem::values(machine, used, &solution.parameters),
-        covariance: (factor.as_deref())
-            .map_or_else(|| triangle::rows(&covariance), triangle::squared),
+        covariance: (factor.as_deref()).map_or_else(
+            || triangle::rows(&covariance),
+            |rows| triangle::squared(&rows[..used.len()]),
+        ),
         // Measured poses leave no motion open along which parameters would curve.
         second_order: vec![0.0; used.len()],
         factor,
@@ -340,7 +344,8 @@ pub(crate) struct Fitted {
     pub(crate) covariance: Vec<Vec<f64>>,
     /// Mean squares of their errors of second order.
     pub(crate) second_order: Vec<f64>,
-    /// Lower triangle of the covariance; `None` where nothing determines a parameter.
+    /// Lower triangle of the covariance, and behind the parameters of the [scales](Prepared::track_scales) that it holds; `None`
+    /// where nothing determines a parameter.
     pub(crate) factor: Option<Vec<Vec<f64>>>,
     pub(crate) undetermined: Vec<Combination>,
     pub(crate) cost: f64,
@@ -378,7 +383,7 @@ pub(crate) fn finish(
                 prepared.measured_paths.clone()
             },
             covariance: output::covariance(
-                &estimates,
+                (&estimates, track_scale::names(prepared)),
                 fitted.factor.as_deref(),
                 (prepared.registration.as_ref()).filter(|_| !prepared.measured_paths.is_empty()),
             ),

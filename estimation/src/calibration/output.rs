@@ -90,17 +90,16 @@ const DIGITS: usize = 8;
 
 /// The covariance for the file; `None` where nothing determines a parameter.
 pub(super) fn covariance(
-    estimates: &[ParameterEstimate],
+    (estimates, scales): (&[ParameterEstimate], impl Iterator<Item = String>),
     factor: Option<&[Vec<f64>]>,
     registration: Option<&Registration>,
 ) -> Option<Covariance> {
-    let rows = factor?.iter();
+    let factor = factor?;
+    let rows = factor.iter();
     let rows = rows.map(|row| row.iter().copied().map(rounded).collect());
+    let estimated = estimates.iter().map(|estimate| estimate.name.clone());
     Some(Covariance {
-        parameters: estimates
-            .iter()
-            .map(|estimate| estimate.name.clone())
-            .collect(),
+        parameters: estimated.chain(scales).take(factor.len()).collect(),
         factor: rows.collect(),
         registered_rad: registration.map(|registration| xyz_angles(&registration.rotation)),
     })

@@ -12,6 +12,7 @@ use tau_robot::robot_file::{MeasuredPath, RobotFile, StatedNoise};
 use super::nominal::{self, Nominal};
 use super::paths;
 use super::registration::Registration;
+use super::track_scale;
 
 /// A variant at its nominal values.
 #[derive(Debug, Clone)]
@@ -23,6 +24,8 @@ pub struct Prepared {
     pub(crate) registration: Option<Registration>,
     /// Paths of the piecewise tracks as they were measured, by name of the track.
     pub(crate) measured_paths: BTreeMap<String, MeasuredPath>,
+    /// Standard deviation by which the way of each closure's joint differs from the measured path of its cart, as a share.
+    pub(crate) track_scales: Vec<f64>,
 }
 
 impl Prepared {
@@ -120,11 +123,17 @@ impl Prepared {
         let measured_paths = folder.map_or_else(BTreeMap::new, |folder| {
             paths::of_piecewise_tracks(robot, variant, folder)
         });
+        let of_carts = folder.zip(registration.as_ref());
+        let track_scales = of_carts.map_or_else(
+            || vec![0.0; machine.closure_count()],
+            |(folder, registration)| track_scale::deviations(&machine, file, folder, registration),
+        );
         Ok(Self {
             machine,
             nominal,
             registration,
             measured_paths,
+            track_scales,
         })
     }
 }

@@ -7,6 +7,9 @@
 //! pose owe to each coordinate of its noise, or all closures to each coordinate of a point, w the weight of a pose and Λ
 //! the priors, the estimator H⁻¹ with H = Σ w·aaᵀ + Λ has the covariance H⁻¹(Σ w·bbᵀ + Λ)H⁻¹ (the "sandwich" of
 //! H. White, Econometrica 48, 1980, with known noise).
+//!
+//! [Scales of joints' ways](super::track_scale) are no parameters of the fit, but move it: with rows c of what all closures owe
+//! to each, in its standard deviations, values are off by −H⁻¹Σ w·a·c, and scales and values go together.
 
 use nalgebra::{DMatrix, DVector};
 use tau_robot::robot_file::Noise;
@@ -24,11 +27,12 @@ const CHUNK: usize = 256;
 /// entries have digits for.
 ///
 /// `fitted` holds a value of each parameter of the fit, `information` the weight of each sample in H: its noise is larger
-/// than stated by one over it.
+/// than stated by one over it. Rows of the scales of closures' ways that have a standard deviation follow those of the
+/// parameters.
 pub(crate) fn factor_with_shared_noise(
     inverse: &DMatrix<f64>,
     residuals: &Residuals,
-    noise: Noise,
+    (noise, track_scales): (Noise, &[f64]),
     fitted: &[f64],
     information: &[f64],
 ) -> Option<Vec<Vec<f64>>> {
@@ -49,19 +53,32 @@ pub(crate) fn factor_with_shared_noise(
     let mut squares = DMatrix::from_diagonal(&DVector::from_iterator(fitted.len(), priors));
     // Added in order, so that the sum does not depend on threads.
     let mut by_point = DMatrix::zeros(3 * points, fitted.len());
+    let mut by_scale = DMatrix::zeros(residuals.parts.len(), fitted.len());
     for share in shares {
         squares += share.squares;
         by_point += share.by_point;
+        by_scale += share.by_scale;
     }
     squares += by_point.tr_mul(&by_point);
     let lower = triangle::lower(&triangle::rows(&squares))?;
     let lower = DMatrix::from_fn(fitted.len(), fitted.len(), |i, j| {
         lower[i].get(j).copied().unwrap_or(0.0)
     });
+    let scales: Vec<(usize, f64)> = (track_scales.iter().copied().enumerate())
+        .filter(|(_, deviation)| *deviation > 0.0)
+        .collect();
+    let (parameters, rows) = (fitted.len(), fitted.len() + scales.len());
+    let mut factor = DMatrix::zeros(rows, rows);
+    (factor.view_mut((0, 0), (parameters, parameters))).copy_from(&(inverse * lower));
+    for (row, &(closure, deviation)) in (parameters..).zip(&scales) {
+        let moved = inverse * by_scale.row(closure).transpose() * -deviation;
+        factor.view_mut((0, row), (parameters, 1)).copy_from(&moved);
+        factor[(row, row)] = deviation;
+    }
     // F·Fᵀ = (F·Q)·(F·Q)ᵀ for whatever orthogonal Q: that one which leaves a triangle.
-    let upper = (inverse * lower).transpose().qr().unpack_r();
+    let upper = factor.transpose().qr().unpack_r();
     let row = |i: usize| (0..=i).map(|j| upper[(j, i)]).collect();
-    Some((0..fitted.len()).map(row).collect())
+    Some((0..rows).map(row).collect())
 }
 
 /// Part that successive samples have in the covariance.
@@ -70,6 +87,8 @@ struct Share {
     squares: DMatrix<f64>,
     /// Σ b of each coordinate of each measured point, which samples share.
     by_point: DMatrix<f64>,
+    /// Σ c of the scale of each closure's way, of one metre a metre.
+    by_scale: DMatrix<f64>,
 }
 
 impl Share {
@@ -88,10 +107,11 @@ impl Share {
             .collect();
         let mut by_noise = DMatrix::zeros(6 * information.len(), fitted.len());
         let mut by_point = DMatrix::zeros(3 * points, fitted.len());
+        let mut by_scale = DMatrix::zeros(residuals.parts.len(), fitted.len());
         let (mut prepared, mut jacobian) = (Vec::new(), Vec::new());
         for (block, information) in information.iter().enumerate() {
             let place = first + block;
-            for (part, own) in residuals.parts.iter().zip(&own) {
+            for (closure, (part, own)) in residuals.parts.iter().zip(&own).enumerate() {
                 let shape = part.family.shape();
                 let data = &part.data[place * shape.data..(place + 1) * shape.data];
                 prepared.resize(shape.prepared, 0.0);
@@ -104,6 +124,10 @@ impl Share {
                 // A cart is displaced against the plate.
                 let by_cart = part.by_pose[place].map(|slope| -slope * noise.position_m);
                 let of_path = part.path.iter().flat_map(|path| path.shares[place]);
+                let along = part.path.as_ref().map_or(0.0, |path| {
+                    let travel = part.by_pose[place].iter().zip(path.travel_m[place]);
+                    travel.map(|(slope, travel)| -slope * travel).sum()
+                });
                 let columns = part.family.pattern().columns.iter();
                 for (&column, entry) in columns.zip(&jacobian) {
                     let parameter = part.parameters[column as usize];
@@ -119,12 +143,14 @@ impl Share {
                             *sum += information * weight * by * slope * entry;
                         }
                     }
+                    by_scale[(closure, parameter)] += information * weight * along * entry;
                 }
             }
         }
         Self {
             squares: by_noise.transpose() * &by_noise,
             by_point,
+            by_scale,
         }
     }
 }
@@ -138,7 +164,8 @@ mod tests {
     use nalgebra::Vector3;
     use tau_kinematics::{Machine, Path};
 
-    /// Held against the covariance of what each coordinate of each measured pose and point of a path does to the values.
+    /// Held against the covariance of what each coordinate of each measured pose and point of a path, and the length of each
+    /// joint's way, does to the values.
     #[test]
     fn the_covariance_is_that_of_each_coordinate_of_the_noise() {
         let (prepared, samples, noise) = of_prototype("FullPiecewise", 4);
@@ -157,10 +184,11 @@ mod tests {
         };
         let inverse = problem::inverse_information(&problem, &at).unwrap();
         let even = vec![1.0; samples.len()];
-        let factor = factor_with_shared_noise(&inverse, &residuals, noise, &at, &even).unwrap();
-        let factor = DMatrix::from_fn(at.len(), at.len(), |i, j| {
-            factor[i].get(j).copied().unwrap_or(0.0)
-        });
+        let scales = vec![1e-4; residuals.parts.len()];
+        let unknown = (noise, &scales[..]);
+        let factor = factor_with_shared_noise(&inverse, &residuals, unknown, &at, &even).unwrap();
+        let all = at.len() + scales.len();
+        let factor = DMatrix::from_fn(all, all, |i, j| factor[i].get(j).copied().unwrap_or(0.0));
         let found = &factor * factor.transpose();
 
         let weights: Vec<f64> = (residuals.parts.iter())
@@ -224,6 +252,30 @@ mod tests {
                     add((there(1.0) - there(-1.0)) / 2.0);
                 }
             }
+        }
+        let closures = variant.instances_of(tau_robot::robot::ResidualKind::Closure);
+        for (part, (closure, &scale)) in closures.zip(&scales).enumerate() {
+            let there = |sign: f64| {
+                let mut moved = machine.clone();
+                let path = moved.surroundings.paths[machine.track_of(closure).unwrap()].as_mut();
+                let path = path.unwrap();
+                let points = path.commands().iter().map(|&q| (q, path.at(q)));
+                let points = points.map(|(q, point)| (q, point * (1.0 + sign * scale)));
+                *path = Path::new(&points.collect::<Vec<_>>()).unwrap();
+                values(&residuals_of(&moved, &samples), &at)
+            };
+            let mut change: DVector<f64> = (there(1.0) - there(-1.0)) / 2.0;
+            for (row, change) in change.iter_mut().enumerate() {
+                if row / samples.len() != part {
+                    *change = 0.0;
+                }
+            }
+            let moved = of_values(&change);
+            let together = found.view((0, at.len() + part), (at.len(), 1)) + &moved * scale;
+            assert!(together.norm() < 1e-2 * scale * moved.norm(), "{part}");
+            let own = found[(at.len() + part, at.len() + part)].sqrt();
+            assert!((own / scale - 1.0).abs() < 1e-9);
+            expected += &moved * moved.transpose();
         }
         for (k, prior) in residuals.priors.iter().enumerate() {
             let pulled = inverse.column(k) / prior.tolerance.unwrap();

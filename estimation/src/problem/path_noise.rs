@@ -15,6 +15,8 @@ use crate::samples::Sample;
 pub(crate) struct PathNoise {
     /// At each sample the two points that the path there depends on, among those of all tracks, with their shares.
     pub(crate) shares: Vec<[(usize, f64); 2]>,
+    /// Way since command 0 at each sample (m).
+    pub(crate) travel_m: Vec<[f64; 3]>,
     /// Square to be expected of each residual in units of what it is weighed by; at most 1.
     pub(crate) expected: Vec<f64>,
 }
@@ -38,8 +40,10 @@ impl PathNoise {
             shares.map(|(point, share)| (first + point, share))
         };
         let shares: Vec<[(usize, f64); 2]> = of_set.iter().map(shares_at).collect();
+        let travel = |&sample: &usize| path.at(samples[sample].commands_m[track]).into();
         let mut path = Self {
             shares,
+            travel_m: of_set.iter().map(travel).collect(),
             expected: Vec::new(),
         };
         let mut weights = Vec::new();

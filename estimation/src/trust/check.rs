@@ -13,15 +13,14 @@ use tau_robot::robot_file::RobotFile;
 use tau_solver::Problem;
 
 use crate::calibration::{
-    Combination, Error, Prepared, check_poses, combinations, factor_with_shared_noise,
+    Combination, Error, Prepared, check_poses, combinations, factor_with_shared_noise, track_scale,
 };
 use crate::problem::{self, Closures, Residuals};
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
-use crate::trust::mistake::Mistake;
 use crate::trust::numbering;
-use crate::trust::reach::Reach;
-use crate::trust::verdict::mistakes;
+use crate::trust::verdict::{mistakes, plain};
+use crate::trust::{mistake::Mistake, reach::Reach};
 use crate::uncertainty::Uncertainty;
 use crate::unknown_poses::{self, Rank, RowDivision};
 
@@ -144,7 +143,9 @@ pub fn check(
     let effects = observabilities(robot, file, folder, catalogue);
     let found = (variants.first().copied()).map(|variant| match rows {
         None => mistakes(robot, variant, file, folder, &division.calibration),
-        Some(rows) => unknown_poses::mistakes(robot, variant, file, folder, rows),
+        Some(rows) => {
+            unknown_poses::mistakes(robot, plain(robot, variant, folder), file, folder, rows)
+        }
     });
     let drawn = (variants.first())
         .and_then(|variant| Prepared::new(robot, variant, file, Some(folder), &[]).ok());
@@ -383,11 +384,10 @@ fn determine(
     poses: &[usize],
 ) -> Result<(), Error> {
     let file = &file.completed(robot);
-    let Prepared {
-        machine, nominal, ..
-    } = Prepared::new(robot, variant, file, Some(folder), poses)?;
+    let prepared = Prepared::new(robot, variant, file, Some(folder), poses)?;
+    let (machine, nominal) = (&prepared.machine, &prepared.nominal);
     let samples = Sample::all(robot, folder, poses, &Frames::default());
-    let residuals = Residuals::new(&machine, &nominal, &samples, file.noise, Closures::Apart)?;
+    let residuals = Residuals::new(machine, nominal, &samples, file.noise, Closures::Apart)?;
     let used = &residuals.used;
     let at: Vec<f64> = used.iter().map(|&index| machine.values[index]).collect();
     let parameters = problem::parameters(variant, used, &residuals.priors, at.iter().copied());
@@ -431,14 +431,18 @@ fn determine(
         check_poses(robot, variant, file, folder, poses)?;
         let inverse = problem::inverse_information(&problem, &at).map_err(failed)?;
         let even = vec![1.0; samples.len()];
-        let known = factor_with_shared_noise(&inverse, &residuals, file.noise, &at, &even)
-            .map(|factor| Uncertainty::new(variant, used, &factor))
-            .map(|known| known.with_path_noise(file.noise.position_m));
+        let unknown = (file.noise, &prepared.track_scales[..]);
+        let known = factor_with_shared_noise(&inverse, &residuals, unknown, &at, &even);
+        let known = known.map(|factor| {
+            Uncertainty::new(variant, used, &factor)
+                .with_path_noise(file.noise.position_m)
+                .with_track_scales(machine, used.len(), track_scale::names(&prepared))
+        });
         let measured: Vec<&TcpPose> = (poses.iter())
             .map(|&pose| &folder.tcp_poses[pose])
             .collect();
         checked.reach =
-            known.and_then(|known| Reach::new((&machine, &known), &measured, file.noise));
+            known.and_then(|known| Reach::new((machine, &known), &measured, file.noise));
     }
     Ok(())
 }

@@ -23,6 +23,9 @@ pub(crate) struct Case<'a> {
     pub(crate) file: Arc<RobotFile>,
     /// TCP poses, which all take part, and set 2 where the variant takes it; nothing else.
     pub(crate) folder: Folder,
+    /// All rows that the file of the poses has, and where among them each of these stands.
+    pub(crate) rows: &'a [TcpPose],
+    pub(crate) places: Vec<usize>,
     /// Tolerances, where they are not as given.
     pub(crate) tolerances: Option<Hypothesis>,
 }
@@ -34,6 +37,10 @@ pub(crate) enum Hypothesis {
     Commands(Vec<usize>),
     /// A command counts the other way.
     Sign(usize),
+    /// What was measured in a row belongs so many rows below it, or above.
+    Shifted(isize),
+    /// Heights count the other way.
+    Heights,
     /// Carts of set 2 are numbered otherwise: for each track, the cart that runs on it.
     Carts(Vec<usize>),
     /// Axes of the measured positions are exchanged or mirrored: for each axis, the column that holds it, and its sign;
@@ -133,6 +140,7 @@ impl Case<'_> {
         let all = &self.folder.tcp_poses;
         Self {
             file: Arc::clone(&self.file),
+            places: poses.iter().map(|&pose| self.places[pose]).collect(),
             folder: Folder {
                 name: self.folder.name.clone(),
                 tcp_poses: poses.iter().map(|&pose| all[pose].clone()).collect(),
@@ -152,6 +160,16 @@ impl Case<'_> {
                 for cart in &mut case.folder.cart_poses {
                     let runs_on = carts.iter().position(|own| *own == cart.track);
                     cart.track = runs_on.unwrap_or(cart.track);
+                }
+            }
+            Hypothesis::Shifted(by) => {
+                for (pose, place) in case.folder.tcp_poses.iter_mut().zip(&self.places) {
+                    // The row at the end keeps what it has, and is an outlier.
+                    if let Some(row) = neighbour(self.rows, *place, *by) {
+                        pose.position_m = row.position_m;
+                        pose.angles_rad = row.angles_rad;
+                        pose.sigmas = row.sigmas;
+                    }
                 }
             }
             Hypothesis::Noise { position, rotation } => {
@@ -241,6 +259,11 @@ impl Hypothesis {
             _ => {}
         }
     }
+}
+
+/// The row of which the measured values belong to that at a place.
+pub(crate) fn neighbour<T>(rows: &[T], place: usize, by: isize) -> Option<&T> {
+    rows.get(place.checked_add_signed(-by)?)
 }
 
 fn change_poses(poses: &mut [TcpPose], change: impl Fn(Pose, [f64; 3]) -> Pose) {

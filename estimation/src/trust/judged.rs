@@ -247,6 +247,16 @@ impl Judged {
     }
 
     /// The residuals and their derivatives, priors last.
+    pub(crate) fn descent(&self) -> &Descent {
+        &self.descent
+    }
+
+    /// `B` of the covariance `B·Bᵀ` of the unknowns.
+    pub(crate) fn factor(&self) -> &DMatrix<f64> {
+        &self.factor
+    }
+
+    /// The residuals and their derivatives, priors last.
     pub(crate) fn into_descent(self) -> Descent {
         self.descent
     }

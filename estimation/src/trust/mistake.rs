@@ -3,8 +3,8 @@
 /// Something wrong with the input.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mistake {
-    /// Its kind: `commands`, `command_sign`, `axes`, `angles`, `frame`, `millimetres`, `degrees`, `noise`, `tolerances`,
-    /// `dimension`, `carts`, `distances`.
+    /// Its kind: `commands`, `command_sign`, `rows`, `height_sign`, `axes`, `angles`, `frame`, `millimetres`, `degrees`,
+    /// `noise`, `tolerances`, `dimension`, `carts`, `distances`.
     pub kind: &'static str,
     /// The file that holds it.
     pub file: &'static str,

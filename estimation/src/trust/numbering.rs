@@ -7,6 +7,7 @@
 
 use nalgebra::Vector3;
 use tau_kinematics::Machine;
+use tau_robot::input_error::quoted;
 use tau_robot::measurements::Folder;
 use tau_robot::robot::Robot;
 
@@ -124,18 +125,41 @@ impl Reading {
         }
     }
 
+    /// All commands count the other way.
+    fn is_reversed(&self) -> bool {
+        self.signs.iter().all(|sign| *sign < 0.0)
+    }
+
+    /// −2 ln of its share among those of its kind. Of hundreds of numberings of a symmetric machine some fit as well as a
+    /// mirrored axis does.
+    fn prior(&self) -> f64 {
+        let given = Self::as_given(self.carts.len());
+        let count = if self.carts != given.carts || self.columns != given.columns {
+            (1..=self.carts.len()).map(|count| count as f64).product()
+        } else if self.is_mirrored || self.is_reversed() {
+            1.0
+        } else {
+            self.signs.len() as f64
+        };
+        2.0 * count.ln()
+    }
+
     /// The carts in another order.
     fn numberings(tracks: usize) -> impl Iterator<Item = Self> {
         permutations(tracks).into_iter().skip(1).map(Self::numbered)
     }
 
-    /// All that are tried beside what is given. Commands of set 2 are those of all carts: where they count the other way,
-    /// positions are mirrored.
+    /// All that are tried beside what is given. Commands of set 2 are those of all carts, which count the other way together;
+    /// so do positions that are mirrored along parallel tracks.
     fn all(tracks: usize, file: &str) -> Vec<Self> {
         let given = Self::as_given(tracks);
         let mut all: Vec<Self> = Self::numberings(tracks).collect();
         all.push(Self {
             is_mirrored: true,
+            ..given.clone()
+        });
+        all.push(Self {
+            signs: vec![-1.0; tracks],
             ..given.clone()
         });
         if file != CART_POSES {
@@ -170,11 +194,14 @@ pub(crate) fn mistake(machine: &Machine, folder: &Folder) -> Option<Mistake> {
         let measured = measured?;
         let readings = Reading::all(tracks.len(), measured.file);
         let Ranked { given, readings } = ranked(&tracks, &measured, readings)?;
-        let least = readings.first()?.0;
+        let least = readings
+            .iter()
+            .map(|own| own.0)
+            .fold(f64::INFINITY, f64::min);
         let is_right = |(misfit, _): &&(f64, Reading)| {
             given > PLAUSIBLE.max(CLEARLY * misfit) && *misfit < ALIKE * least
         };
-        let right = readings.iter().take_while(is_right);
+        let right = readings.iter().filter(is_right);
         let right = right.map(|(_, reading)| described(robot, measured.file, reading));
         words::beside(right.collect())
     };
@@ -233,10 +260,30 @@ fn described(robot: &Robot, file: &'static str, reading: &Reading) -> Mistake {
         return Mistake {
             kind: "axes",
             file,
-            what: "the carts do not run where set 1 has their tracks; they would if an axis of the positions were mirrored, or \
-                   all commands counted the other way"
+            what: "the carts do not run where set 1 has their tracks; they would if an axis of the positions were mirrored"
                 .to_owned(),
-            mend: "change the sign of one coordinate (the frame is right-handed), or of the commands".to_owned(),
+            mend: "change the sign of one coordinate: the frame is right-handed".to_owned(),
+            is_absurd: true,
+        };
+    }
+    if reading.is_reversed() {
+        let columns: Vec<String> = if file == CART_POSES {
+            vec!["q_m".to_owned()]
+        } else {
+            robot
+                .command_columns()
+                .into_iter()
+                .take(reading.signs.len())
+                .collect()
+        };
+        let columns = quoted(columns.iter().map(String::as_str));
+        return Mistake {
+            kind: "command_sign",
+            file,
+            what: format!(
+                "the carts do not run where set 1 has their tracks; they would if {columns} counted the other way"
+            ),
+            mend: format!("change the sign of {columns}"),
             is_absurd: true,
         };
     }
@@ -255,7 +302,7 @@ fn described(robot: &Robot, file: &'static str, reading: &Reading) -> Mistake {
     }
 }
 
-/// Misfits of a set as given and of other readings, the best first.
+/// Misfits of a set as given and of other readings, the likeliest first.
 struct Ranked {
     given: f64,
     readings: Vec<(f64, Reading)>,
@@ -275,7 +322,11 @@ fn ranked(tracks: &[NominalTrack], measured: &Measured, readings: Vec<Reading>) 
     let mut readings: Vec<(f64, Reading)> = (readings.into_iter())
         .filter_map(|reading| Some((misfit(tracks, &reading, measured)?, reading)))
         .collect();
-    smallest_first(&mut readings, |own| own.0);
+    // Each cart has three coordinates of a mounting.
+    let coordinates = 3.0 * tracks.len() as f64;
+    smallest_first(&mut readings, |(misfit, reading)| {
+        coordinates * misfit + reading.prior()
+    });
     Some(Ranked { given, readings })
 }
 

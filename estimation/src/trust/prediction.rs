@@ -8,7 +8,7 @@ use tau_robot::robot_file::{Noise, RobotFile};
 
 use crate::calibration::{Calibration, Error, Prepared};
 use crate::joint::Joint;
-use crate::numerics::factor::Factor;
+use crate::numerics::grouped::Grouped;
 use crate::numerics::spread::spread;
 use crate::samples::Sample;
 use crate::trust::hypothesis::Case;
@@ -60,7 +60,7 @@ pub fn of_prediction(
         let judged = recognise::judged(&case, &prepared, &machine.values, 0)?;
         let mut verdict = measured(&case, &judged, vec![]);
         verdict.know(&weighing);
-        let misfit = predicted(judged, &known);
+        let misfit = predicted(judged, &known, &case.samples());
         verdict.chi2 = misfit.chi2;
         verdict.dof = misfit.dof;
         verdict.residual_over_noise = misfit.ratio();
@@ -154,11 +154,11 @@ fn sums_under(
     let each = joint.rows.len() / samples.len().max(1);
     let factors = joint.factors(&[1.0; 4], &vec![1.0; samples.len()]);
     let linear = joint.linearize(&joint.fitted(values), &factors);
-    let factor = Factor::of(&factor_of(known, &joint));
+    let spread = spread_of(known, &joint, &linear.jacobian, samples);
     let of_sample = |sample: usize| {
         let own = linear.residuals.rows(sample * each, each).into_owned();
-        let rows = linear.jacobian.rows(sample * each..(sample + 1) * each);
-        let covariance = DMatrix::identity(each, each) + factor.covariance_of(&rows);
+        let rows = spread.rows(sample * each, each);
+        let covariance = DMatrix::identity(each, each) + rows * rows.transpose();
         let sum = covariance
             .cholesky()
             .map_or_else(|| own.norm_squared(), |c| own.dot(&c.solve(&own)));
@@ -169,13 +169,12 @@ fn sums_under(
 
 /// χ² of residuals at known values under the noise and what is not known of the values: with S = J·F for their covariance
 /// F·Fᵀ, `rᵀ(1 + S·Sᵀ)⁻¹r = ‖r − S·z‖² + ‖z‖²`, where `(1 + Sᵀ·S)·z = Sᵀ·r`.
-fn predicted(judged: Judged, known: &Uncertainty) -> Misfit {
+fn predicted(judged: Judged, known: &Uncertainty, samples: &[Sample]) -> Misfit {
     let descent = judged.into_descent();
     let joint = descent.joint;
     let rows = joint.rows.len();
     let residuals = descent.residuals.rows(0, rows).into_owned();
-    let factor = factor_of(known, &joint);
-    let spread = descent.normal.into_jacobian().times(&factor);
+    let spread = spread_of(known, &joint, descent.normal.jacobian(), samples);
     let spread = spread.rows(0, rows);
     let columns = spread.ncols();
     let gram = DMatrix::identity(columns, columns) + spread.tr_mul(&spread);
@@ -191,6 +190,35 @@ fn predicted(judged: Judged, known: &Uncertainty) -> Misfit {
         dof: rows as f64,
         rows,
     }
+}
+
+/// What is not known of the machine in each row of a fit, in as many columns as the factor of its covariance has.
+fn spread_of(
+    known: &Uncertainty,
+    joint: &Joint,
+    jacobian: &Grouped,
+    samples: &[Sample],
+) -> DMatrix<f64> {
+    let mut spread = jacobian.times(&factor_of(known, joint));
+    let machine = &joint.machine;
+    for scale in known.track_scales(machine) {
+        let Some(path) = machine.measured_path(scale.track) else {
+            continue;
+        };
+        let places = (scale.offset).map(|index| joint.used.binary_search(&index).ok());
+        let known_at = |axis: usize| places[axis].map(|place| (axis, place));
+        let (axes, places): (Vec<usize>, Vec<usize>) = (0..3).filter_map(known_at).unzip();
+        let by_offset = jacobian.select_columns(&places);
+        for (row, at) in joint.rows.iter().enumerate() {
+            let travel = path.at(samples[at.sample].commands_m[scale.track]);
+            let own = axes.iter().enumerate();
+            let along: f64 = (own.map(|(k, &axis)| by_offset[(row, k)] * travel[axis])).sum();
+            for (column, &entry) in scale.factor.iter().enumerate() {
+                spread[(row, column)] += along * entry;
+            }
+        }
+    }
+    spread
 }
 
 /// Rows of the factor of all unknowns of a fit. Points of measured paths are known to their noise.

@@ -25,7 +25,7 @@ use crate::trust::hypothesis::{self, Case, Hypothesis, THOUSAND};
 use crate::trust::judged::{Deviation, Judged, Misfit};
 use crate::trust::mistake::Mistake;
 use crate::trust::{ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, NEARER, ODDS, numbering, words};
-use crate::weighing::weigh_fitted;
+use crate::weighing::{variance_of_most, weigh_fitted};
 
 /// Poses for a first look at all hypotheses, and for a closer one at the best of them: as many as calibrations usually
 /// have, whose own fits serve then.
@@ -52,6 +52,8 @@ struct Tried {
     total: f64,
     volumes: f64,
     misfit: Misfit,
+    /// Variance of most poses over the stated one, whatever a few lie off.
+    of_most: f64,
     deviations: Vec<Deviation>,
     values: Vec<f64>,
 }
@@ -63,6 +65,7 @@ impl Tried {
             total: judged.total(),
             volumes: judged.volumes(),
             misfit: judged.misfit(),
+            of_most: variance_of_most(judged),
             deviations: judged.deviations(),
             values: judged.values(),
         }
@@ -174,47 +177,39 @@ pub(crate) fn recognised(case: &Case<'_>, known: Option<&Judged>) -> Result<Reco
     };
     // A few poses far off are outliers and no mistake: what is left without them is judged.
     let suspect = fit.as_ref().filter(|_| known.is_none());
-    if let Some((_, judged)) = suspect.filter(|(given, _)| is_beyond_noise(&given.misfit)) {
-        let (prepared, samples) = (thinned.prepared()?, thinned.samples());
-        let noise = thinned.file.noise;
-        let weighed = weigh_fitted(judged.as_ref().clone(), &prepared, &samples, noise);
-        if let Ok(weighing) = weighed.as_ref().map(|weighing| &weighing.judged)
-            && weighing.contains(&false)
-        {
-            let kept: Vec<usize> = (0..samples.len()).filter(|&pose| weighing[pose]).collect();
-            thinned = thinned.of_poses(&kept);
-            fit = owned(fitted(&thinned, None, ITERATIONS));
-        }
+    if let Some((_, judged)) = suspect.filter(|(given, _)| is_beyond_noise(&given.misfit))
+        && let Some(kept) = kept(&thinned, None, judged.as_ref().clone())
+    {
+        thinned = thinned.of_poses(&kept);
+        fit = owned(fitted(&thinned, None, ITERATIONS));
     }
-    let (given, judged) = fit.unzip();
+    let (mut given, mut judged) = fit.unzip();
     if given.is_none() {
         // Where the case as given has no fit, the error says so unless a hypothesis has one.
         thinned.prepared()?;
     }
-    let as_given = || {
-        let (given, judged) = (given.as_ref()?, judged.as_deref()?);
-        given
-            .machine(&thinned)
-            .filter(|_| fits_links(&thinned, judged))
+    let as_given = |case: &Case<'_>, given: Option<&Tried>, judged: Option<&Judged>| {
+        let machine = given?.machine(case)?;
+        fits_links(case, judged?).then_some(machine)
     };
     if let Some(mistake) = given.as_ref().and_then(|given| wide(&thinned, given)) {
         return Ok(Recognised {
             mistakes: vec![mistake],
-            machine: as_given(),
+            machine: as_given(&thinned, given.as_ref(), judged.as_deref()),
         });
     }
-    let by_noise = || Recognised {
-        mistakes: (given.as_ref())
-            .and_then(|given| noise(&thinned, given))
+    let by_noise = |case: &Case<'_>, given: Option<&Tried>, judged: Option<&Judged>| Recognised {
+        mistakes: given
+            .and_then(|given| noise(case, given))
             .into_iter()
             .collect(),
-        machine: as_given(),
+        machine: as_given(case, given, judged),
     };
     let is_fine = given.as_ref().is_some_and(|given| {
         !is_beyond_noise(&given.misfit) && beyond_tolerance(&given.deviations, 1.0).is_none()
     });
     if is_fine {
-        return Ok(by_noise());
+        return Ok(by_noise(&thinned, given.as_ref(), judged.as_deref()));
     }
     let mut all = closer(
         &thinned,
@@ -223,6 +218,15 @@ pub(crate) fn recognised(case: &Case<'_>, known: Option<&Judged>) -> Result<Reco
     );
     let suspects = dimensions::suspects(&thinned, judged.as_deref());
     all.extend(closer(&thinned, &suspects, ITERATIONS));
+    let best = least(given.iter().chain(&all), |tried| tried.of_most);
+    if let Some(kept) = best.and_then(|best| kept_beside(&thinned, best)) {
+        thinned = thinned.of_poses(&kept);
+        (given, judged) = owned(fitted(&thinned, None, ITERATIONS)).unzip();
+        let hypotheses: Vec<Hypothesis> = (all.into_iter())
+            .filter_map(|tried| tried.hypothesis)
+            .collect();
+        all = closer(&thinned, &hypotheses, ITERATIONS);
+    }
     let scale = |all: &[Tried]| {
         let ratios = all.iter().chain(&given).map(|t| t.misfit.ratio().powi(2));
         ratios.fold(f64::INFINITY, f64::min).max(1.0)
@@ -260,7 +264,35 @@ pub(crate) fn recognised(case: &Case<'_>, known: Option<&Judged>) -> Result<Reco
             machine: best.machine(&thinned),
         });
     }
-    Ok(by_noise())
+    Ok(by_noise(&thinned, given.as_ref(), judged.as_deref()))
+}
+
+/// The fit of which something is least.
+fn least<'a>(
+    all: impl Iterator<Item = &'a Tried>,
+    of: impl Fn(&Tried) -> f64,
+) -> Option<&'a Tried> {
+    all.min_by(|a, b| of(a).total_cmp(&of(b)))
+}
+
+/// Poses that are no outliers beside the explanation that fits most of them best; `None` where all are kept. What lies far off
+/// beside the right one does beside all, and decides nothing between them.
+fn kept_beside(case: &Case<'_>, best: &Tried) -> Option<Vec<usize>> {
+    let hypothesis = best.hypothesis.as_ref();
+    let (_, judged) = fitted(case, hypothesis, ITERATIONS)?;
+    kept(case, hypothesis, judged)
+}
+
+/// Poses that are no outliers beside a hypothesis with its fit, by the rule of calibrations; `None` where all are kept.
+fn kept(case: &Case<'_>, hypothesis: Option<&Hypothesis>, judged: Judged) -> Option<Vec<usize>> {
+    let mended = hypothesis.map(|hypothesis| case.mended(hypothesis));
+    let case = mended.as_ref().unwrap_or(case);
+    let (prepared, samples) = (case.prepared().ok()?, case.samples());
+    let weighing = weigh_fitted(judged, &prepared, &samples, case.file.noise).ok()?;
+    let kept: Vec<usize> = (0..samples.len())
+        .filter(|&pose| weighing.judged[pose])
+        .collect();
+    (kept.len() < samples.len()).then_some(kept)
 }
 
 /// True if closures miss by less than those of another machine would.
@@ -300,6 +332,7 @@ fn candidates(case: &Case<'_>, given: Option<&Judged>) -> Vec<Hypothesis> {
     all.extend(signs.map(Hypothesis::Sign));
     all.extend(hypothesis::axes(case.robot.plate));
     all.extend(hypothesis::angles(case.robot.plate));
+    all.extend([Hypothesis::Shifted(1), Hypothesis::Shifted(-1)]);
     all.push(Hypothesis::Millimetres);
     let turns = (prepared.as_ref()).map_or(true, |Prepared { machine, .. }| {
         let mended = few.mended(&Hypothesis::Degrees).samples();
@@ -484,7 +517,13 @@ fn noise(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
             ratio < CAUTIOUS.recip() || is_by_chance(tried)
         }
     };
-    let mut all = closer(case, &hypothesis::noise(case.robot.plate), ITERATIONS);
+    let hypotheses = hypothesis::noise(case.robot.plate);
+    let mut all = closer(case, &hypotheses, ITERATIONS);
+    // What lies far off is as large as noise that is stated too large, or hides that it is.
+    let best = least(all.iter(), |tried| tried.of_most.ln().abs());
+    if let Some(kept) = best.and_then(|best| kept_beside(case, best)) {
+        all = closer(&case.of_poses(&kept), &hypotheses, ITERATIONS);
+    }
     all.retain(|tried| tried.is_plausible() && off(tried) < limit && is_likely(tried));
     let least = all.iter().map(off).fold(f64::INFINITY, f64::min);
     // Of several that bring it about as near, the first is the simplest.

@@ -203,7 +203,7 @@ pub(super) fn case<'a>(
     robot: &'a Robot,
     variant: &'a Variant,
     file: &RobotFile,
-    folder: &Folder,
+    folder: &'a Folder,
     poses: &[usize],
 ) -> Case<'a> {
     let tcp_poses = poses.iter().filter_map(|&pose| folder.tcp_poses.get(pose));
@@ -225,6 +225,10 @@ pub(super) fn case<'a>(
             },
             ..Folder::default()
         },
+        rows: &folder.tcp_poses,
+        places: (poses.iter().copied())
+            .filter(|&pose| pose < folder.tcp_poses.len())
+            .collect(),
         tolerances: None,
     }
 }
@@ -232,7 +236,7 @@ pub(super) fn case<'a>(
 /// The variant by which mistakes of the input are looked for: the given one where it has all links, straight tracks and
 /// nothing else, or else the last such; where there is none, the last with all links and measured paths, if there are any.
 /// A misfit of a variant that is too simple is no mistake.
-fn plain<'a>(robot: &'a Robot, variant: &'a Variant, folder: &Folder) -> &'a Variant {
+pub(super) fn plain<'a>(robot: &'a Robot, variant: &'a Variant, folder: &Folder) -> &'a Variant {
     let has_all_links = |variant: &&Variant| variant.arm == Arm::Full && variant.effects.is_empty();
     let is_plain = |variant: &&Variant| {
         let is_linear = |track: &tau_robot::robot::TrackModel| track.shape != TrackShape::Piecewise;

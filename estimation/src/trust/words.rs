@@ -49,6 +49,22 @@ pub(crate) fn of_measurements(
     let (kind, _, what, mend) = match hypothesis {
         Hypothesis::Commands(columns) => commands(robot, columns),
         Hypothesis::Sign(command) => sign(robot, *command),
+        Hypothesis::Shifted(by) => (
+            "rows",
+            TCP_POSES,
+            "the rows of what was measured are shifted by one against those of the commands"
+                .to_owned(),
+            format!(
+                "move the measured columns {} by one row",
+                if *by > 0 { "down" } else { "up" }
+            ),
+        ),
+        Hypothesis::Heights => (
+            "height_sign",
+            TCP_POSES,
+            "`height_m` counts the other way".to_owned(),
+            "change its sign, or turn the normal of the surface round".to_owned(),
+        ),
         Hypothesis::Axes {
             columns,
             signs,

@@ -125,26 +125,56 @@ pub fn calibrate(
     options: &calibration::Options,
 ) -> Result<UnknownPoses, Error> {
     let of = (robot, variant);
-    let (plate, mistakes) = of_plate(of, file, folder, division, (options, None))?;
+    let (plate, mistakes) = of_plate(of, file, folder, division, options)?;
     let completed = &file.completed(robot);
     let mut found = carts::beside(plate, of, (completed, folder), division, options)?;
     found.mistakes.extend(mistakes);
     Ok(found)
 }
 
-/// The same of the plate alone, with mistakes that explain it; where a parameter is `freed`, links being so long (m), as if
-/// nothing were stated of it.
+/// The same of the plate alone, with mistakes that explain it, as far as options ask for these.
 ///
 /// # Errors
 /// As [`calibrate`].
 fn of_plate(
     (robot, variant): (&Robot, &Variant),
-    stated: &RobotFile,
+    file: &RobotFile,
     folder: &Folder,
     division: &RowDivision,
-    (options, freed): (&calibration::Options, Option<(usize, f64)>),
+    options: &calibration::Options,
 ) -> Result<(UnknownPoses, Vec<Mistake>), Error> {
-    let file = &stated.completed(robot);
+    let case = recognised::Case {
+        robot,
+        variant,
+        file,
+        folder,
+        division,
+        options,
+    };
+    let sight = (options.recognises_mistakes).then(|| case.at_first_sight());
+    let (found, mistakes) = recognising(&case, None, sight)?;
+    Ok((found?, mistakes))
+}
+
+/// The fit of a case, and the mistakes that explain it or why there is none, if anything was looked at for these: a mistake at
+/// first sight, or hypotheses. Where a parameter is `freed`, links being so long (m), it is as if nothing were stated of it.
+///
+/// # Errors
+/// Data that the variant takes are missing.
+fn recognising<'a>(
+    case: &recognised::Case<'a>,
+    freed: Option<(usize, f64)>,
+    sight: Option<(Option<Mistake>, Option<recognised::Look<'a>>)>,
+) -> Result<(Result<UnknownPoses, Error>, Vec<Mistake>), Error> {
+    let recognised::Case {
+        robot,
+        variant,
+        folder,
+        division,
+        options,
+        ..
+    } = *case;
+    let file = &case.file.completed(robot);
     refuse_tracker_effects(variant, folder)?;
     let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
     let mut prepared = Prepared::new(robot, variant, file, Some(folder), &all)?;
@@ -180,32 +210,36 @@ fn of_plate(
     let fitted = |machine, division: &RowDivision, search| without(&[], machine, division, search);
     let nominal = || prepared.machine.clone();
     let widened = || widened::best(|gross| without(gross, nominal(), division, Search::Widened));
+    let looks = sight.is_some();
+    let (at_sight, look) = sight.unwrap_or_default();
+    let search = match at_sight {
+        // A fit of rows that are no machine's is soon given up.
+        Some(_) => Search::Descent,
+        None => Search::Stated,
+    };
     let first = match sketch_m {
         Some(length_m) => starts::best(&prepared, length_m, division, fitted),
-        None => fitted(nominal(), division, Search::Stated),
+        None => fitted(nominal(), division, search),
     };
-    let (mut is_explained, mut mistakes) = (sketch_m.is_some(), vec![]);
-    if options.recognises_mistakes {
-        let case = recognised::Case {
-            robot,
-            variant,
-            file: stated,
-            folder,
-            division,
-            options: &calibration::Options {
-                recognises_mistakes: false,
-                ..options.clone()
-            },
-        };
-        mistakes = case.explaining(first.as_ref());
-        is_explained |= mistakes.iter().any(|mistake| mistake.is_absurd);
-    }
+    let is_met = || first.as_ref().is_ok_and(recognised::is_met);
+    let mut mistakes = match at_sight {
+        Some(mistake) if !is_met() => vec![mistake],
+        _ if looks => case.explaining(first.as_ref(), look.as_ref()),
+        _ => vec![],
+    };
+    let is_explained = sketch_m.is_some() || mistakes.iter().any(|mistake| mistake.is_absurd);
     let found = match first {
         Ok(found) if !is_explained && found.outweighs_tolerances() => widened().or(Ok(found)),
         Err(Error::NotConverged { .. } | Error::Kinematics { .. }) if !is_explained => widened(),
         found => found,
     };
-    Ok((found?, mistakes))
+    if let Some(found) = found.as_ref().ok().filter(|found| found.widened > 1.0)
+        && looks
+        && mistakes.is_empty()
+    {
+        mistakes.extend(case.wrong_noise(found));
+    }
+    Ok((found, mistakes))
 }
 
 /// The fit from a start to its end, with the noise of kinds that ask for it and without gross rows.

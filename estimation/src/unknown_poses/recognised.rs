@@ -4,17 +4,20 @@
 //! is believed where it brings the residuals to the noise or much nearer to it, as with measured poses
 //! (`trust/recognise.rs`): any change of rows lowers somewhat what a model lacks. A dimension set free pays for the room
 //! that it leaves.
+//!
+//! Where a few steps at a few poses bring other rows to the noise, and those as given not, a fit of these is soon given up: rows
+//! that belong to no machine keep it on its way the longest.
 
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 
-use tau_robot::measurements::{Folder, PlateKind, TCP_POSES};
+use tau_robot::measurements::{Folder, PlateKind, PlateRow, TCP_POSES};
 use tau_robot::robot::{Robot, Variant};
 use tau_robot::robot_file::{RobotFile, StatedNoise};
 
 use super::fit::Fit;
 use super::starts;
-use super::{ROUGH_COST, RowDivision, UnknownPoses, of_plate};
+use super::{ROUGH_COST, RowDivision, UnknownPoses, recognising};
 use crate::calibration::{self, Error, Nominal, Prepared};
 use crate::numerics::distribution::chi2_survival;
 use crate::numerics::order::smallest_first;
@@ -23,10 +26,8 @@ use crate::samples::Sample;
 use crate::samples::frames::Frames;
 use crate::trust::dimensions;
 use crate::trust::exchanged::orders;
-use crate::trust::hypothesis::{Hypothesis, THOUSAND, angles, axes};
-use crate::trust::recognise::{
-    CAUTIOUS, CLOSER, FEW_ITERATIONS, FEW_POSES, POSES, STATED, differ, has_sign,
-};
+use crate::trust::hypothesis::{Hypothesis, THOUSAND, angles, axes, neighbour};
+use crate::trust::recognise::{CLOSER, FEW_ITERATIONS, FEW_POSES, POSES, STATED, differ, has_sign};
 use crate::trust::{ABSURD_TOLERANCES, LEVEL, Mistake, NEARER, ODDS, words};
 
 /// Measurements and the robot that they are of.
@@ -55,6 +56,31 @@ impl Trial<'_> {
             Hypothesis::Dimension { parameter, .. } => Some(parameter),
             _ => None,
         }
+    }
+}
+
+/// A first look at all hypotheses.
+pub(super) struct Look<'a> {
+    dimensions: Dimensions,
+    /// Hypotheses that leave less at a few poses than the rows as given, the best first.
+    ranked: Vec<(Squares, Trial<'a>)>,
+}
+
+/// Squares after a few steps, tolerances among them, and their expectation.
+#[derive(Clone, Copy)]
+struct Squares {
+    sum: f64,
+    expected: f64,
+}
+
+impl Squares {
+    const NONE: Self = Self {
+        sum: f64::INFINITY,
+        expected: 1.0,
+    };
+
+    fn are_noise(&self) -> bool {
+        chi2_survival(self.sum, self.expected) > LEVEL
     }
 }
 
@@ -98,23 +124,86 @@ pub fn mistakes(
         division: thinned.as_ref().unwrap_or(division),
         options: &calibration::Options::default(),
     };
-    Ok(case.explaining(case.fitted(file, folder, None).as_ref()))
+    let (found, mut mistakes) = recognising(&case, None, Some(case.at_first_sight()))?;
+    mistakes.extend(found.into_iter().flat_map(|found| found.mistakes));
+    Ok(mistakes)
 }
 
-impl Case<'_> {
+impl<'a> Case<'a> {
+    /// A mistake without which the rows of a few poses lead to the noise in a few steps, as they don't with it, and all rows do
+    /// in the end. A sketch may be as far off as other rows are. The look at hypotheses comes back where there was one.
+    pub(super) fn at_first_sight(&self) -> (Option<Mistake>, Option<Look<'a>>) {
+        let thinned = self.division.thinned(self.folder, POSES);
+        let case = Case {
+            division: thinned.as_ref().unwrap_or(self.division),
+            ..*self
+        };
+        let few = case.few();
+        let as_given = case.cost(self.folder, &few, None).unwrap_or(Squares::NONE);
+        if as_given.are_noise() || self.is_sketch() {
+            return (None, None);
+        }
+        let look = self.look(&few, as_given);
+        let meets = |(squares, trial): &&(Squares, Trial<'_>)| {
+            squares.are_noise() && trial.freed().is_none()
+        };
+        let right = look.ranked.iter().take_while(meets);
+        let fitted = case.closer(right, &look.dimensions, None);
+        let fitted: Vec<_> = (fitted.into_iter())
+            .filter(|(_, found, _)| found.is_consistent())
+            .collect();
+        (case.likeliest(fitted, &look.dimensions), Some(look))
+    }
+
+    fn is_sketch(&self) -> bool {
+        let file = &self.file.completed(self.robot);
+        let drawn = Prepared::new(self.robot, self.variant, file, Some(self.folder), &[]);
+        drawn.is_ok_and(|drawn| starts::sketched(&drawn).is_some())
+    }
+
+    fn few(&self) -> RowDivision {
+        let few = self.division.thinned(self.folder, FEW_POSES);
+        few.unwrap_or_else(|| self.division.clone())
+    }
+
+    /// All hypotheses at a few poses.
+    fn look(&self, few: &RowDivision, as_given: Squares) -> Look<'a> {
+        let dimensions = self.dimensions(few);
+        let trials = self.trials(&dimensions);
+        let costs = parallel::map(&trials, |trial| {
+            self.cost(&trial.folder, few, dimensions.freed(trial))
+        });
+        let mut ranked: Vec<(Squares, Trial<'a>)> = (costs.into_iter().zip(trials))
+            .filter_map(|(cost, trial)| Some((cost.filter(|cost| cost.sum < as_given.sum)?, trial)))
+            .collect();
+        smallest_first(&mut ranked, |own| own.0.sum);
+        ranked.truncate(CLOSER);
+        // Others leave residuals that are so many times as large.
+        let least = ranked.first().map_or(0.0, |own| own.0.sum);
+        ranked.retain(|own| own.0.sum < NEARER.powi(2) * least);
+        Look { dimensions, ranked }
+    }
+
     fn fitted(
         &self,
         file: &RobotFile,
         folder: &Folder,
         freed: Option<(usize, f64)>,
     ) -> Result<UnknownPoses, Error> {
-        let of = (self.robot, self.variant);
-        let (found, _) = of_plate(of, file, folder, self.division, (self.options, freed))?;
-        Ok(found)
+        let case = Case {
+            file,
+            folder,
+            ..*self
+        };
+        recognising(&case, freed, None)?.0
     }
 
-    /// Of a calibration of the rows as they are, or of its failure.
-    pub(super) fn explaining(&self, found: Result<&UnknownPoses, &Error>) -> Vec<Mistake> {
+    /// Of a calibration of the rows as they are, or of its failure; hypotheses may have been looked at.
+    pub(super) fn explaining(
+        &self,
+        found: Result<&UnknownPoses, &Error>,
+        look: Option<&Look<'_>>,
+    ) -> Vec<Mistake> {
         let given = match found {
             Ok(found) if !found.mistakes.is_empty() => return vec![],
             Ok(found) => Some(found),
@@ -126,37 +215,44 @@ impl Case<'_> {
             division: thinned.as_ref().unwrap_or(self.division),
             ..*self
         };
-        let is_met = given.is_some_and(|given| given.is_consistent() && is_plausible(given));
+        let is_met = given.is_some_and(is_met);
         // Squares are compared with those of the same rows.
         let of_few =
             (thinned.is_some() && !is_met).then(|| case.fitted(self.file, self.folder, None));
         let same_rows = of_few.as_ref().map_or(given, |found| found.as_ref().ok());
-        let of_rows = (!is_met).then(|| case.of_rows(same_rows)).flatten();
-        let of_noise = || given.and_then(|given| case.wrong_noise(given));
+        let of_rows = (!is_met).then(|| case.of_rows(same_rows, look)).flatten();
+        let of_noise = || given.and_then(|given| self.wrong_noise(given));
         of_rows.or_else(of_noise).into_iter().collect()
     }
 
     /// The mistake that brings residuals nearest to the noise.
-    fn of_rows(&self, given: Option<&UnknownPoses>) -> Option<Mistake> {
-        let few = self.division.thinned(self.folder, FEW_POSES);
-        let few = few.as_ref().unwrap_or(self.division);
+    fn of_rows(&self, given: Option<&UnknownPoses>, look: Option<&Look<'_>>) -> Option<Mistake> {
+        let own;
+        let look = match look {
+            Some(look) => look,
+            None => {
+                let few = self.few();
+                let as_given = self.cost(self.folder, &few, None).unwrap_or(Squares::NONE);
+                own = self.look(&few, as_given);
+                &own
+            }
+        };
+        let fitted = self.closer(look.ranked.iter(), &look.dimensions, given);
+        self.likeliest(fitted, &look.dimensions)
+    }
+
+    /// Fits of the rows without mistakes, those that are near the noise and of plausible machines, with their squares.
+    fn closer<'t>(
+        &self,
+        trials: impl Iterator<Item = &'t (Squares, Trial<'t>)>,
+        dimensions: &Dimensions,
+        given: Option<&UnknownPoses>,
+    ) -> Vec<(f64, UnknownPoses, &'t Trial<'t>)> {
         let ratio = given.map(UnknownPoses::residual_over_noise);
-        let dimensions = self.dimensions(few);
-        let length_m = dimensions.length_m;
-        let freed = |trial: &Trial<'_>| trial.freed().map(|parameter| (parameter, length_m));
-        let as_given = self.cost(self.folder, few, None).unwrap_or(f64::INFINITY);
-        let trials = self.trials(&dimensions);
-        let costs = parallel::map(&trials, |trial| self.cost(&trial.folder, few, freed(trial)));
-        let mut ranked: Vec<(f64, &Trial<'_>)> = (costs.into_iter().zip(&trials))
-            .filter_map(|(cost, trial)| Some((cost.filter(|cost| *cost < as_given)?, trial)))
-            .collect();
-        smallest_first(&mut ranked, |own| own.0);
-        ranked.truncate(CLOSER);
-        // Others leave residuals that are so many times as large.
-        let least = ranked.first()?.0;
-        ranked.retain(|own| own.0 < NEARER.powi(2) * least);
-        let fitted = parallel::map(&ranked, |(_, trial)| {
-            let found = self.fitted(self.file, &trial.folder, freed(trial)).ok()?;
+        let trials: Vec<&Trial<'_>> = trials.map(|(_, trial)| trial).collect();
+        let fitted = parallel::map(&trials, |trial| {
+            let freed = dimensions.freed(trial);
+            let found = self.fitted(self.file, &trial.folder, freed).ok()?;
             let is_near = found.is_consistent()
                 || ratio.is_none_or(|given| NEARER * found.residual_over_noise() < given);
             let room = match trial.freed() {
@@ -165,13 +261,21 @@ impl Case<'_> {
             };
             (is_near && is_plausible(&found)).then_some((total(&found) + room, found, *trial))
         });
-        let mut fitted: Vec<_> = fitted.into_iter().flatten().collect();
+        fitted.into_iter().flatten().collect()
+    }
+
+    /// The likeliest of several, with those beside it that are about as likely.
+    fn likeliest(
+        &self,
+        mut fitted: Vec<(f64, UnknownPoses, &Trial<'_>)>,
+        dimensions: &Dimensions,
+    ) -> Option<Mistake> {
         smallest_first(&mut fitted, |own| own.0);
         let (least, best, _) = fitted.first()?;
         let limit = least + 2.0 * ODDS.ln() * scale(best);
         let rivals = fitted.iter().take_while(|own| own.0 < limit);
         let rivals: Vec<Mistake> = rivals
-            .map(|(_, found, trial)| self.described(trial, &dimensions, found))
+            .map(|(_, found, trial)| self.described(trial, dimensions, found))
             .collect();
         words::beside(rivals)
     }
@@ -207,7 +311,7 @@ impl Case<'_> {
         folder: &Folder,
         division: &RowDivision,
         freed: Option<(usize, f64)>,
-    ) -> Option<f64> {
+    ) -> Option<Squares> {
         let file = &self.file.completed(self.robot);
         let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
         let mut prepared =
@@ -218,14 +322,20 @@ impl Case<'_> {
         }
         let machine = prepared.machine.clone();
         let fit = Fit::from(&prepared, machine, file, folder, division, is_sketch).ok()?;
+        let reduced = fit.elimination(&fit.start).reduce();
+        let expected = reduced.rows().saturating_sub(reduced.spent);
         let mut options = self.options.clone();
         options.solver.max_iterations = FEW_ITERATIONS;
         let solution = fit.solved(&fit.start, ROUGH_COST, &options).ok()?;
-        Some(solution.cost).filter(|cost| cost.is_finite())
+        let squares = Squares {
+            sum: 2.0 * solution.cost,
+            expected: expected.max(1) as f64,
+        };
+        Some(squares).filter(|squares| squares.sum.is_finite())
     }
 
     /// All hypotheses.
-    fn trials(&self, dimensions: &Dimensions) -> Vec<Trial<'_>> {
+    fn trials(&self, dimensions: &Dimensions) -> Vec<Trial<'a>> {
         let (robot, folder) = (self.robot, self.folder);
         let of_rows: BTreeSet<&str> = folder
             .plate_rows
@@ -259,6 +369,12 @@ impl Case<'_> {
             let pairs = of(folder).into_iter().zip(of(&mended));
             differ(&fit.machine, pairs, fit.mean_length_m())
         });
+        let of_files = files.iter().flat_map(|&file| {
+            let shifted = [1, -1].map(Hypothesis::Shifted).into_iter();
+            let is_height = file == PlateKind::Height.file();
+            let own = shifted.chain(is_height.then_some(Hypothesis::Heights));
+            own.map(move |own| (own, Some(file)))
+        });
         let places = [PlateKind::Position.file(), TCP_POSES];
         let of_places = files.iter().filter(|file| places.contains(file));
         let of_places = of_places.flat_map(|file| {
@@ -280,11 +396,12 @@ impl Case<'_> {
             let own = of_commands.iter().cloned();
             own.map(move |own| (own, file))
         });
-        let of_rows = (of_commands.chain(of_places)).map(|(hypothesis, file)| Trial {
-            folder: Cow::Owned(mended(folder, &hypothesis, file)),
-            hypothesis,
-            file,
-        });
+        let of_rows =
+            (of_commands.chain(of_files).chain(of_places)).map(|(hypothesis, file)| Trial {
+                folder: Cow::Owned(mended(folder, &hypothesis, file)),
+                hypothesis,
+                file,
+            });
         let freed = dimensions.seen.iter().map(|&parameter| Trial {
             folder: Cow::Borrowed(folder),
             hypothesis: Hypothesis::Dimension {
@@ -314,19 +431,33 @@ impl Case<'_> {
 
     /// Noise of the measurements, or of the drives, that is stated a thousand times too large or too small: residuals are far
     /// from it, by more than chance, and within a factor of two of a thousandth or a thousand times it.
-    fn wrong_noise(&self, given: &UnknownPoses) -> Option<Mistake> {
-        let ratio = given.residual_over_noise();
-        let is_by_chance = chi2_survival(given.chi2, given.dof) < 1.0 - LEVEL;
-        let factor = if ratio < CAUTIOUS.recip() && !is_by_chance {
-            THOUSAND.recip()
-        } else if ratio > THOUSAND.sqrt() {
-            THOUSAND
-        } else {
-            return None;
+    pub(super) fn wrong_noise(&self, given: &UnknownPoses) -> Option<Mistake> {
+        let thinned = self.division.thinned(self.folder, POSES);
+        let case = Case {
+            division: thinned.as_ref().unwrap_or(self.division),
+            ..*self
         };
+        let ratio = given.residual_over_noise();
+        let chance = chi2_survival(given.chi2, given.dof);
         let off = |ratio: f64| ratio.ln().abs();
+        if off(ratio) < NEARER.ln() || (LEVEL..1.0 - LEVEL).contains(&chance) {
+            return None;
+        }
+        let factor = if ratio < 1.0 {
+            THOUSAND.recip()
+        } else {
+            THOUSAND
+        };
+        let few = case.few();
         let is_mended = |file: &RobotFile| {
-            self.fitted(file, self.folder, None).is_ok_and(|found| {
+            // More steps leave less, at which noise is too large already.
+            let look = Case { file, ..case };
+            let left = look.cost(self.folder, &few, None);
+            let least = (STATED * NEARER).powi(-2);
+            if left.is_some_and(|left| left.sum < least * left.expected) {
+                return false;
+            }
+            case.fitted(file, self.folder, None).is_ok_and(|found| {
                 off(found.residual_over_noise()) < STATED.ln() && is_plausible(&found)
             })
         };
@@ -345,6 +476,11 @@ impl Case<'_> {
 }
 
 impl Dimensions {
+    /// The parameter that a trial sets free, for links so long (m).
+    fn freed(&self, trial: &Trial<'_>) -> Option<(usize, f64)> {
+        trial.freed().map(|parameter| (parameter, self.length_m))
+    }
+
     /// The price of a parameter's room: −2 ln of the evidence beside squares, in units of these, by Laplace's
     /// approximation, the choice of one of so many parameters included. `None` where the fit as given is about as likely, or
     /// the parameter keeps its tolerance.
@@ -376,6 +512,11 @@ fn scale(found: &UnknownPoses) -> f64 {
     found.residual_over_noise().max(1.0).powi(2)
 }
 
+/// The rows are those of a machine.
+pub(super) fn is_met(found: &UnknownPoses) -> bool {
+    found.is_consistent() && is_plausible(found)
+}
+
 /// No parameter is off by more than any machine.
 fn is_plausible(found: &UnknownPoses) -> bool {
     let mut pulls = found.pulls();
@@ -390,10 +531,33 @@ fn total(found: &UnknownPoses) -> f64 {
 
 /// The rows as they would be without a mistake.
 fn mended(folder: &Folder, hypothesis: &Hypothesis, file: Option<&str>) -> Folder {
+    let given = folder;
     let mut folder = folder.clone();
     let is_meant = |own: &str| file.is_none_or(|file| file == own);
+    if let Hypothesis::Shifted(by) = hypothesis {
+        let of_file = |row: &&PlateRow| is_meant(row.kind.file());
+        let rows: Vec<&PlateRow> = given.plate_rows.iter().filter(of_file).collect();
+        let own = folder.plate_rows.iter_mut();
+        for (place, row) in own.filter(|row| is_meant(row.kind.file())).enumerate() {
+            if let Some(other) = neighbour(&rows, place, *by) {
+                row.values = other.values;
+                row.sigmas = other.sigmas;
+                row.of.clone_from(&other.of);
+            }
+        }
+        let poses = folder.tcp_poses.iter_mut();
+        for (place, pose) in poses.enumerate().filter(|_| is_meant(TCP_POSES)) {
+            if let Some(other) = neighbour(&given.tcp_poses, place, *by) {
+                pose.position_m = other.position_m;
+                pose.angles_rad = other.angles_rad;
+                pose.sigmas = other.sigmas;
+            }
+        }
+        return folder;
+    }
     for row in (folder.plate_rows.iter_mut()).filter(|row| is_meant(row.kind.file())) {
         match hypothesis {
+            Hypothesis::Heights => row.values = row.values.map(|value| Some(-value?)),
             Hypothesis::Axes { columns, signs, .. } => {
                 let given = row.values;
                 row.values = [0, 1, 2].map(|axis| Some(signs[axis] * given[columns[axis]]?));

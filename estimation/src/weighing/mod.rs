@@ -5,6 +5,7 @@
 //! what the largest of so many poses hardly exceeds (see [`outliers`]), at the stated noise or, where residuals are
 //! larger, at the scale that most of them have: larger noise, or an effect that the model lacks, makes no outliers.
 
+mod deleted;
 mod lack_of_fit;
 mod loss;
 mod repeats;
@@ -17,13 +18,14 @@ use crate::calibration::error::Error;
 use crate::calibration::prepared::Prepared;
 use crate::joint::descent::{Descent, not_converged};
 use crate::joint::{Component, Joint, exact};
-use crate::numerics::factor::Factor;
 use crate::numerics::parallel;
 use crate::samples::Sample;
 use crate::samples::outliers;
 use crate::trust::judged::Judged;
+use deleted::deleted;
 use repeats::ByVisit;
 
+pub(crate) use deleted::variance_of_most;
 pub use lack_of_fit::LackOfFit;
 pub(crate) use lack_of_fit::{along, apart, together};
 pub use loss::Loss;
@@ -557,44 +559,4 @@ impl Robust {
 fn inverse_factor(descent: &Descent) -> Result<DMatrix<f64>, Error> {
     let factor = descent.normal.inverse_factor();
     factor.ok_or_else(|| not_converged(&descent.joint, "the derivatives are not finite"))
-}
-
-/// Sum of squares of each pose's residuals against a fit to all others, in units of the noise and of what that fit leaves
-/// open, and the number of those that have noise.
-///
-/// With P what the fit leaves open of a pose's residuals r, and f the factor with which they take part in it, a fit to the
-/// others misses them by e = (1 − f²P)⁻¹r, which have the covariance 1 + P(1 − f²P)⁻¹ (R. D. Cook and S. Weisberg,
-/// *Residuals and Influence in Regression*, 1982, section 2.2).
-fn deleted(descent: &Descent, factor: &DMatrix<f64>) -> Vec<(f64, f64)> {
-    let joint = &descent.joint;
-    let residuals = joint.rows.len() / descent.weights.len().max(1);
-    let noisy = joint.noisy_closures() as f64;
-    let plain;
-    // The descent's own residuals and derivatives are those in question but for the weights of poses that take part.
-    let is_whole = descent.weights.iter().all(|weight| *weight > 0.0);
-    let (all, jacobian) = if is_whole {
-        (&descent.residuals, descent.normal.jacobian())
-    } else {
-        let ones = joint.factors(&[1.0; 4], &vec![1.0; descent.weights.len()]);
-        plain = joint.linearize(&descent.fitted, &ones);
-        (&plain.residuals, &plain.jacobian)
-    };
-    let factor = Factor::of(factor);
-    let one = DMatrix::identity(residuals, residuals);
-    let of_pose = |(pose, weight): (usize, &f64)| {
-        let plain = if is_whole { weight.recip() } else { 1.0 };
-        let own = all.rows(pose * residuals, residuals) * plain;
-        let rows = jacobian.rows(pose * residuals..(pose + 1) * residuals);
-        let open = factor.covariance_of(&rows) * plain.powi(2);
-        let missed = (&one - &open * weight.powi(2))
-            .cholesky()
-            .and_then(|others| {
-                let error = others.solve(&own);
-                let covariance = &one + others.solve(&open);
-                Some(error.dot(&covariance.cholesky()?.solve(&error)))
-            });
-        let sum = missed.unwrap_or_else(|| own.norm_squared());
-        (sum, noisy)
-    };
-    descent.weights.iter().enumerate().map(of_pose).collect()
 }

@@ -8,6 +8,10 @@ use super::document::Document;
 use super::keys::key_place;
 use crate::number::shortest;
 
+/// After the name of a link or cluster: share by which the way of its joint differs from the measured path of its cart.
+/// No variant calibrates it.
+pub const TRACK_SCALE: &str = ".track_scale";
+
 /// Covariance of the parameters of a calibrated variant under the stated noise, priors included.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Covariance {

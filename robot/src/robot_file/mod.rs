@@ -14,8 +14,8 @@ mod write;
 use std::collections::BTreeMap;
 
 use crate::input_error::quoted;
-use crate::robot::{ResidualKind, Robot, Variant};
-pub use covariance::Covariance;
+use crate::robot::{ResidualKind, Robot, TrackShape, Variant};
+pub use covariance::{Covariance, TRACK_SCALE};
 pub(crate) use described::PLACEHOLDER;
 pub use dimensions::Dimensions;
 use keys::effect_key;
@@ -127,7 +127,10 @@ impl RobotFile {
         let is_free = |name: &str| {
             let closures = variant.instances_of(ResidualKind::Closure);
             let mut parameters = closures.flat_map(|closure| &closure.parameters);
-            parameters.any(|&index| variant.parameters[index].name == name)
+            let mut tracks = variant.tracks.iter();
+            let goes_along_path = tracks.any(|track| track.shape == TrackShape::Piecewise);
+            (goes_along_path && name.ends_with(TRACK_SCALE))
+                || parameters.any(|&index| variant.parameters[index].name == name)
         };
         let other = known.find(|name| !name.contains("(tcp).") && !is_free(name));
         other.map(String::as_str)
