@@ -7,6 +7,7 @@
 //! with the carts of sets 2 and 3 beside them it is that of [errors in variables](errors_in_variables).
 
 mod assembly;
+mod branches;
 mod carts;
 mod closures;
 mod coupled;
@@ -23,6 +24,7 @@ mod gauge;
 mod heldout;
 mod kinds;
 mod lengths;
+mod mirror;
 mod noise;
 mod objects;
 mod outcome;
@@ -180,8 +182,14 @@ fn of_plate(
     let fitted = |machine, division: &RowDivision, search| without(&[], machine, division, search);
     let nominal = || prepared.machine.clone();
     let widened = || widened::best(|gross| without(gross, nominal(), division, Search::Widened));
+    let mirrored = |found: &UnknownPoses, division: &RowDivision| {
+        let (machine, of) = (found.calibration.machine.clone(), (file, folder));
+        let fit = Fit::from(&prepared, machine, of.0, of.1, division, true).ok()?;
+        let image = fit.mirror_image(options);
+        image.filter(|_| found.rank.has_mirror_image)
+    };
     let first = match sketch_m {
-        Some(length_m) => starts::best(&prepared, length_m, division, fitted),
+        Some(length_m) => starts::best(&prepared, length_m, division, fitted, mirrored),
         None => fitted(nominal(), division, Search::Stated),
     };
     let (mut is_explained, mut mistakes) = (sketch_m.is_some(), vec![]);
@@ -287,6 +295,11 @@ impl Fit<'_> {
             iterations += solution.iterations;
 
             values.clone_from(&solution.parameters);
+            // Errors in variables measure all poses.
+            if !has_groups && rounds < ROUNDS && self.revisit(&mut values) {
+                self.rebuild(&mut values)?;
+                continue;
+            }
             let moved = self.largest_move(&values);
             // Weights change until poses stay: nothing else is known before.
             let waits = !is_estimated || (has_groups && !is_exact);
@@ -409,6 +422,7 @@ impl Fit<'_> {
             // parameters take up little of the misfit that falls slowly: noise is halved at least.
             times *= (2.0 * solution.cost / left).sqrt().min(0.5);
             values.clone_from(&solution.parameters);
+            self.revisit(values);
         }
         self.assembly.kinds = stated;
         Ok(iterations)

@@ -8,6 +8,7 @@
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 
+use tau_kinematics::Machine;
 use tau_robot::measurements::{Folder, PlateKind, TCP_POSES};
 use tau_robot::robot::{Robot, Variant};
 use tau_robot::robot_file::{RobotFile, StatedNoise};
@@ -24,6 +25,7 @@ use crate::samples::frames::Frames;
 use crate::trust::dimensions;
 use crate::trust::exchanged::orders;
 use crate::trust::hypothesis::{Hypothesis, THOUSAND, angles, axes};
+use crate::trust::negative::negative_length;
 use crate::trust::recognise::{
     CAUTIOUS, CLOSER, FEW_ITERATIONS, FEW_POSES, POSES, STATED, differ, has_sign,
 };
@@ -121,6 +123,10 @@ impl Case<'_> {
             Err(Error::Input(_)) => return vec![],
             Err(_) => None,
         };
+        let negative = given.and_then(|given| self.negative_length(&given.calibration.machine));
+        if let Some(mistake) = negative {
+            return vec![mistake];
+        }
         let thinned = self.division.thinned(self.folder, POSES);
         let case = Case {
             division: thinned.as_ref().unwrap_or(self.division),
@@ -312,8 +318,24 @@ impl Case<'_> {
         words::of_measurements(self.robot, &trial.hypothesis, file)
     }
 
+    /// A command that drives a length below zero.
+    fn negative_length(&self, machine: &Machine) -> Option<Mistake> {
+        let of_rows =
+            (self.folder.plate_rows.iter()).map(|row| (row.kind.file(), row.commands_m.as_slice()));
+        let of_poses = self.folder.tcp_poses.iter();
+        let of_poses = of_poses.map(|pose| (TCP_POSES, pose.commands_m.as_slice()));
+        let files: Vec<_> = of_rows.chain(of_poses).collect();
+        let names: BTreeSet<&'static str> = files.iter().map(|own| own.0).collect();
+        names.into_iter().find_map(|name| {
+            let own = files.iter().filter(|own| own.0 == name);
+            let command = negative_length(machine, own.map(|own| own.1))?;
+            let hypothesis = Hypothesis::Sign(command);
+            Some(words::of_measurements(self.robot, &hypothesis, name))
+        })
+    }
+
     /// Noise of the measurements, or of the drives, that is stated a thousand times too large or too small: residuals are far
-    /// from it, by more than chance, and within a factor of two of a thousandth or a thousand times it.
+    /// from it, by more than chance, and by no more than chance beyond a factor of two about a thousandth or a thousand times it.
     fn wrong_noise(&self, given: &UnknownPoses) -> Option<Mistake> {
         let ratio = given.residual_over_noise();
         let is_by_chance = chi2_survival(given.chi2, given.dof) < 1.0 - LEVEL;
@@ -324,11 +346,14 @@ impl Case<'_> {
         } else {
             return None;
         };
-        let off = |ratio: f64| ratio.ln().abs();
+        // Few residuals scatter by more than that factor themselves.
+        let is_noise = |found: &UnknownPoses| {
+            let chance = |factor: f64| chi2_survival(found.chi2 * factor.powi(2), found.dof);
+            chance(STATED.recip()) > LEVEL && chance(STATED) < 1.0 - LEVEL
+        };
         let is_mended = |file: &RobotFile| {
-            self.fitted(file, self.folder, None).is_ok_and(|found| {
-                off(found.residual_over_noise()) < STATED.ln() && is_plausible(&found)
-            })
+            let found = self.fitted(file, self.folder, None);
+            found.is_ok_and(|found| is_noise(&found) && is_plausible(&found))
         };
         let own = "of the measurements (`[noise]`)";
         let whose = if is_mended(&with_noise(self.file, factor)) {
