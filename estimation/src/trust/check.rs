@@ -142,16 +142,10 @@ pub fn check(
     catalogue: &str,
 ) -> Result<Check, Error> {
     let effects = observabilities(robot, file, folder, catalogue);
-    let all: Vec<Checked> = variants
-        .iter()
-        .map(|variant| checked(robot, variant, file, folder, (&division.calibration, rows)))
-        .collect();
-    // One that means nothing has no fit to look at.
-    let meant = variants
-        .iter()
-        .zip(&all)
-        .find(|(_, own)| own.why_not.is_none());
-    let looked_at = meant.map(|own| *own.0).or(variants.first().copied());
+    let has_scale =
+        |variant: &Variant| unknown_poses::has_scale((robot, variant), file, folder, rows);
+    let told = variants.iter().find(|variant| !has_scale(variant));
+    let looked_at = told.or(variants.first()).copied();
     let found = looked_at.map(|variant| match rows {
         None => mistakes(robot, variant, file, folder, &division.calibration),
         Some(rows) => unknown_poses::mistakes(robot, variant, file, folder, rows),
@@ -163,7 +157,10 @@ pub fn check(
         exchange_unnoticed: drawn.map_or_else(Vec::new, |drawn| {
             numbering::unnoticed(&drawn.machine, folder)
         }),
-        variants: all,
+        variants: variants
+            .iter()
+            .map(|variant| checked(robot, variant, file, folder, (&division.calibration, rows)))
+            .collect(),
         missing: missing(robot, folder, &effects),
         effects,
         // Where a variant can't be fitted for want of something, that is said of the variant.

@@ -112,6 +112,18 @@ pub fn rank(
     Ok(fit.rank(&reduced, &fit.machine))
 }
 
+/// True if a scale of the whole machine is free, whatever the number of rows: no fit means anything then.
+pub(crate) fn has_scale(
+    (robot, variant): (&Robot, &Variant),
+    file: &RobotFile,
+    folder: &Folder,
+    division: Option<&RowDivision>,
+) -> bool {
+    let rank = division.map(|division| rank(robot, variant, file, folder, division));
+    let is_free = |rank: Rank| rank.open.iter().any(|open| open.is_scale);
+    rank.is_some_and(|rank| rank.is_ok_and(is_free))
+}
+
 /// Fits a variant to all measurements of a folder; `division` says which rows of the plate take part.
 ///
 /// # Errors
