@@ -507,3 +507,40 @@ fn mistakes_of_carts_are_no_other_numbers() {
     ];
     all_name(folder.path(), "", wanted);
 }
+
+/// Lengths of belts are known by their squares alone: one that is negative fits as well. Of all variants, the first has
+/// a free scale, so that it has no fit.
+#[test]
+fn a_belt_of_negative_length_is_named() {
+    let line =
+        "--model four_belts --measure readings --noise-drives 1e-4 --random --poses 60 --seed 3";
+    let folder = simulated(line);
+    change_column(folder.path(), "readings.csv", "q1_m", |q| -q);
+    let mistake = ["command_sign", "readings.csv", "`q1_m`"];
+    all_name(folder.path(), "--model four_belts", mistake);
+    let (found, ran) = named(folder.path(), "check DIR/measured --model four_belts");
+    assert_eq!((found.len(), ran.code), (1, 1), "{found:?}");
+}
+
+/// Tolerances hold the fit back, so that residuals are a tenth of the noise that is stated, and not a thousandth.
+#[test]
+fn noise_in_millimetres_is_named_where_tolerances_hold_the_fit_back() {
+    for (robot, measure) in [
+        ("five_bar", "positions"),
+        ("linear_delta", "heights,distances"),
+    ] {
+        for seed in 5000..5004 {
+            let line = format!("--model {robot} --measure {measure} --seed {seed}");
+            let folder = simulated(&line);
+            let line = format!("check DIR/measured --model {robot} --variant Full");
+            assert_eq!(named(folder.path(), &line).0, Vec::<[String; 3]>::new());
+            let path = folder.path().join("measured/robot.toml");
+            let text = fs::read_to_string(&path).unwrap();
+            let text = text.replacen("position_m = 1e-5", "position_m = 1e-2", 1);
+            fs::write(&path, text).unwrap();
+            let (found, _) = named(folder.path(), &line);
+            assert_eq!(found.len(), 1, "{robot}, {seed}");
+            assert_eq!(found[0][0], "noise", "{robot}, {seed}");
+        }
+    }
+}

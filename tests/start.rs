@@ -156,3 +156,42 @@ fn a_simulation_tells_the_geometry_that_it_measured() {
         assert!(off.abs() < 1e-9, "{off}");
     }
 }
+
+/// Eight cables to a plate that they hold weakly about z: at the drawing, whose lengths are 20 mm off together, each pose
+/// has two minima, a turn to either side.
+const WEAK_CABLES: &str = "robot Eight {
+    plate body;
+    param zero: length = 0 m tol 20 mm;
+    cluster cables on base {
+        link a actuated length { length = zero + q; plate_joint = (-27.6, -286.8, -150) mm tol 1 mm; track_offset = (0, 0, 2.2) m tol 10 mm; }
+        link b actuated length { length = zero + q; plate_joint = (285.9, 36, -150) mm tol 1 mm; track_offset = (3, 0, 2.2) m tol 10 mm; }
+        link c actuated length { length = zero + q; plate_joint = (27.6, 286.8, -150) mm tol 1 mm; track_offset = (3, 2.4, 2.2) m tol 10 mm; }
+        link d actuated length { length = zero + q; plate_joint = (-285.9, -36, -150) mm tol 1 mm; track_offset = (0, 2.4, 2.2) m tol 10 mm; }
+        link e actuated length { length = zero + q; plate_joint = (-285.9, 36, 150) mm tol 1 mm; track_offset = (0, 0, 0) m tol 10 mm; }
+        link f actuated length { length = zero + q; plate_joint = (27.6, -286.8, 150) mm tol 1 mm; track_offset = (3, 0, 0) m tol 10 mm; }
+        link g actuated length { length = zero + q; plate_joint = (285.9, -36, 150) mm tol 1 mm; track_offset = (3, 2.4, 0) m tol 10 mm; }
+        link h actuated length { length = zero + q; plate_joint = (-27.6, 286.8, 150) mm tol 1 mm; track_offset = (0, 2.4, 0) m tol 10 mm; }
+    }
+    reference {
+        commands = (2.166, 2.166, 2.166, 2.166, 2.1076, 2.1076, 2.1076, 2.1076) m;
+        position = (1.5, 1.2, 1.05) m;
+    }
+    variant Full { arm full; }
+}";
+
+#[test]
+fn poses_of_weak_cables_stand_at_the_right_one_of_two_minima() {
+    for (seed, measure) in [(2, "readings"), (3, "positions"), (8, "readings")] {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("eight.tau"), WEAK_CABLES).unwrap();
+        let simulate = format!(
+            "tau simulate --model DIR/eight.tau --seed {seed} --measure {measure} --noise-drives 1e-4 --random \
+             --poses 80 --tilt 0.3 --out DIR/measured"
+        );
+        tau_in(folder.path(), &simulate).done();
+        let line = "tau calibrate DIR/measured --model DIR/eight.tau --variant Full --split all --out DIR/cal --json -";
+        let found = tau_in(folder.path(), line).json();
+        assert_eq!(found["fit"]["status"], "consistent", "{seed}, {measure}");
+        assert_eq!(found["fit"]["mistakes"], Value::Array(vec![]), "{seed}");
+    }
+}

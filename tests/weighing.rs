@@ -11,7 +11,7 @@ use tau::robot_file::RobotFile;
 use tau::simulation::{Noise, Poses as Planned, SimulatedFolder, Simulation, simulate};
 use tau::weighing::{Loss, Treatment};
 
-use crate::support::{ROBOTS, gantry_tau, number, prototype, tau_in};
+use crate::support::{ROBOTS, gantry_tau, number, prototype, spoil, tau_in};
 
 /// Machines of each case.
 const MACHINES: u64 = 16;
@@ -344,4 +344,23 @@ fn a_pose_that_cannot_be_predicted_is_named_and_the_others_are() {
         "{said}"
     );
     assert!(said.contains("Verdict on Full: consistent"), "{said}");
+}
+
+/// A command 2 rad off bends the fit to 18 poses so much that all of them lie far from it.
+#[test]
+fn a_gross_pose_of_few_does_not_hide() {
+    for seed in 1..=3 {
+        let folder = tempfile::tempdir().unwrap();
+        let line = format!(
+            "tau simulate --model five_bar --seed {seed} --poses 18 --random --out DIR/measured -q"
+        );
+        tau_in(folder.path(), &line).done();
+        spoil(folder.path(), "tcp_poses.csv", 7, "q1_rad", 2.0);
+        let line = "tau evaluate DIR/measured --model five_bar --variant Full --split all --json -";
+        let fit = &tau_in(folder.path(), line).json()["fit"];
+        assert_eq!(fit["status"], "consistent", "{seed}: {}", fit["why"]);
+        let outliers = fit["outliers"].as_array().unwrap();
+        let poses: Vec<&Value> = outliers.iter().map(|outlier| &outlier["pose"]).collect();
+        assert_eq!(poses, [6], "{seed}");
+    }
 }

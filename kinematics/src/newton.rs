@@ -38,7 +38,8 @@ pub(crate) fn solve(
     solve_to(machine, start, unknowns, SETTLED)
 }
 
-/// The same, but for an end at the first step (m, rad) that is shorter than `settled`.
+/// The same, but for an end at the first step (m, rad) that is shorter than `settled`, or, roughly and with more closures
+/// than unknowns, after as many steps as are tried: where closures contradict each other by much, each step gains little.
 pub(crate) fn solve_to(
     machine: &Machine,
     start: &Sample<'_>,
@@ -110,6 +111,14 @@ pub(crate) fn solve_to(
                 Err(not_converged(machine, iteration, &closures))
             };
         }
+    }
+    if settled > SETTLED && closures.jacobian.nrows() > unknowns.len() {
+        return Ok(Settled {
+            pose,
+            commands_m: commands,
+            mismatch_m: mismatch,
+            closures,
+        });
     }
     Err(not_converged(machine, MAX_ITERATIONS, &closures))
 }

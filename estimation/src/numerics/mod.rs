@@ -6,6 +6,7 @@ pub mod grouped;
 pub mod order;
 pub mod products;
 pub mod projection;
+pub(crate) mod roots;
 pub mod singular;
 pub mod spread;
 pub mod triangle;

@@ -2,13 +2,11 @@
 
 use std::collections::BTreeSet;
 
-use tau_codegen::language::model::{Effect, Readable, Subject, Target};
-use tau_codegen::language::{self, Model};
 use tau_robot::measurements::set::POSITION;
 use tau_robot::measurements::{
-    Conditions, DISTANCES, Division, Folder, PlateKind, Shape, TCP_POSES, TcpPose, visits,
+    Conditions, DISTANCES, Division, Folder, PlateKind, TCP_POSES, TcpPose, visits,
 };
-use tau_robot::robot::{Robot, TrackShape, Variant};
+use tau_robot::robot::{Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 use tau_solver::Problem;
 
@@ -19,17 +17,11 @@ use crate::problem::{self, Closures, Residuals};
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
 use crate::trust::numbering;
+use crate::trust::observability::{Gap, Observability, missing, observabilities};
 use crate::trust::verdict::{mistakes, plain};
 use crate::trust::{mistake::Mistake, reach::Reach};
 use crate::uncertainty::Uncertainty;
 use crate::unknown_poses::{self, Rank, RowDivision};
-
-/// Lacked by effects of carts where there are none: no measurement would show them.
-const NO_CART: &str = "a cart: the machine has none";
-/// The same of an effect on links of a kind.
-const NO_LINK: &str = "links of the kind that it acts on: the machine has none";
-/// The same of an effect on plate joints.
-const NO_JOINTS: &str = "plate joints: links meet in a point";
 
 /// A column's range.
 #[derive(Debug, Clone, PartialEq)]
@@ -82,24 +74,6 @@ pub struct Checked {
     pub why_not: Option<String>,
 }
 
-/// An effect of the catalogue, with what the measurements lack to show it.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Observability {
-    /// Name of the effect.
-    pub name: String,
-    /// Files and columns that it needs and that are missing; empty where it could be seen.
-    pub lacks: Vec<&'static str>,
-}
-
-/// Something that is not there.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Gap {
-    /// The file or column.
-    pub what: &'static str,
-    /// Its use.
-    pub brings: String,
-}
-
 /// Facts known before a fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Check {
@@ -141,7 +115,11 @@ pub fn check(
     catalogue: &str,
 ) -> Result<Check, Error> {
     let effects = observabilities(robot, file, folder, catalogue);
-    let found = (variants.first().copied()).map(|variant| match rows {
+    let has_scale =
+        |variant: &Variant| unknown_poses::has_scale((robot, variant), file, folder, rows);
+    let told = variants.iter().find(|variant| !has_scale(variant));
+    let looked_at = told.or(variants.first()).copied();
+    let found = looked_at.map(|variant| match rows {
         None => mistakes(robot, variant, file, folder, &division.calibration),
         Some(rows) => {
             unknown_poses::mistakes(robot, plain(robot, variant, folder), file, folder, rows)
@@ -445,139 +423,6 @@ fn determine(
             known.and_then(|known| Reach::new((machine, &known), &measured, file.noise));
     }
     Ok(())
-}
-
-/// Columns and files that an effect needs and that are missing.
-fn observabilities(
-    robot: &Robot,
-    file: &RobotFile,
-    folder: &Folder,
-    catalogue: &str,
-) -> Vec<Observability> {
-    let Some(model) = &robot.model else {
-        return vec![];
-    };
-    let extended = language::effects_from_text(catalogue, model);
-    let model = extended.as_ref().unwrap_or(model);
-    let of = |effect: &Effect| Observability {
-        name: effect.name.clone(),
-        lacks: lacks(effect, model, file, folder),
-    };
-    model.effects.iter().map(of).collect()
-}
-
-fn lacks(effect: &Effect, model: &Model, file: &RobotFile, folder: &Folder) -> Vec<&'static str> {
-    let mut lacks = BTreeSet::new();
-    let poses = &folder.tcp_poses;
-    if effect.subject == Subject::Tcp {
-        lacks.extend(folder.hides_tracker(model.plate));
-    }
-    let is_on_cart = !effect.subject.is_link() && effect.subject != Subject::Tcp;
-    if is_on_cart && model.guideways().next().is_none() {
-        lacks.insert(NO_CART);
-    }
-    if effect.lacks_plate_joints(model.plate).is_some() {
-        lacks.insert(NO_JOINTS);
-    }
-    if effect.subject.is_link() && !model.links.iter().any(|link| effect.subject.admits(link)) {
-        lacks.insert(NO_LINK);
-    }
-    let pulls = model.links.iter().any(|link| link.pull.is_some());
-    let is_unloaded = file.payload.is_none() && !pulls;
-    let has_forces = folder.has_measured_tensions();
-    for quantity in effect.quantities() {
-        let missing = match quantity {
-            Readable::Direction => poses
-                .iter()
-                .any(|pose| pose.directions.is_none())
-                .then_some("columns dir1, dir2, …"),
-            Readable::Time => poses
-                .iter()
-                .any(|pose| pose.conditions.time_s.is_none())
-                .then_some("column time_s"),
-            Readable::Temperature => poses
-                .iter()
-                .any(|pose| pose.conditions.temperature_c.is_none())
-                .then_some("column temperature_c"),
-            Readable::LoadAlong
-            | Readable::LoadHorizontal
-            | Readable::LoadVertical
-            | Readable::Tension
-                if is_unloaded && (quantity != Readable::Tension || !has_forces) =>
-            {
-                Some("[payload] in robot.toml")
-            }
-            _ => None,
-        };
-        lacks.extend(missing);
-    }
-    let turns = |target| matches!(target, Target::Roll | Target::Pitch | Target::Yaw);
-    if folder.cart_poses.is_empty() && effect.terms.iter().any(|term| turns(term.target)) {
-        lacks.insert("cart_poses.csv");
-    }
-    lacks.into_iter().collect()
-}
-
-fn missing(robot: &Robot, folder: &Folder, effects: &[Observability]) -> Vec<Gap> {
-    let mut missing = Vec::new();
-    // Where nothing tells poses, sets 2 and 3 take no part.
-    let tells_poses =
-        !folder.tcp_poses.is_empty() || folder.rows_of(PlateKind::Position).next().is_some();
-    let has_carts = Shape::from(robot).has_carts() && (tells_poses || !folder.has_partial_poses());
-    if has_carts && folder.cart_poses.is_empty() {
-        let is_piecewise = |variant: &&Variant| {
-            let mut tracks = variant.tracks.iter();
-            tracks.any(|track| track.shape == TrackShape::Piecewise)
-        };
-        let variants: Vec<&str> = robot
-            .variants
-            .iter()
-            .filter(is_piecewise)
-            .map(|v| v.name.as_str())
-            .collect();
-        let of_variants = if variants.is_empty() {
-            String::new()
-        } else {
-            format!(", and the variants {}", variants.join(", "))
-        };
-        missing.push(Gap {
-            what: "cart_poses.csv",
-            brings: format!(
-                "the shape of each track and how its cart turns, apart from the arm{of_variants}"
-            ),
-        });
-    }
-    if has_carts && folder.cart_positions.is_empty() {
-        missing.push(Gap {
-            what: "cart_positions.csv",
-            brings:
-                "where carts are while the arm loads them: what tracks do, told from what links do"
-                    .to_owned(),
-        });
-    }
-    let within_reach = || {
-        let effects = effects.iter();
-        effects.filter(|effect| {
-            ![NO_CART, NO_JOINTS, NO_LINK]
-                .iter()
-                .any(|none| effect.lacks.contains(none))
-        })
-    };
-    let lacking: BTreeSet<&'static str> = within_reach()
-        .flat_map(|effect| effect.lacks.iter().copied())
-        .filter(|what| what.starts_with("column") || what.starts_with('['))
-        .collect();
-    for what in lacking {
-        let names: Vec<&str> = within_reach()
-            .filter(|effect| effect.lacks.contains(&what))
-            .map(|effect| effect.name.as_str())
-            .collect();
-        missing.push(Gap {
-            what,
-            brings: format!("sight of {}", names.join(", ")),
-        });
-    }
-    missing
 }
 
 #[cfg(test)]

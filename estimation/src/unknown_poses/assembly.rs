@@ -8,6 +8,7 @@ use tau_kinematics::{Machine, Pose};
 use tau_robot::measurements::{Conditions, DISTANCES, Folder, PlateKind, PlateRow, TCP_POSES};
 use tau_robot::robot_file::{RobotFile, StatedNoise};
 
+use super::closures::used;
 use super::kinds::{FIRST_GUESS_M, kinds_of_noise};
 use super::objects::{Object, ObjectUnknown, collect_objects};
 use super::quantity::{Measured, Quantity, base};
@@ -17,7 +18,7 @@ use crate::numerics::parallel;
 use crate::problem::POSE_UNKNOWNS;
 use crate::samples::Sample;
 
-/// A step of Newton's method (m, rad) that moves a pose by less than a sketch leaves open of it.
+/// A step of Newton's method (m, rad) that moves a pose by less than a drawing leaves open of it.
 const ROUGH_STEP: f64 = 1e-3;
 /// Poses, clusters or samples that a thread takes at once: fewer are done before another thread has woken. Chunks are put
 /// together in their order, so that nothing depends on the number of threads.
@@ -118,14 +119,13 @@ pub(super) struct Assembly<'a> {
 }
 
 impl<'a> Assembly<'a> {
-    /// Poses that chosen rows are of, where the machine puts them, or where they were measured; roughly where the
-    /// machine is, or comes from, a sketch.
+    /// Poses that chosen rows are of, where the machine puts them, or where they were measured; roughly where drives are
+    /// redundant, which contradict each other until the machine is known.
     pub(super) fn new(
         machine: &Machine,
         file: &'a RobotFile,
         folder: &'a Folder,
         chosen: &Chosen<'_>,
-        is_sketch: bool,
     ) -> Result<Self, Error> {
         let mut assembly = Self {
             folder,
@@ -140,8 +140,9 @@ impl<'a> Assembly<'a> {
         assembly.kinds = kinds_of_noise(folder, file, machine)?;
         let is_redundant = machine.closure_count() > machine.pose_unknowns().len();
         match &machine.surroundings.reference {
-            Some(stated) if is_sketch && is_redundant => {
+            Some(stated) if is_redundant => {
                 assembly.place_roughly(machine, stated.into())?;
+                assembly.turn_to_closures(machine, chosen)?;
             }
             _ => assembly.place(machine)?,
         }
@@ -232,8 +233,8 @@ impl<'a> Assembly<'a> {
         Ok(())
     }
 
-    /// Puts poses where they were measured, or where links miss their lengths least, sought from where the machine is
-    /// stated to stand. Ways between poses, along which links keep their lengths, a sketch has none.
+    /// Puts poses where they were measured, or where redundant links miss their lengths least, sought from where the
+    /// machine is stated to stand. Ways between poses, along which all links keep their lengths, these have none.
     fn place_roughly(&mut self, machine: &Machine, stated: Pose) -> Result<(), Error> {
         let measured = self.measured_poses();
         let place = |poses: &mut [UnknownPose]| {
@@ -259,6 +260,31 @@ impl<'a> Assembly<'a> {
         parallel::map_owned(chunks, place).into_iter().collect()
     }
 
+    /// Moves poses to the other minimum of what their closures leave where that is less.
+    fn turn_to_closures(&mut self, machine: &Machine, chosen: &Chosen<'_>) -> Result<(), Error> {
+        let used = used(machine);
+        let blocks = [self.closures(machine, &used, chosen)?];
+        let shared: Vec<f64> = used.iter().map(|&index| machine.values[index]).collect();
+        let mut own = vec![0.0; POSE_UNKNOWNS * self.poses.len()];
+        if self.revisit(&blocks, &shared, &mut own, self.mean_length_m(machine)) {
+            let measured = self.measured_poses();
+            for (pose, own) in self.poses.iter().zip(own.chunks_exact_mut(POSE_UNKNOWNS)) {
+                if measured.contains_key(&pose.number) {
+                    own.fill(0.0);
+                }
+            }
+            self.move_by(&own);
+        }
+        Ok(())
+    }
+
+    /// Mean length of the links at the first reading (m), 0 where there is none.
+    pub(super) fn mean_length_m(&self, machine: &Machine) -> f64 {
+        let first = self.poses.first().and_then(UnknownPose::first_sample);
+        let length_m = first.and_then(|sample| machine.mean_length_m(&sample.view()).ok());
+        length_m.unwrap_or_default()
+    }
+
     fn measured_poses(&self) -> BTreeMap<u32, Pose> {
         let poses = self.folder.tcp_poses.iter();
         poses
@@ -269,8 +295,6 @@ impl<'a> Assembly<'a> {
     /// Puts poses where they were measured, or where the machine stands at the commands.
     fn place(&mut self, machine: &Machine) -> Result<(), Error> {
         let measured = self.measured_poses();
-        let stated: Option<Pose> = machine.surroundings.reference.as_ref().map(Pose::from);
-        let is_redundant = machine.closure_count() > machine.pose_unknowns().len();
         let mut before: Option<(Vec<f64>, Pose)> = None;
         for pose in &mut self.poses {
             if let Some(&base) = measured.get(&pose.number) {
@@ -287,14 +311,7 @@ impl<'a> Assembly<'a> {
             };
             let view = sample.view();
             let from_reference = || {
-                let known = match (machine.at_reference(&view), &stated) {
-                    // A drawing may be so rough that links can't have their lengths where the machine is said to stand.
-                    // Redundant ones tell where it stands all the same.
-                    (Err(_), Some(stated)) if is_redundant => {
-                        return machine.forward_fitted(&view.at(*stated));
-                    }
-                    (known, _) => known?,
-                };
+                let known = machine.at_reference(&view)?;
                 let reached = machine.forward_along(&known.commands_m, &view.at(known.pose));
                 reached.or_else(|_| machine.forward_fitted(&view.at(known.pose)))
             };

@@ -63,6 +63,14 @@ pub(super) struct Raw {
     pub(super) own: Vec<usize>,
 }
 
+/// Rows of poses that belong together, with their derivatives by these.
+pub(super) struct OwnRows {
+    pub(super) by_own: DMatrix<f64>,
+    pub(super) residuals: DVector<f64>,
+    /// Indices of the free unknowns of its poses.
+    pub(super) own: Vec<usize>,
+}
+
 impl Raw {
     /// Projection on what no motion of the poses changes.
     pub(super) fn complement(&self) -> DMatrix<f64> {
@@ -180,6 +188,28 @@ impl<'a> Elimination<'a> {
         let clusters = self.clusters.all.iter();
         let raw = clusters.map(|cluster| self.raw(cluster).weighed(|row| self.weight(row)));
         raw.collect()
+    }
+
+    /// Rows of poses that belong together by the unknowns of the poses alone.
+    pub(super) fn own_rows(&self) -> Vec<OwnRows> {
+        let of_cluster = |cluster: &Cluster| {
+            let count = self.row_count(cluster);
+            let mut by_own = DMatrix::zeros(count, cluster.own.len());
+            let mut residuals = Vec::with_capacity(count);
+            self.each_entry(cluster, &mut vec![], &mut residuals, |at, place, entry| {
+                if let Place::Own(column) = place {
+                    by_own[(at, column)] += entry;
+                }
+            });
+            OwnRows {
+                by_own,
+                residuals: DVector::from_vec(residuals),
+                own: self.clusters.own[cluster.own.clone()].to_vec(),
+            }
+        };
+        let of_poses = self.clusters.all.iter();
+        let of_poses = of_poses.filter(|cluster| !cluster.own.is_empty());
+        of_poses.map(of_cluster).collect()
     }
 
     /// The least step of each of the poses' unknowns, the shared ones as they are, that takes the residuals down as far

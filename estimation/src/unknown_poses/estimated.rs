@@ -88,7 +88,7 @@ impl<'a> EstimatedPoses<'a> {
                 distances,
                 left_out: &nothing,
             };
-            let mut assembly = Assembly::new(machine, file, folder, &chosen, false)?;
+            let mut assembly = Assembly::new(machine, file, folder, &chosen)?;
             assembly.kinds = found.kinds.iter().map(|kind| kind.kind).collect();
             assembly.objects.clone_from(&found.unknown_objects);
             Ok::<_, Error>(Rowset {

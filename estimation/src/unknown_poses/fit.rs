@@ -100,7 +100,7 @@ impl<'a> Fit<'a> {
             distances: &division.distances,
             left_out: &left_out,
         };
-        let mut assembly = Assembly::new(&machine, file, folder, &chosen, is_sketch)?;
+        let mut assembly = Assembly::new(&machine, file, folder, &chosen)?;
         if assembly.poses.is_empty() {
             let message = "no pose of the plate is left to calibrate";
             return Err(InputError::whole(&folder.name, message).into());

@@ -98,7 +98,7 @@ fn figures(
         distances: &(&new.distances - &of_misread),
         left_out,
     };
-    let mut assembly = Assembly::new(machine, fit.file, fit.folder, &chosen, false)?;
+    let mut assembly = Assembly::new(machine, fit.file, fit.folder, &chosen)?;
     assembly.kinds.clone_from(&fit.assembly.kinds);
     assembly.objects.clone_from(&fit.assembly.objects);
     // Where the drives alone put the plate, so that what was measured is predicted.
@@ -131,7 +131,7 @@ fn gross_rows(
         distances: &new.distances,
         left_out: &left_out,
     };
-    let mut assembly = Assembly::new(machine, fit.file, fit.folder, &chosen, false)?;
+    let mut assembly = Assembly::new(machine, fit.file, fit.folder, &chosen)?;
     assembly.kinds.clone_from(&fit.assembly.kinds);
     assembly.objects.clone_from(&fit.assembly.objects);
     let own = vec![0.0; POSE_UNKNOWNS * assembly.poses.len()];

@@ -7,6 +7,7 @@
 //! with the carts of sets 2 and 3 beside them it is that of [errors in variables](errors_in_variables).
 
 mod assembly;
+mod branches;
 mod carts;
 mod closures;
 mod coupled;
@@ -23,6 +24,7 @@ mod gauge;
 mod heldout;
 mod kinds;
 mod lengths;
+mod mirror;
 mod noise;
 mod objects;
 mod outcome;
@@ -33,6 +35,7 @@ mod refusals;
 mod repeats;
 mod rows;
 mod starts;
+mod stated_noise;
 #[cfg(test)]
 mod tests;
 mod unsolved;
@@ -108,6 +111,18 @@ pub fn rank(
     refuse_commands(&fit.prepared.machine, folder)?;
     let reduced = fit.elimination(&fit.start).reduce();
     Ok(fit.rank(&reduced, &fit.machine))
+}
+
+/// True if a scale of the whole machine is free, whatever the number of rows: no fit means anything then.
+pub(crate) fn has_scale(
+    (robot, variant): (&Robot, &Variant),
+    file: &RobotFile,
+    folder: &Folder,
+    division: Option<&RowDivision>,
+) -> bool {
+    let rank = division.map(|division| rank(robot, variant, file, folder, division));
+    let is_free = |rank: Rank| rank.open.iter().any(|open| open.is_scale);
+    rank.is_some_and(|rank| rank.is_ok_and(is_free))
 }
 
 /// Fits a variant to all measurements of a folder; `division` says which rows of the plate take part.
@@ -217,8 +232,14 @@ fn recognising<'a>(
         Some(_) => Search::Descent,
         None => Search::Stated,
     };
+    let mirrored = |found: &UnknownPoses, division: &RowDivision| {
+        let (machine, of) = (found.calibration.machine.clone(), (file, folder));
+        let fit = Fit::from(&prepared, machine, of.0, of.1, division, true).ok()?;
+        let image = fit.mirror_image(options);
+        image.filter(|_| found.rank.has_mirror_image)
+    };
     let first = match sketch_m {
-        Some(length_m) => starts::best(&prepared, length_m, division, fitted),
+        Some(length_m) => starts::best(&prepared, length_m, division, fitted, mirrored),
         None => fitted(nominal(), division, search),
     };
     let is_met = || first.as_ref().is_ok_and(recognised::is_met);
@@ -321,6 +342,11 @@ impl Fit<'_> {
             iterations += solution.iterations;
 
             values.clone_from(&solution.parameters);
+            // Errors in variables measure all poses.
+            if !has_groups && rounds < ROUNDS && self.revisit(&mut values) {
+                self.rebuild(&mut values)?;
+                continue;
+            }
             let moved = self.largest_move(&values);
             // Weights change until poses stay: nothing else is known before.
             let waits = !is_estimated || (has_groups && !is_exact);
@@ -443,6 +469,7 @@ impl Fit<'_> {
             // parameters take up little of the misfit that falls slowly: noise is halved at least.
             times *= (2.0 * solution.cost / left).sqrt().min(0.5);
             values.clone_from(&solution.parameters);
+            self.revisit(values);
         }
         self.assembly.kinds = stated;
         Ok(iterations)

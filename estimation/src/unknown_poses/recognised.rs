@@ -11,9 +11,10 @@
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 
+use tau_kinematics::Machine;
 use tau_robot::measurements::{Folder, PlateKind, PlateRow, TCP_POSES};
 use tau_robot::robot::{Robot, Variant};
-use tau_robot::robot_file::{RobotFile, StatedNoise};
+use tau_robot::robot_file::RobotFile;
 
 use super::fit::Fit;
 use super::starts;
@@ -27,7 +28,8 @@ use crate::samples::frames::Frames;
 use crate::trust::dimensions;
 use crate::trust::exchanged::orders;
 use crate::trust::hypothesis::{Hypothesis, THOUSAND, angles, axes, neighbour};
-use crate::trust::recognise::{CLOSER, FEW_ITERATIONS, FEW_POSES, POSES, STATED, differ, has_sign};
+use crate::trust::negative::negative_length;
+use crate::trust::recognise::{CLOSER, FEW_ITERATIONS, FEW_POSES, POSES, differ, has_sign};
 use crate::trust::{ABSURD_TOLERANCES, LEVEL, Mistake, NEARER, ODDS, words};
 
 /// Measurements and the robot that they are of.
@@ -68,9 +70,9 @@ pub(super) struct Look<'a> {
 
 /// Squares after a few steps, tolerances among them, and their expectation.
 #[derive(Clone, Copy)]
-struct Squares {
-    sum: f64,
-    expected: f64,
+pub(super) struct Squares {
+    pub(super) sum: f64,
+    pub(super) expected: f64,
 }
 
 impl Squares {
@@ -161,7 +163,7 @@ impl<'a> Case<'a> {
         drawn.is_ok_and(|drawn| starts::sketched(&drawn).is_some())
     }
 
-    fn few(&self) -> RowDivision {
+    pub(super) fn few(&self) -> RowDivision {
         let few = self.division.thinned(self.folder, FEW_POSES);
         few.unwrap_or_else(|| self.division.clone())
     }
@@ -184,7 +186,7 @@ impl<'a> Case<'a> {
         Look { dimensions, ranked }
     }
 
-    fn fitted(
+    pub(super) fn fitted(
         &self,
         file: &RobotFile,
         folder: &Folder,
@@ -210,6 +212,10 @@ impl<'a> Case<'a> {
             Err(Error::Input(_)) => return vec![],
             Err(_) => None,
         };
+        let negative = given.and_then(|given| self.negative_length(&given.calibration.machine));
+        if let Some(mistake) = negative {
+            return vec![mistake];
+        }
         let thinned = self.division.thinned(self.folder, POSES);
         let case = Case {
             division: thinned.as_ref().unwrap_or(self.division),
@@ -306,7 +312,7 @@ impl<'a> Case<'a> {
 
     /// Squares of some rows after a few steps from the drawing, tolerances among them; `None` where there are none. Rows without
     /// a mistake lie near the drawing, and Newton's method squares its error with each step.
-    fn cost(
+    pub(super) fn cost(
         &self,
         folder: &Folder,
         division: &RowDivision,
@@ -429,49 +435,20 @@ impl<'a> Case<'a> {
         words::of_measurements(self.robot, &trial.hypothesis, file)
     }
 
-    /// Noise of the measurements, or of the drives, that is stated a thousand times too large or too small: residuals are far
-    /// from it, by more than chance, and within a factor of two of a thousandth or a thousand times it.
-    pub(super) fn wrong_noise(&self, given: &UnknownPoses) -> Option<Mistake> {
-        let thinned = self.division.thinned(self.folder, POSES);
-        let case = Case {
-            division: thinned.as_ref().unwrap_or(self.division),
-            ..*self
-        };
-        let ratio = given.residual_over_noise();
-        let chance = chi2_survival(given.chi2, given.dof);
-        let off = |ratio: f64| ratio.ln().abs();
-        if off(ratio) < NEARER.ln() || (LEVEL..1.0 - LEVEL).contains(&chance) {
-            return None;
-        }
-        let factor = if ratio < 1.0 {
-            THOUSAND.recip()
-        } else {
-            THOUSAND
-        };
-        let few = case.few();
-        let is_mended = |file: &RobotFile| {
-            // More steps leave less, at which noise is too large already.
-            let look = Case { file, ..case };
-            let left = look.cost(self.folder, &few, None);
-            let least = (STATED * NEARER).powi(-2);
-            if left.is_some_and(|left| left.sum < least * left.expected) {
-                return false;
-            }
-            case.fitted(file, self.folder, None).is_ok_and(|found| {
-                off(found.residual_over_noise()) < STATED.ln() && is_plausible(&found)
-            })
-        };
-        let own = "of the measurements (`[noise]`)";
-        let whose = if is_mended(&with_noise(self.file, factor)) {
-            own
-        } else if !self.file.measuring.drives.is_empty()
-            && is_mended(&with_drives(self.file, factor))
-        {
-            "of the drives (`[drives]`)"
-        } else {
-            return None;
-        };
-        Some(words::of_noise(whose, factor))
+    /// A command that drives a length below zero.
+    fn negative_length(&self, machine: &Machine) -> Option<Mistake> {
+        let of_rows =
+            (self.folder.plate_rows.iter()).map(|row| (row.kind.file(), row.commands_m.as_slice()));
+        let of_poses = self.folder.tcp_poses.iter();
+        let of_poses = of_poses.map(|pose| (TCP_POSES, pose.commands_m.as_slice()));
+        let files: Vec<_> = of_rows.chain(of_poses).collect();
+        let names: BTreeSet<&'static str> = files.iter().map(|own| own.0).collect();
+        names.into_iter().find_map(|name| {
+            let own = files.iter().filter(|own| own.0 == name);
+            let command = negative_length(machine, own.map(|own| own.1))?;
+            let hypothesis = Hypothesis::Sign(command);
+            Some(words::of_measurements(self.robot, &hypothesis, name))
+        })
     }
 }
 
@@ -518,7 +495,7 @@ pub(super) fn is_met(found: &UnknownPoses) -> bool {
 }
 
 /// No parameter is off by more than any machine.
-fn is_plausible(found: &UnknownPoses) -> bool {
+pub(super) fn is_plausible(found: &UnknownPoses) -> bool {
     let mut pulls = found.pulls();
     pulls.all(|pull| pull.tolerances.abs() < ABSURD_TOLERANCES)
 }
@@ -570,27 +547,4 @@ fn mended(folder: &Folder, hypothesis: &Hypothesis, file: Option<&str>) -> Folde
         hypothesis.mend_poses(&mut folder.tcp_poses);
     }
     folder
-}
-
-fn scaled(noise: &mut StatedNoise, factor: f64) {
-    if let StatedNoise::Known(sigma) = noise {
-        *sigma *= factor;
-    }
-}
-
-fn with_noise(file: &RobotFile, factor: f64) -> RobotFile {
-    let mut file = file.clone();
-    file.noise.position_m *= factor;
-    file.noise.rotation_rad *= factor;
-    let axes = file.measuring.axes.iter_mut().flatten();
-    let all = file.measuring.noise.values_mut().chain(axes);
-    all.for_each(|own| scaled(own, factor));
-    file
-}
-
-fn with_drives(file: &RobotFile, factor: f64) -> RobotFile {
-    let mut file = file.clone();
-    let drives = file.measuring.drives.iter_mut();
-    drives.for_each(|own| scaled(own, factor));
-    file
 }

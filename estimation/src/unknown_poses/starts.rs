@@ -30,7 +30,7 @@ const DESCENT: usize = 40;
 const CREEPING: usize = 300;
 /// Poses up to which the solver is told to eliminate each; of more it does so by itself.
 const FEW: usize = 1000;
-/// Share of the mean length of the links that a machine may stand from where its reference says.
+/// Standard deviation of a reference, as a share of the mean length of the links: it is stated roughly.
 const AT_REFERENCE: f64 = 0.1;
 
 /// Manner of a fit.
@@ -65,8 +65,8 @@ impl Search {
 }
 
 /// The fit from the nominal values, which are a sketch of links of so many metres. Where it fails or leads to a machine
-/// that does not stand at its reference, such as a mirror image, draws from their tolerances are fitted too, until one
-/// leads there. If none does, the one that stands nearest to its reference among those with the least misfit counts.
+/// that does not stand at its reference, draws from their tolerances are fitted too, until one does. Beside each counts its
+/// mirror image, which may fit as well: of these the most plausible is taken, by the tolerances and the reference.
 ///
 /// Of many poses, some find the machine from which all are then fitted.
 ///
@@ -77,60 +77,73 @@ pub(super) fn best(
     length_m: f64,
     division: &RowDivision,
     fitted: impl Fn(Machine, &RowDivision, Search) -> Result<UnknownPoses, Error>,
+    mirrored: impl Fn(&UnknownPoses, &RowDivision) -> Option<Machine>,
 ) -> Result<UnknownPoses, Error> {
-    let is_found = |found: &UnknownPoses| {
-        let off_m = off_reference_m(&found.calibration.machine);
-        off_m.is_some_and(|off_m| off_m < AT_REFERENCE * length_m) && found.is_consistent()
+    let plausible = |of: &RowDivision, search: Search, is_fit: fn(&UnknownPoses) -> bool| {
+        let mut best: Option<Start> = None;
+        for draw in 0..=DRAWS {
+            let found = match fitted(drawn(prepared, draw), of, search) {
+                Ok(found) if is_fit(&found) => Start::new(found, length_m),
+                _ => continue,
+            };
+            // What is no better was found before, or is the image of that.
+            if best.as_ref().is_some_and(|best| !found.is_better(best)) {
+                continue;
+            }
+            let image = mirrored(&found.fit, of);
+            let image = image.and_then(|machine| fitted(machine, of, search).ok());
+            let image = image.filter(is_fit).map(|fit| Start::new(fit, length_m));
+            let found = match image {
+                Some(image) if image.is_better(&found) => image,
+                _ => found,
+            };
+            let is_found = found.off < 1.0 && found.fit.is_consistent();
+            best = Some(found);
+            if is_found {
+                break;
+            }
+        }
+        best.map(|best| best.fit)
     };
-    let descents = |of: &RowDivision| {
-        let descents = (0..=DRAWS).map(|draw| fitted(drawn(prepared, draw), of, Search::Descent));
-        descents.flatten().find(is_found)
-    };
+    let descents = |of: &RowDivision| plausible(of, Search::Descent, UnknownPoses::is_consistent);
     if let Some(some) = some_poses(prepared, division)
         && let Some(near) = descents(&some)
         && let Ok(found) = fitted(near.calibration.machine, division, Search::Whole)
-        && is_found(&found)
+        && found.is_consistent()
     {
         return Ok(found);
     }
     if let Some(found) = descents(division) {
         return Ok(found);
     }
-    of_several(prepared, length_m, |machine| {
-        fitted(machine, division, Search::Whole)
-    })
+    match plausible(division, Search::Whole, |_| true) {
+        Some(found) => Ok(found),
+        None => fitted(prepared.machine.clone(), division, Search::Whole),
+    }
 }
 
-/// The best fit from the nominal values and draws about them.
-fn of_several(
-    prepared: &Prepared,
-    length_m: f64,
-    fitted: impl Fn(Machine) -> Result<UnknownPoses, Error>,
-) -> Result<UnknownPoses, Error> {
-    let off = |found: &UnknownPoses| off_reference_m(&found.calibration.machine);
-    let stands = |found: &UnknownPoses| off(found).is_some_and(|off| off < AT_REFERENCE * length_m);
-    let mut all = vec![];
-    for draw in 0..=DRAWS {
-        let found = fitted(drawn(prepared, draw));
-        if (found.as_ref()).is_ok_and(|found| stands(found) && found.is_consistent()) {
-            return found;
-        }
-        all.push(found);
+/// A fit from one of several starts.
+struct Start {
+    fit: UnknownPoses,
+    /// Distance of its machine from the reference, over what that is known to.
+    off: f64,
+}
+
+impl Start {
+    fn new(fit: UnknownPoses, length_m: f64) -> Self {
+        let off_m = off_reference_m(&fit.calibration.machine);
+        let off = off_m.map_or(f64::INFINITY, |off_m| off_m / (AT_REFERENCE * length_m));
+        Self { fit, off }
     }
-    let found = || all.iter().flatten();
-    let costs = found().map(|found| found.calibration.cost);
-    let least = costs.fold(f64::INFINITY, f64::min);
-    // Mirror images fit as well as the machine, but for what tolerances say of them: less than one square for each unknown.
-    let is_as_good =
-        |found: &UnknownPoses| found.calibration.cost <= least + 0.5 * found.rank.unknowns as f64;
-    let distance = |found: &UnknownPoses| off(found).unwrap_or(f64::INFINITY);
-    let index = (0..all.len())
-        .filter(|&index| all[index].as_ref().is_ok_and(is_as_good))
-        .min_by(|&a, &b| {
-            let at = |index: usize| all[index].as_ref().map_or(f64::INFINITY, distance);
-            at(a).total_cmp(&at(b))
-        });
-    all.swap_remove(index.unwrap_or(0))
+
+    /// True if measurements, tolerances and reference together speak for it, by their squares; what both miss counts by what
+    /// the better of them misses.
+    fn is_better(&self, than: &Self) -> bool {
+        let ratio = |start: &Self| start.fit.residual_over_noise();
+        let scale = ratio(self).min(ratio(than)).max(1.0).powi(2);
+        let total = |start: &Self| 2.0 * start.fit.calibration.cost / scale + start.off.powi(2);
+        total(self) < total(than)
+    }
 }
 
 /// Poses, evenly among all, whose redundant drives tell the parameters several times over; `None` where all are not many
@@ -276,8 +289,7 @@ mod tests {
         (Robot::from_text(&text).unwrap(), folder)
     }
 
-    /// Errors of the anchors (m), and their standard deviations.
-    fn errors(robot: &Robot, folder: &Folder) -> Vec<(f64, f64)> {
+    fn calibrated(robot: &Robot, folder: &Folder) -> UnknownPoses {
         let text = format!(
             "robot = \"Belts\"\n[noise]\nposition_m = 1e-4\nrotation_rad = 1e-4\n[drives]\nnoise_m = {NOISE_M}\n"
         );
@@ -285,7 +297,12 @@ mod tests {
         let division = RowDivision::of(folder, Split::All);
         let variant = robot.variant("Full").unwrap();
         let options = Options::default();
-        let found = calibrate(robot, variant, &file, folder, &division, &options).unwrap();
+        calibrate(robot, variant, &file, folder, &division, &options).unwrap()
+    }
+
+    /// Errors of the anchors (m), and their standard deviations.
+    fn errors(robot: &Robot, folder: &Folder) -> Vec<(f64, f64)> {
+        let found = calibrated(robot, folder);
         let [[ax, ay], [bx, by], _, [dx, _]] = ANCHORS;
         let estimates = found.calibration.parameters.iter();
         let pairs = estimates.zip([ax, ay, bx, by, dx]);
@@ -306,6 +323,66 @@ mod tests {
                     "{seed}: {error} ± {sigma}"
                 );
             }
+        }
+    }
+
+    /// A point in a plane on four belts, nothing of whose frame is known, with anchors drawn up to 0.9 m off; drawing and
+    /// truth.
+    fn free_belts(seed: u64) -> (Robot, Folder, [[f64; 2]; 4]) {
+        let mut random = Random(seed);
+        let drawn = ANCHORS.map(|anchor| anchor.map(|own| own + even(&mut random, -0.9, 0.9)));
+        let belt = |(index, [x, y]): (usize, &[f64; 2])| {
+            format!(
+                "link l{index} actuated length {{ length = q; track_offset = ({x}, {y}, 0) m tol 0.5 m; }}"
+            )
+        };
+        let links: String = drawn.iter().enumerate().map(belt).collect();
+        let text = format!(
+            "robot Belts {{ plate point in plane; cluster belts on base {{ {links} }} \
+             reference {{ commands = (1.93, 1.93, 1.94, 1.94) m; position = (1.68, 0.96, 0) m; }} \
+             variant Full {{ arm full; }} }}"
+        );
+        let (_, folder) = belts(seed, 0.0, 1.0);
+        (Robot::from_text(&text).unwrap(), folder, drawn)
+    }
+
+    /// Half the squares over the tolerances of anchors that are moved to where they were drawn as near as they come.
+    fn off_drawing(anchors: [[f64; 2]; 4], drawn: [[f64; 2]; 4]) -> f64 {
+        let centred = |points: [[f64; 2]; 4]| {
+            let sum = points
+                .iter()
+                .fold([0.0; 2], |sum, own| [sum[0] + own[0], sum[1] + own[1]]);
+            points.map(|own| [own[0] - sum[0] / 4.0, own[1] - sum[1] / 4.0])
+        };
+        let (own, other) = (centred(anchors), centred(drawn));
+        let (mut squares, mut along, mut across) = (0.0, 0.0, 0.0);
+        for ([x, y], [u, v]) in own.iter().zip(&other) {
+            squares += x * x + y * y + u * u + v * v;
+            along += x * u + y * v;
+            across += x * v - y * u;
+        }
+        0.5 * (squares - 2.0 * f64::hypot(along, across)) / 0.25
+    }
+
+    /// Lengths of belts in a free frame are those of the mirror image as well; what is drawn tells which it is.
+    #[test]
+    fn of_a_machine_and_its_mirror_image_the_one_that_is_drawn_is_taken() {
+        for seed in 1..=16 {
+            let (robot, folder, drawn) = free_belts(seed);
+            let mirrored = ANCHORS.map(|[x, y]| [x, -y]);
+            let [right, image] = [ANCHORS, mirrored].map(|anchors| off_drawing(anchors, drawn));
+            let found = calibrated(&robot, &folder).calibration.parameters;
+            let value = |link: usize, axis: &str| {
+                let name = format!("l{link}.track_offset.{axis}");
+                found.iter().find(|own| own.name == name).unwrap().value
+            };
+            // Twice the area of the triangle of the first three anchors, whose sign is the hand.
+            let area = |[a, b, c]: [[f64; 2]; 3]| {
+                (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+            };
+            let anchor = |k: usize| [value(k, "x"), value(k, "y")];
+            let own = area([0, 1, 2].map(anchor)) * area([0, 1, 2].map(|k| ANCHORS[k]));
+            assert_eq!(own > 0.0, right < image, "{seed}: {right} {image}");
         }
     }
 

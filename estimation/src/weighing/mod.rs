@@ -9,6 +9,7 @@ mod deleted;
 mod lack_of_fit;
 mod loss;
 mod repeats;
+mod trimmed;
 
 use nalgebra::{DMatrix, DVector};
 use tau_robot::measurements::TCP_POSES;
@@ -21,6 +22,7 @@ use crate::joint::{Component, Joint, exact};
 use crate::numerics::parallel;
 use crate::samples::Sample;
 use crate::samples::outliers;
+use crate::trust::NEARER;
 use crate::trust::judged::Judged;
 use deleted::deleted;
 use repeats::ByVisit;
@@ -248,6 +250,12 @@ fn weighed_from(
         even = (few.len() == samples.len())
             .then(|| Judged::of(fit.descent.clone(), fit.factor.clone()));
         fit = fit.with_outliers_held_back()?;
+        // Of few poses, one that is far off bends the fit to all and their scale with it, and so hides among the others.
+        if let Ok(trimmed) = Robust::trimmed(prepared, of_few, samples, noise)
+            && NEARER.powi(2) * trimmed.far.variance < fit.far.variance
+        {
+            fit = trimmed;
+        }
         if treatment.loss.is_none() {
             fit = fit.without_outliers(of_few)?;
         }
@@ -449,22 +457,6 @@ impl Robust {
             if (self.far.variance / before).ln().abs() < SAME {
                 break;
             }
-        }
-        Ok(self)
-    }
-
-    /// The same with outliers left out, and those taken back that are none.
-    fn without_outliers(mut self, samples: &[Sample]) -> Result<Self, Error> {
-        for _ in 0..ROUNDS {
-            let is_outlier = self.far.outliers(&self.sums, samples);
-            let weights: Vec<f64> = is_outlier
-                .iter()
-                .map(|is| f64::from(u8::from(!is)))
-                .collect();
-            if weights == self.descent.weights {
-                break;
-            }
-            self = self.with(weights)?;
         }
         Ok(self)
     }

@@ -18,7 +18,7 @@ use tau_robot::robot::{Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 use tau_solver::solve;
 
-use super::assembly::{Chosen, UnknownPose};
+use super::assembly::Chosen;
 use super::elimination::{Elimination, Reduced};
 use super::fit::Fit;
 use super::predicted::{HeldOutKind, predicted};
@@ -584,12 +584,6 @@ impl Fit<'_> {
     }
 
     pub(in super::super) fn mean_length_m(&self) -> f64 {
-        let sample = self
-            .assembly
-            .poses
-            .first()
-            .and_then(UnknownPose::first_sample);
-        let length = sample.and_then(|sample| self.machine.mean_length_m(&sample.view()).ok());
-        length.unwrap_or_default()
+        self.assembly.mean_length_m(&self.machine)
     }
 }

@@ -1,0 +1,226 @@
+//! Poses that stand at the other of two minima.
+//!
+//! Lengths change along a motion of the plate by its square as well, so that the squares of a pose's residuals have two
+//! minima along the motion that its rows hold least. Of cables that hold a plate weakly about an axis these are near: one
+//! length too many turns it to one side as well as to the other. A fit leads each pose to that on whose side it starts, and
+//! none from one to the other, since the way leads over a hill; wherever the machine is known better than before, the other
+//! is looked up.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::assembly::Assembly;
+use super::elimination::{Elimination, OwnRows};
+use super::fit::Fit;
+use super::rows::Rows;
+use crate::numerics::{parallel, roots, singular};
+use crate::problem::POSE_UNKNOWNS;
+
+/// Step along a motion (rad, or as a share of the length of the links) that tells how it bends lengths: far beyond rounding,
+/// and so small that third powers are little.
+const PROBE: f64 = 0.05;
+/// Longest way to another minimum, in the same unit: from a quarter of a turn on, squares say nothing.
+const FARTHEST: f64 = std::f64::consts::FRAC_PI_2;
+/// Iterations in which a pose comes down to the other minimum, and its squares are told from those of the first.
+const DESCENT: usize = 30;
+/// Share of the squares of a pose that the other minimum takes off at least: less is the roughness of both.
+const GAIN: f64 = 1e-3;
+
+impl Fit<'_> {
+    /// Moves poses to the other minimum of their squares where these are smaller, the shared unknowns as they are; true if
+    /// it moved any.
+    pub(super) fn revisit(&self, values: &mut [f64]) -> bool {
+        let (shared, own) = values.split_at_mut(self.shared());
+        let length_m = self.mean_length_m();
+        self.assembly.revisit(&self.blocks, shared, own, length_m)
+    }
+}
+
+impl Assembly<'_> {
+    /// The same of rows about these poses, for links of such a length.
+    pub(super) fn revisit(
+        &self,
+        blocks: &[Rows],
+        shared: &[f64],
+        own: &mut [f64],
+        length_m: f64,
+    ) -> bool {
+        let rows_at = |own: &[f64]| Elimination::new(blocks, self, shared, own).own_rows();
+        let here = rows_at(own);
+        let weakest = parallel::map(&here, |rows| rows.weakest_motion(length_m));
+        let along = |step: f64| {
+            let mut moved = own.to_vec();
+            for (rows, motion) in here.iter().zip(&weakest) {
+                rows.add(motion, step, &mut moved);
+            }
+            rows_at(&moved)
+        };
+        let (ahead, behind) = (along(PROBE), along(-PROBE));
+        let mut trial = own.to_vec();
+        let mut tried = vec![false; here.len()];
+        for (index, rows) in here.iter().enumerate() {
+            let probed = [&ahead[index].residuals, &behind[index].residuals];
+            let motion = &weakest[index];
+            if let Some(way) = rows.way_to_other(motion, probed) {
+                rows.add(motion, way, &mut trial);
+                tried[index] = true;
+            }
+        }
+        if !tried.contains(&true) {
+            return false;
+        }
+        let squares = descend(&mut trial, &tried, rows_at);
+        let mut has_moved = false;
+        for (index, rows) in here.iter().enumerate() {
+            if tried[index] && squares[index] < (1.0 - GAIN) * rows.residuals.norm_squared() {
+                rows.own
+                    .iter()
+                    .for_each(|&own_index| own[own_index] = trial[own_index]);
+                has_moved = true;
+            }
+        }
+        has_moved
+    }
+}
+
+/// Brings poses down to the minima about them by damped steps (Levenberg and Marquardt), and returns their squares.
+fn descend(own: &mut [f64], tried: &[bool], rows_at: impl Fn(&[f64]) -> Vec<OwnRows>) -> Vec<f64> {
+    let mut here = rows_at(own);
+    let mut damping = vec![1e-3; here.len()];
+    for _ in 0..DESCENT {
+        let mut next = own.to_vec();
+        for (index, rows) in here.iter().enumerate().filter(|(index, _)| tried[*index]) {
+            if let Some(step) = rows.damped_step(damping[index]) {
+                rows.add(&step, 1.0, &mut next);
+            }
+        }
+        let there = rows_at(&next);
+        let mut is_settled = true;
+        for (index, rows) in there
+            .into_iter()
+            .enumerate()
+            .filter(|(index, _)| tried[*index])
+        {
+            let (before, after) = (
+                here[index].residuals.norm_squared(),
+                rows.residuals.norm_squared(),
+            );
+            if after < before {
+                is_settled &= after > (1.0 - GAIN) * before;
+                rows.own
+                    .iter()
+                    .for_each(|&own_index| own[own_index] = next[own_index]);
+                here[index] = rows;
+                damping[index] = (damping[index] / 5.0).max(1e-9);
+            } else {
+                is_settled &= damping[index] > 1.0;
+                damping[index] *= 5.0;
+            }
+        }
+        if is_settled {
+            break;
+        }
+    }
+    here.iter()
+        .map(|rows| rows.residuals.norm_squared())
+        .collect()
+}
+
+impl OwnRows {
+    /// The motion that changes the rows least, turns taken by the lever arm at which they change them as shifts do; its
+    /// largest part is a radian, or the length of the links.
+    fn weakest_motion(&self, length_m: f64) -> DVector<f64> {
+        let width = self.own.len();
+        let is_turn = |column: usize| self.own[column] % POSE_UNKNOWNS >= 3;
+        let squares = |of_turns: bool| {
+            let columns = (0..width).filter(|&column| is_turn(column) == of_turns);
+            columns
+                .map(|column| self.by_own.column(column).norm_squared())
+                .sum::<f64>()
+        };
+        let lever = (squares(true) / squares(false)).sqrt();
+        let lever = if lever.is_normal() { lever } else { 1.0 };
+        let mut scaled = self.by_own.clone();
+        for column in (0..width).filter(|&column| is_turn(column)) {
+            scaled.column_mut(column).scale_mut(lever.recip());
+        }
+        let v_t = singular::right(scaled).1;
+        let mut motion = match v_t.nrows().checked_sub(1) {
+            Some(last) => v_t.row(last).transpose(),
+            None => return DVector::zeros(width),
+        };
+        let mut longest = 0.0_f64;
+        for column in 0..width {
+            if is_turn(column) {
+                motion[column] /= lever;
+                longest = longest.max(motion[column].abs());
+            } else {
+                longest = longest.max(motion[column].abs() / length_m);
+            }
+        }
+        if longest > 0.0 {
+            motion / longest
+        } else {
+            motion
+        }
+    }
+
+    /// Way along a motion to the other minimum of the squares, all other motions following: residuals are of second degree
+    /// along it, by those a [`PROBE`] ahead and behind; `None` where there is one minimum alone.
+    fn way_to_other(
+        &self,
+        motion: &DVector<f64>,
+        [ahead, behind]: [&DVector<f64>; 2],
+    ) -> Option<f64> {
+        let others = self.across(motion)?;
+        let outside = |rows: DVector<f64>| &rows - &others * others.tr_mul(&rows);
+        let zero = outside(self.residuals.clone());
+        let one = outside((ahead - behind) / (2.0 * PROBE));
+        let two = outside((ahead + behind - 2.0 * &self.residuals) / (2.0 * PROBE * PROBE));
+        // Half of the derivative of the squares.
+        let slope = [
+            zero.dot(&one),
+            one.norm_squared() + 2.0 * zero.dot(&two),
+            3.0 * one.dot(&two),
+            2.0 * two.norm_squared(),
+        ];
+        let mut turning = roots::of_cubic(slope);
+        turning.sort_by(f64::total_cmp);
+        let &[low, _, high] = turning.as_slice() else {
+            return None;
+        };
+        let way = if low.abs() > high.abs() { low } else { high };
+        (way.abs() < FARTHEST).then_some(way)
+    }
+
+    /// Orthonormal basis of what all motions but one change; `None` of that one alone.
+    fn across(&self, motion: &DVector<f64>) -> Option<DMatrix<f64>> {
+        let length = motion.norm();
+        let unit = if length > 0.0 {
+            motion / length
+        } else {
+            return None;
+        };
+        let others = &self.by_own - &self.by_own * &unit * unit.transpose();
+        let svd = others.svd(true, false);
+        let u = svd.u?;
+        // The last is that of the motion itself, which was taken out.
+        Some(u.columns(0, u.ncols().saturating_sub(1)).into_owned())
+    }
+
+    fn damped_step(&self, damping: f64) -> Option<DVector<f64>> {
+        let mut normal = self.by_own.tr_mul(&self.by_own);
+        let least = f64::EPSILON * normal.diagonal().max();
+        for k in 0..normal.nrows() {
+            normal[(k, k)] += damping * normal[(k, k)] + least;
+        }
+        let right = self.by_own.tr_mul(&self.residuals);
+        Some(-normal.cholesky()?.solve(&right))
+    }
+
+    /// Adds so much of a motion to the unknowns of all poses.
+    fn add(&self, motion: &DVector<f64>, share: f64, to: &mut [f64]) {
+        for (&own, part) in self.own.iter().zip(motion.iter()) {
+            to[own] += share * part;
+        }
+    }
+}
