@@ -176,3 +176,23 @@ fn noise_of_rows_is_what_they_state() {
         assert!((noise / expected - 1.0).abs() < 1e-9, "{file}: {noise}");
     }
 }
+
+/// Lines are those of the file, blank ones among them.
+#[test]
+fn lines_of_poses_count_blank_ones() {
+    let work = tempfile::tempdir().unwrap();
+    let folder = work.path();
+    let line = "tau simulate --model hexapod --measure poses,heights --poses 40 --random --seed 5 --out DIR/measured";
+    tau_in(folder, line).done();
+    spoil(folder, "tcp_poses.csv", 21, "z_m", 5e-3);
+    let path = folder.join("measured/tcp_poses.csv");
+    let text = fs::read_to_string(&path).unwrap();
+    fs::write(&path, text.replacen('\n', "\n\n", 1)).unwrap();
+    let line = "tau calibrate DIR/measured --model hexapod --split all --out DIR/out --json -";
+    let found = tau_in(folder, line).json();
+    let rows = found["gross_rows"].as_array().unwrap();
+    let of_poses = rows.iter().filter(|row| row["file"] == "tcp_poses.csv");
+    let lines: Vec<_> = of_poses.map(|row| row["line"].as_u64()).collect();
+    assert!(!lines.is_empty(), "{rows:?}");
+    assert!(lines.iter().all(|line| *line == Some(22)), "{rows:?}");
+}

@@ -96,6 +96,7 @@ fn hexapod(poses: usize, noise_m: f64) -> (Robot, RobotFile, Folder, Vec<TrueVal
         };
         TcpPose {
             pose: index as u32 + 1,
+            line: index + 2,
             commands_m: commands,
             position_m: seen.position_m(),
             angles_rad: seen.angles_rad(),

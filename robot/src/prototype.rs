@@ -102,6 +102,7 @@ mod tests {
         let folder = folder().unwrap();
         let expected = TcpPose {
             pose: 1,
+            line: 2,
             commands_m: vec![-0.507_175_4, -0.063_918_8, -0.785_616_7],
             position_m: [-1.903_438_3, -4.718_931_7, -0.369_854_0],
             angles_rad: [1.483_713_3, 1.765_194_2, -1.545_739_4],

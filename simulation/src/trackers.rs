@@ -114,6 +114,7 @@ impl<'a> Trackers<'a> {
                 let seen = self.disturbed(pose, deviation);
                 TcpPose {
                     pose: number(index),
+                    line: index + 2,
                     commands_m: stop.commanded.commands_m.clone(),
                     position_m: seen.position_m.into(),
                     angles_rad: zyz_angles(&seen.rotation),

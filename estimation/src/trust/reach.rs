@@ -190,6 +190,7 @@ mod tests {
                 let (a, b) = (f64::from(index % 8) / 8.0, f64::from(index / 8) / 16.0);
                 TcpPose {
                     pose: 1,
+                    line: 2,
                     commands_m: vec![],
                     position_m: [a, b, 3.0 + a - b],
                     angles_rad: [0.0; 3],

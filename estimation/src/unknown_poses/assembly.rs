@@ -188,7 +188,7 @@ impl<'a> Assembly<'a> {
                 readings.push(reading);
             }
         };
-        for (row, pose) in self.folder.tcp_poses.iter().enumerate() {
+        for pose in &self.folder.tcp_poses {
             if takes(pose.pose) {
                 let reading = DriveReading {
                     commands_m: pose.commands_m.clone(),
@@ -197,7 +197,7 @@ impl<'a> Assembly<'a> {
                     conditions: pose.conditions,
                     place: RowPlace {
                         file: TCP_POSES,
-                        line: row + 2,
+                        line: pose.line,
                         pose: pose.pose,
                         drive: None,
                     },
@@ -458,10 +458,10 @@ impl<'a> Assembly<'a> {
             vec![],
             kinds,
         );
-        for (index, measured) in self.folder.tcp_poses.iter().enumerate() {
+        for measured in &self.folder.tcp_poses {
             let place = RowPlace {
                 file: TCP_POSES,
-                line: index + 2,
+                line: measured.line,
                 pose: measured.pose,
                 drive: None,
             };

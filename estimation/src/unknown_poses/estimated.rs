@@ -162,6 +162,9 @@ impl<'a> EstimatedPoses<'a> {
         folder.tcp_poses = of_rowset(&self.calibration);
         let first = folder.tcp_poses.len();
         folder.tcp_poses.extend(of_rowset(&self.held_out));
+        for (index, pose) in folder.tcp_poses.iter_mut().enumerate() {
+            pose.line = index + 2;
+        }
         let division = Division {
             calibration: (0..first).collect(),
             validation: (first..folder.tcp_poses.len()).collect(),
@@ -277,6 +280,7 @@ fn pose_of(sample: Sample) -> TcpPose {
     let (directions, tensions_n) = (sample.directions(), sample.tensions_n());
     TcpPose {
         pose: sample.number,
+        line: 0,
         position_m: sample.pose.position.into(),
         angles_rad: sample.pose.angles_rad(),
         conditions: sample.conditions,

@@ -54,6 +54,8 @@ pub struct Conditions {
 pub struct TcpPose {
     /// Number in the file.
     pub pose: u32,
+    /// Line of the file, from 1, by which it is named; no two have the same.
+    pub line: usize,
     /// Commands (m), one per command of the robot.
     pub commands_m: Vec<f64>,
     /// Position T (m).

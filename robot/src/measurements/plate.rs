@@ -138,6 +138,7 @@ impl Folder {
             let is_whole = freedoms.iter().all(|&axis| row.values[axis].is_some());
             (is_whole && row.of.is_none()).then(|| TcpPose {
                 pose: row.pose,
+                line: row.line,
                 commands_m: row.commands_m.clone(),
                 position_m: row.values.map(Option::unwrap_or_default),
                 angles_rad: [0.0; 3],

@@ -348,6 +348,7 @@ fn read_tcp_poses(
     Ok((0..table.rows())
         .map(|row| TcpPose {
             pose: pose.values[row].unwrap_or_default(),
+            line: table.line(row),
             commands_m: commands.iter().map(|column| column.values[row]).collect(),
             position_m: vector(&position, row),
             angles_rad: vector(&angles, row),

@@ -318,6 +318,7 @@ mod tests {
     fn tcp_pose(commands_m: &[f64]) -> TcpPose {
         TcpPose {
             pose: 1,
+            line: 2,
             commands_m: commands_m.to_vec(),
             position_m: [0.0; 3],
             angles_rad: [0.0; 3],

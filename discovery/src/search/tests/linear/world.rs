@@ -22,6 +22,7 @@ impl World {
             let (_, q, side) = at(row);
             TcpPose {
                 pose: row as u32,
+                line: row + 2,
                 commands_m: vec![q; 3],
                 position_m: [0.0; 3],
                 angles_rad: [0.0; 3],
