@@ -16,6 +16,10 @@ pub(crate) const SETTLED: f64 = 1e-11;
 /// Longest step: the closures are quadratic, beyond this the tangent says nothing.
 pub(crate) const LONGEST_STEP: f64 = 0.5;
 
+/// Root mean square of what closures miss, as a share of the distances that they bridge, beyond which links are those of
+/// another machine.
+const MOST_MISFIT: f64 = 0.1;
+
 /// A solution of the closures.
 #[derive(Debug, Clone)]
 pub(crate) struct Settled {
@@ -39,7 +43,7 @@ pub(crate) fn solve(
 }
 
 /// The same, but for an end at the first step (m, rad) that is shorter than `settled`, or, roughly and with more closures
-/// than unknowns, after as many steps as are tried: where closures contradict each other by much, each step gains little.
+/// than unknowns, after as many steps as are tried: where closures contradict each other, each step may gain little.
 pub(crate) fn solve_to(
     machine: &Machine,
     start: &Sample<'_>,
@@ -112,7 +116,10 @@ pub(crate) fn solve_to(
             };
         }
     }
-    if settled > SETTLED && closures.jacobian.nrows() > unknowns.len() {
+    let count = closures.slopes.len() as f64;
+    // A closure is the square of a length less that of a distance, by which its slope is twice the distance.
+    let is_near = mismatch / count.sqrt() < MOST_MISFIT * closures.slopes.mean() / 2.0;
+    if settled > SETTLED && closures.jacobian.nrows() > unknowns.len() && is_near {
         return Ok(Settled {
             pose,
             commands_m: commands,

@@ -69,9 +69,11 @@ impl Assembly<'_> {
             return false;
         }
         let squares = descend(&mut trial, &tried, rows_at);
+        // A pose that a loss or others hold off its own minimum is at the first all the same.
+        let first = descend(&mut own.to_vec(), &tried, rows_at);
         let mut has_moved = false;
         for (index, rows) in here.iter().enumerate() {
-            if tried[index] && squares[index] < (1.0 - GAIN) * rows.residuals.norm_squared() {
+            if tried[index] && squares[index] < (1.0 - GAIN) * first[index] {
                 rows.own
                     .iter()
                     .for_each(|&own_index| own[own_index] = trial[own_index]);

@@ -79,12 +79,13 @@ pub(super) fn best(
     fitted: impl Fn(Machine, &RowDivision, Search) -> Result<UnknownPoses, Error>,
     mirrored: impl Fn(&UnknownPoses, &RowDivision) -> Option<Machine>,
 ) -> Result<UnknownPoses, Error> {
-    let plausible = |of: &RowDivision, search: Search, is_fit: fn(&UnknownPoses) -> bool| {
+    let plausible = |of: &RowDivision, search: Search, is_fit: fn(&Start) -> bool| {
         let mut best: Option<Start> = None;
         for draw in 0..=DRAWS {
-            let found = match fitted(drawn(prepared, draw), of, search) {
-                Ok(found) if is_fit(&found) => Start::new(found, length_m),
-                _ => continue,
+            let found = fitted(drawn(prepared, draw), of, search);
+            let found = found.map(|fit| Start::new(fit, length_m));
+            let Some(found) = found.ok().filter(is_fit) else {
+                continue;
             };
             // What is no better was found before, or is the image of that.
             if best.as_ref().is_some_and(|best| !found.is_better(best)) {
@@ -92,12 +93,12 @@ pub(super) fn best(
             }
             let image = mirrored(&found.fit, of);
             let image = image.and_then(|machine| fitted(machine, of, search).ok());
-            let image = image.filter(is_fit).map(|fit| Start::new(fit, length_m));
+            let image = image.map(|fit| Start::new(fit, length_m)).filter(is_fit);
             let found = match image {
                 Some(image) if image.is_better(&found) => image,
                 _ => found,
             };
-            let is_found = found.off < 1.0 && found.fit.is_consistent();
+            let is_found = found.is_found();
             best = Some(found);
             if is_found {
                 break;
@@ -105,13 +106,16 @@ pub(super) fn best(
         }
         best.map(|best| best.fit)
     };
-    let descents = |of: &RowDivision| plausible(of, Search::Descent, UnknownPoses::is_consistent);
+    let is_sure = |start: &Start| start.is_found() || start.is_told();
+    let descents = |of: &RowDivision| plausible(of, Search::Descent, is_sure);
     if let Some(some) = some_poses(prepared, division)
         && let Some(near) = descents(&some)
         && let Ok(found) = fitted(near.calibration.machine, division, Search::Whole)
-        && found.is_consistent()
     {
-        return Ok(found);
+        let found = Start::new(found, length_m);
+        if is_sure(&found) {
+            return Ok(found.fit);
+        }
     }
     if let Some(found) = descents(division) {
         return Ok(found);
@@ -136,12 +140,32 @@ impl Start {
         Self { fit, off }
     }
 
-    /// True if measurements, tolerances and reference together speak for it, by their squares; what both miss counts by what
-    /// the better of them misses.
+    /// True if it stands at its reference, and misses nothing.
+    fn is_found(&self) -> bool {
+        self.off < 1.0 && self.fit.is_consistent()
+    }
+
+    /// True if the noise follows from the residuals, which tell nothing then: those of all fits are alike.
+    fn is_estimated(&self) -> bool {
+        self.fit.kinds.iter().any(|own| own.kind.is_estimated())
+    }
+
+    /// True if residuals tell that it is the machine, wherever it stands.
+    fn is_told(&self) -> bool {
+        self.fit.is_consistent() && !self.is_estimated()
+    }
+
+    /// True if measurements, tolerances and reference together speak for it, by their squares.
     fn is_better(&self, than: &Self) -> bool {
-        let ratio = |start: &Self| start.fit.residual_over_noise();
-        let scale = ratio(self).min(ratio(than)).max(1.0).powi(2);
-        let total = |start: &Self| 2.0 * start.fit.calibration.cost / scale + start.off.powi(2);
+        let are_alike = self.is_estimated() && than.is_estimated();
+        let cost = |start: &Self| {
+            if are_alike {
+                0.0
+            } else {
+                start.fit.calibration.cost
+            }
+        };
+        let total = |start: &Self| 2.0 * cost(start) + start.off.powi(2);
         total(self) < total(than)
     }
 }
