@@ -188,7 +188,7 @@ fn lines_of_poses_count_blank_ones() {
     let path = folder.join("measured/tcp_poses.csv");
     let text = fs::read_to_string(&path).unwrap();
     fs::write(&path, text.replacen('\n', "\n\n", 1)).unwrap();
-    let line = "tau calibrate DIR/measured --model hexapod --split all --out DIR/out --json -";
+    let line = "tau calibrate DIR/measured --model hexapod --variant Full --split all --out DIR/out --json -";
     let found = tau_in(folder, line).json();
     let rows = found["gross_rows"].as_array().unwrap();
     let of_poses = rows.iter().filter(|row| row["file"] == "tcp_poses.csv");
