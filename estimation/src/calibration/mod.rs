@@ -383,7 +383,7 @@ pub(crate) fn finish(
                 prepared.measured_paths.clone()
             },
             covariance: output::covariance(
-                (&estimates, track_scale::names(prepared)),
+                (&estimates, prepared.names_of_track_scales()),
                 fitted.factor.as_deref(),
                 (prepared.registration.as_ref()).filter(|_| !prepared.measured_paths.is_empty()),
             ),

@@ -136,6 +136,13 @@ impl Prepared {
             track_scales,
         })
     }
+
+    /// Names of the scales of joints' ways that have a standard deviation.
+    pub(crate) fn names_of_track_scales(&self) -> impl Iterator<Item = String> {
+        let closures = self.machine.closure_instances().zip(&self.track_scales);
+        let known = closures.filter(|(_, deviation)| **deviation > 0.0);
+        known.map(|(closure, _)| track_scale::name(&self.machine, closure))
+    }
 }
 
 /// Stated noise of drives and links; noise that is to be estimated is not known here.

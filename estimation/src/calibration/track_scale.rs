@@ -11,7 +11,6 @@ use tau_robot::measurements::Folder;
 use tau_robot::robot::{Arm, Instance, Value as Geometry};
 use tau_robot::robot_file::{Dimensions, RobotFile, TRACK_SCALE};
 
-use super::prepared::Prepared;
 use super::registration::{Line, MOUNTING_M, Registration, set_2};
 
 /// Standard deviation of the scale of each closure's joint; zero off measured paths.
@@ -46,14 +45,6 @@ pub(super) fn deviations(
     closures
         .map(|closure| of_closure(closure).unwrap_or(0.0))
         .collect()
-}
-
-/// Names of those that have a standard deviation.
-pub(crate) fn names(prepared: &Prepared) -> impl Iterator<Item = String> {
-    let machine = &prepared.machine;
-    let closures = machine.closure_instances().zip(&prepared.track_scales);
-    let known = closures.filter(|(_, deviation)| **deviation > 0.0);
-    known.map(|(closure, _)| name(machine, closure))
 }
 
 /// Name of the scale of a closure's joint.

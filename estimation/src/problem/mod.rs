@@ -539,3 +539,18 @@ fn indices(samples: &[Sample], set: u8, track: Option<usize>) -> Vec<usize> {
         .filter(|&i| samples[i].set == set && samples[i].track == track)
         .collect()
 }
+
+/// Indices in the variant of its parameters that the closures depend on, ascending.
+pub(crate) fn used_by_closures(machine: &Machine) -> Vec<usize> {
+    true_pose::TruePose::new(&closures_of(machine))
+        .parameters()
+        .to_vec()
+}
+
+/// Closures by parameters, each with that by pose.
+pub(crate) fn closures_of(machine: &Machine) -> Vec<(Instance, Instance)> {
+    let closures = machine.variant.instances_of(ResidualKind::Closure);
+    closures
+        .filter_map(|closure| Some((closure.clone(), by_pose(machine, closure)?.clone())))
+        .collect()
+}

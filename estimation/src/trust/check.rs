@@ -11,7 +11,7 @@ use tau_robot::robot_file::RobotFile;
 use tau_solver::Problem;
 
 use crate::calibration::{
-    Combination, Error, Prepared, check_poses, combinations, factor_with_shared_noise, track_scale,
+    Combination, Error, Prepared, check_poses, combinations, factor_with_shared_noise,
 };
 use crate::problem::{self, Closures, Residuals};
 use crate::samples::Sample;
@@ -414,7 +414,7 @@ fn determine(
         let known = known.map(|factor| {
             Uncertainty::new(variant, used, &factor)
                 .with_path_noise(file.noise.position_m)
-                .with_track_scales(machine, used.len(), track_scale::names(&prepared))
+                .with_track_scales(machine, used.len(), prepared.names_of_track_scales())
         });
         let measured: Vec<&TcpPose> = (poses.iter())
             .map(|&pose| &folder.tcp_poses[pose])

@@ -8,7 +8,6 @@ use tau_kinematics::{Machine, Pose};
 use tau_robot::measurements::{Conditions, DISTANCES, Folder, PlateKind, PlateRow, TCP_POSES};
 use tau_robot::robot_file::{RobotFile, StatedNoise};
 
-use super::closures::used;
 use super::kinds::{FIRST_GUESS_M, kinds_of_noise};
 use super::objects::{Object, ObjectUnknown, collect_objects};
 use super::quantity::{Measured, Quantity, base};
@@ -16,6 +15,7 @@ use super::rows::{AXES, Kind, RowPlace, Rows};
 use crate::calibration::error::Error;
 use crate::numerics::parallel;
 use crate::problem::POSE_UNKNOWNS;
+use crate::problem::used_by_closures;
 use crate::samples::Sample;
 
 /// A step of Newton's method (m, rad) that moves a pose by less than a drawing leaves open of it.
@@ -262,7 +262,7 @@ impl<'a> Assembly<'a> {
 
     /// Moves poses to the other minimum of what their closures leave where that is less.
     fn turn_to_closures(&mut self, machine: &Machine, chosen: &Chosen<'_>) -> Result<(), Error> {
-        let used = used(machine);
+        let used = used_by_closures(machine);
         let blocks = [self.closures(machine, &used, chosen)?];
         let shared: Vec<f64> = used.iter().map(|&index| machine.values[index]).collect();
         let mut own = vec![0.0; POSE_UNKNOWNS * self.poses.len()];

@@ -5,7 +5,6 @@ use std::sync::Arc;
 use nalgebra::{Cholesky, DMatrix};
 use tau_kinematics::{Closures, Machine};
 use tau_robot::input_error::InputError;
-use tau_robot::robot::{Instance, ResidualKind};
 use tau_runtime::ResidualFamily;
 
 use super::assembly::{Assembly, CHUNK, Chosen, UnknownPose};
@@ -15,7 +14,7 @@ use super::lengths::Lengths;
 use super::rows::{DRIVES, LINKS, RowPlace, Rows};
 use crate::calibration::error::Error;
 use crate::numerics::parallel;
-use crate::problem::{CLOSURE_SHARE, POSE_UNKNOWNS, TruePose, by_pose};
+use crate::problem::{CLOSURE_SHARE, POSE_UNKNOWNS, TruePose, closures_of};
 
 impl Assembly<'_> {
     /// The closures at every reading of the drives.
@@ -109,19 +108,6 @@ struct ClosureRows {
     places: Vec<RowPlace>,
     /// True of entries of the factors that are not zero throughout.
     is_coupled: Vec<bool>,
-}
-
-/// Indices in the variant of its parameters that the closures depend on, ascending.
-pub(super) fn used(machine: &Machine) -> Vec<usize> {
-    TruePose::new(&closures_of(machine)).parameters().to_vec()
-}
-
-/// Closures by parameters, each with that by pose.
-fn closures_of(machine: &Machine) -> Vec<(Instance, Instance)> {
-    let closures = machine.variant.instances_of(ResidualKind::Closure);
-    closures
-        .filter_map(|closure| Some((closure.clone(), by_pose(machine, closure)?.clone())))
-        .collect()
 }
 
 /// Inverse Cholesky factor, by rows, of the covariance that the noise of the drives gives the closures (m²) of a pose.

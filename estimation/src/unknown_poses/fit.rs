@@ -11,7 +11,6 @@ use tau_robot::robot_file::RobotFile;
 use tau_solver::{Parameter, Problem};
 
 use super::assembly::{Assembly, Chosen};
-use super::closures::used;
 use super::dense::stacked;
 use super::elimination::{Elimination, Reduced};
 use super::gauge::{Shared, scaled};
@@ -20,6 +19,7 @@ use super::rows::{RowPlace, Rows, noise_of_rows};
 use super::{GrossRow, KindFit, Rank, RowDivision};
 use crate::calibration::{Error, Nominal, Prepared};
 use crate::numerics::singular;
+use crate::problem::used_by_closures;
 use crate::problem::{self, POSE_UNKNOWNS, Part};
 use crate::weighing::Loss;
 
@@ -105,7 +105,7 @@ impl<'a> Fit<'a> {
             let message = "no pose of the plate is left to calibrate";
             return Err(InputError::whole(&folder.name, message).into());
         }
-        let mut used = used(&machine);
+        let mut used = used_by_closures(&machine);
         used.extend(carts.iter().flat_map(|part| &part.parameters));
         used.sort_unstable();
         used.dedup();
