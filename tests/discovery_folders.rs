@@ -108,7 +108,7 @@ fn a_folder_without_set_1_is_refused() {
 }
 
 #[test]
-fn a_base_that_does_not_fit_ends_the_search() {
+fn rows_of_no_machine_end_the_search() {
     let folder = trial("01");
     // Poses out of step with their commands: each row holds the pose of the next.
     let pose = ["x_m", "y_m", "z_m", "alpha_rad", "beta_rad", "gamma_rad"];
@@ -117,8 +117,11 @@ fn a_base_that_does_not_fit_ends_the_search() {
     });
     refused(
         &folder,
-        1,
-        &["`Full` did not converge: its closures are still off by"],
+        2,
+        &[
+            "shifted by one against those of the commands",
+            "move the measured columns down by one row",
+        ],
     );
 }
 

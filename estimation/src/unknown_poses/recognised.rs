@@ -70,9 +70,9 @@ pub(super) struct Look<'a> {
 
 /// Squares after a few steps, tolerances among them, and their expectation.
 #[derive(Clone, Copy)]
-pub(super) struct Squares {
-    pub(super) sum: f64,
-    pub(super) expected: f64,
+struct Squares {
+    sum: f64,
+    expected: f64,
 }
 
 impl Squares {
@@ -163,7 +163,7 @@ impl<'a> Case<'a> {
         drawn.is_ok_and(|drawn| starts::sketched(&drawn).is_some())
     }
 
-    pub(super) fn few(&self) -> RowDivision {
+    fn few(&self) -> RowDivision {
         let few = self.division.thinned(self.folder, FEW_POSES);
         few.unwrap_or_else(|| self.division.clone())
     }
@@ -312,7 +312,7 @@ impl<'a> Case<'a> {
 
     /// Squares of some rows after a few steps from the drawing, tolerances among them; `None` where there are none. Rows without
     /// a mistake lie near the drawing, and Newton's method squares its error with each step.
-    pub(super) fn cost(
+    fn cost(
         &self,
         folder: &Folder,
         division: &RowDivision,

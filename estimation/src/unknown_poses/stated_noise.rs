@@ -3,15 +3,15 @@
 use tau_robot::robot_file::{RobotFile, StatedNoise};
 
 use super::UnknownPoses;
-use super::recognised::{Case, Squares, is_plausible};
+use super::recognised::{Case, is_plausible};
 use crate::numerics::distribution::chi2_survival;
 use crate::trust::hypothesis::THOUSAND;
-use crate::trust::recognise::{POSES, STATED};
-use crate::trust::{LEVEL, Mistake, NEARER, words};
+use crate::trust::recognise::{CAUTIOUS, POSES, STATED};
+use crate::trust::{LEVEL, Mistake, words};
 
 impl Case<'_> {
     /// Noise of the measurements, or of the drives, that is stated a thousand times too large or too small: residuals are far
-    /// from it, by more than chance, and by no more than chance beyond a factor of two about a thousandth or a thousand times it.
+    /// from it, by more than chance, and within a factor of two of a thousandth or a thousand times it.
     pub(super) fn wrong_noise(&self, given: &UnknownPoses) -> Option<Mistake> {
         let thinned = self.division.thinned(self.folder, POSES);
         let case = Case {
@@ -19,34 +19,18 @@ impl Case<'_> {
             ..*self
         };
         let ratio = given.residual_over_noise();
-        let chance = chi2_survival(given.chi2, given.dof);
-        // Tolerances may hold a fit back at noise so large, so that it leaves much of what is stated.
-        if ratio.ln().abs() < NEARER.ln() || (LEVEL..1.0 - LEVEL).contains(&chance) {
-            return None;
-        }
-        let factor = if ratio < 1.0 {
+        let is_by_chance = chi2_survival(given.chi2, given.dof) < 1.0 - LEVEL;
+        let factor = if ratio < CAUTIOUS.recip() && !is_by_chance {
             THOUSAND.recip()
-        } else {
+        } else if ratio > THOUSAND.sqrt() {
             THOUSAND
+        } else {
+            return None;
         };
-        // Few residuals scatter by more than that factor themselves.
-        let is_noise = |found: &UnknownPoses| {
-            let chance = |factor: f64| chi2_survival(found.chi2 * factor.powi(2), found.dof);
-            chance(STATED.recip()) > LEVEL && chance(STATED) < 1.0 - LEVEL
-        };
-        let few = case.few();
         let is_mended = |file: &RobotFile| {
-            // More steps leave less, at which noise is too large already.
-            let look = Case { file, ..case };
-            let left = look.cost(self.folder, &few, None);
-            let least = (STATED * NEARER).powi(-2);
-            let is_less =
-                |left: Squares| chi2_survival(left.sum / least, left.expected) > 1.0 - LEVEL;
-            if left.is_some_and(is_less) {
-                return false;
-            }
-            case.fitted(file, self.folder, None)
-                .is_ok_and(|found| is_noise(&found) && is_plausible(&found))
+            case.fitted(file, self.folder, None).is_ok_and(|found| {
+                found.residual_over_noise().ln().abs() < STATED.ln() && is_plausible(&found)
+            })
         };
         let own = "of the measurements (`[noise]`)";
         let whose = if is_mended(&with_noise(self.file, factor)) {
