@@ -292,3 +292,37 @@ fn what_says_nothing_is_said() {
     let line = "tau simulate --model DIR/own.tau --grid-step 0.02,0.02,0.02 --out DIR/measured";
     refused(huge.path(), line, &["tolerances", "--exact"]);
 }
+
+/// So many tracks have more numberings than memory has room for: none is tried, and the machine calibrates.
+#[test]
+fn a_machine_of_eleven_tracks_is_calibrated() {
+    let tracks: Vec<String> = (0..11).map(|track| format!("t{track}")).collect();
+    let mut text = format!("robot Many {{ track {};\n", tracks.join(", "));
+    for (k, track) in tracks.iter().enumerate() {
+        let angle = std::f64::consts::TAU * k as f64 / 11.0;
+        let side = if k % 2 == 0 { 0.2 } else { -0.2 };
+        let (sin, cos) = angle.sin_cos();
+        let (joint_sin, joint_cos) = (angle + side).sin_cos();
+        let _ = writeln!(
+            text,
+            "cluster c{k} on {track} {{ link l{k} {{ length = 700 mm tol 0.3 mm; \
+             plate_joint = ({}, {}, {}) mm tol 0.3 mm; track_offset = ({}, {}, 0) mm tol 5 mm; \
+             track_direction = (0, 0, 1) tol 0.01; }} }}",
+            60.0 * joint_cos,
+            60.0 * joint_sin,
+            10 * (k % 3),
+            400.0 * cos,
+            400.0 * sin,
+        );
+    }
+    text += "reference { position = (0, 0, -606) mm; }
+        variant Full { arm full; tracks linear per link; } }";
+    let folder = described(&text);
+    let folder = folder.path();
+    let line = "tau simulate --model DIR/own.tau --out DIR/measured --random --seed 1";
+    tau_in(folder, line).done();
+    let line =
+        "tau calibrate DIR/measured --model DIR/own.tau --variant Full --out DIR/out --json -";
+    let found = tau_in(folder, line).json();
+    assert_eq!(found["fit"]["status"], "consistent", "{}", found["fit"]);
+}

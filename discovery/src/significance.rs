@@ -145,7 +145,7 @@ mod tests {
     /// Non-centralities of a test at 5 % with a power of 80 %, by their tables.
     #[test]
     fn amplitudes_are_detectable_where_tables_of_the_power_say_so() {
-        let significance = Significance::new(Constants::default(), 1, 0, 1000.0);
+        let significance = Significance::new(Constants::default(), 1, 0, 1e9);
         for (rank, noncentrality) in [(1.0, 7.849), (2.0, 9.635), (3.0, 10.903)] {
             let found = significance.detectable(Null::plain(rank), true);
             assert!((found - noncentrality).abs() < 6e-4, "{rank}: {found}");

@@ -193,8 +193,8 @@ fn all_mistakes_of_a_request_are_named_at_once() {
         [
             "--noise-position",
             "--noise-drives",
-            "--serial-noise",
             "--outliers",
+            "--serial-noise",
             "--grid",
             "--effect",
             "--effect",

@@ -168,8 +168,8 @@ pub(crate) fn mistake(machine: &Machine, folder: &Folder) -> Option<Mistake> {
     let tracks = fitted_tracks(machine)?;
     let in_set = |measured: Option<Measured>| {
         let measured = measured?;
-        let readings = Reading::all(tracks.len(), measured.file);
-        let Ranked { given, readings } = ranked(&tracks, &measured, readings)?;
+        let all = |count| Reading::all(count, measured.file);
+        let Ranked { given, readings } = ranked(&tracks, &measured, all)?;
         let least = readings.first()?.0;
         let is_right = |(misfit, _): &&(f64, Reading)| {
             given > PLAUSIBLE.max(CLEARLY * misfit) && *misfit < ALIKE * least
@@ -215,8 +215,8 @@ pub(super) fn drawn(case: &Case<'_>) -> Option<Hypothesis> {
     let measured = Measured::of_set_2(case.robot, &case.folder)?;
     let tracks = NominalTrack::all(case.robot, &case.file);
     let tracks: Vec<NominalTrack> = tracks.into_iter().collect::<Option<_>>()?;
-    let readings = Reading::numberings(tracks.len()).collect();
-    let Ranked { given, readings } = ranked(&tracks, &measured, readings)?;
+    let numberings = |count| Reading::numberings(count).collect();
+    let Ranked { given, readings } = ranked(&tracks, &measured, numberings)?;
     let (least, best) = readings.into_iter().next()?;
     (least < given).then_some(Hypothesis::Carts(best.carts))
 }
@@ -266,13 +266,18 @@ fn is_compared(tracks: &[NominalTrack]) -> bool {
     (2..=MOST_CARTS).contains(&tracks.len())
 }
 
-/// `None` where readings can't be compared.
-fn ranked(tracks: &[NominalTrack], measured: &Measured, readings: Vec<Reading>) -> Option<Ranked> {
+/// `None` where readings can't be compared. `readings` of so many carts are listed where they can: they are as many as
+/// permutations.
+fn ranked(
+    tracks: &[NominalTrack],
+    measured: &Measured,
+    readings: impl FnOnce(usize) -> Vec<Reading>,
+) -> Option<Ranked> {
     if !is_compared(tracks) {
         return None;
     }
     let given = misfit(tracks, &Reading::as_given(tracks.len()), measured)?;
-    let mut readings: Vec<(f64, Reading)> = (readings.into_iter())
+    let mut readings: Vec<(f64, Reading)> = (readings(tracks.len()).into_iter())
         .filter_map(|reading| Some((misfit(tracks, &reading, measured)?, reading)))
         .collect();
     smallest_first(&mut readings, |own| own.0);
