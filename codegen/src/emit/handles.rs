@@ -74,13 +74,18 @@ pub fn broken(public: bool, name: &Ident, variants: &[Ident], paths: &Paths) -> 
     }
 }
 
-/// A constant of the robot's type for each variant; names that would be one constant are one.
+/// A constant of the robot's type for each variant whose name gives one; names that would be one constant are one.
 fn constants(variants: impl Iterator<Item = String>, paths: &Paths) -> TokenStream {
     let runtime = &paths.runtime;
     let mut known = BTreeSet::new();
     let constants = variants.enumerate().filter_map(|(index, name)| {
         let constant = variant_constant(&name);
-        let is_new = known.insert(constant.clone()) && constant != "ROBOT";
+        // A description that holds mistakes may name a variant as no constant can be named.
+        let is_word = |character: char| character.is_ascii_alphanumeric() || character == '_';
+        if !constant.chars().all(is_word) || constant == "_" || constant == "ROBOT" {
+            return None;
+        }
+        let is_new = known.insert(constant.clone());
         let constant = ident(&constant);
         let index = Literal::usize_unsuffixed(index);
         let docs = format!(" The variant `{name}`.");
