@@ -227,11 +227,6 @@ fn recognising<'a>(
     let widened = || widened::best(|gross| without(gross, nominal(), division, Search::Widened));
     let looks = sight.is_some();
     let (at_sight, look) = sight.unwrap_or_default();
-    let search = match at_sight {
-        // A fit of rows that are no machine's is soon given up.
-        Some(_) => Search::Descent,
-        None => Search::Stated,
-    };
     let mirrored = |found: &UnknownPoses, division: &RowDivision| {
         let (machine, of) = (found.calibration.machine.clone(), (file, folder));
         let fit = Fit::from(&prepared, machine, of.0, of.1, division, true).ok()?;
@@ -240,7 +235,7 @@ fn recognising<'a>(
     };
     let first = match sketch_m {
         Some(length_m) => starts::best(&prepared, length_m, division, fitted, mirrored),
-        None => fitted(nominal(), division, search),
+        None => fitted(nominal(), division, Search::Stated),
     };
     let is_met = || first.as_ref().is_ok_and(recognised::is_met);
     let mut mistakes = match at_sight {

@@ -4,9 +4,6 @@
 //! is believed where it brings the residuals to the noise or much nearer to it, as with measured poses
 //! (`trust/recognise.rs`): any change of rows lowers somewhat what a model lacks. A dimension set free pays for the room
 //! that it leaves.
-//!
-//! Where a few steps at a few poses bring other rows to the noise, and those as given not, a fit of these is soon given up: rows
-//! that belong to no machine keep it on its way the longest.
 
 use std::borrow::Cow;
 use std::collections::BTreeSet;

@@ -4,45 +4,100 @@ use tau_robot::robot_file::{RobotFile, StatedNoise};
 
 use super::UnknownPoses;
 use super::recognised::{Case, is_plausible};
+use super::rows::KindFit;
 use crate::numerics::distribution::chi2_survival;
+use crate::numerics::parallel;
 use crate::trust::hypothesis::THOUSAND;
-use crate::trust::recognise::{CAUTIOUS, POSES, STATED};
-use crate::trust::{LEVEL, Mistake, words};
+use crate::trust::recognise::{POSES, STATED};
+use crate::trust::{LEVEL, Mistake, NEARER, ODDS, words};
+
+/// Fits from the stated noise to a thousandth or a thousand times it, a factor of three between each two.
+const STEPS: u32 = 6;
+
+/// Whose noise it is.
+#[derive(Clone, Copy, PartialEq)]
+enum Whose {
+    Measurements,
+    Drives,
+}
 
 impl Case<'_> {
     /// Noise of the measurements, or of the drives, that is stated a thousand times too large or too small: residuals are far
-    /// from it, by more than chance, and within a factor of two of a thousandth or a thousand times it.
+    /// from it, by more than chance, and of all noise between the evidence is the largest for a thousandth or a thousand
+    /// times. Of few rows, residuals alone tell little: at a thousandth, tolerances give way to them.
     pub(super) fn wrong_noise(&self, given: &UnknownPoses) -> Option<Mistake> {
-        let thinned = self.division.thinned(self.folder, POSES);
-        let case = Case {
-            division: thinned.as_ref().unwrap_or(self.division),
-            ..*self
-        };
+        let by_chance = chi2_survival(given.chi2, given.dof);
         let ratio = given.residual_over_noise();
-        let is_by_chance = chi2_survival(given.chi2, given.dof) < 1.0 - LEVEL;
-        let factor = if ratio < CAUTIOUS.recip() && !is_by_chance {
+        let factor = if ratio < NEARER.recip() && by_chance > 1.0 - LEVEL {
             THOUSAND.recip()
-        } else if ratio > THOUSAND.sqrt() {
+        } else if ratio > NEARER && by_chance < LEVEL {
             THOUSAND
         } else {
             return None;
         };
-        let is_mended = |file: &RobotFile| {
-            case.fitted(file, self.folder, None).is_ok_and(|found| {
-                found.residual_over_noise().ln().abs() < STATED.ln() && is_plausible(&found)
-            })
-        };
-        let own = "of the measurements (`[noise]`)";
-        let whose = if is_mended(&with_noise(self.file, factor)) {
-            own
-        } else if !self.file.measuring.drives.is_empty()
-            && is_mended(&with_drives(self.file, factor))
-        {
-            "of the drives (`[drives]`)"
-        } else {
-            return None;
+        let all = [Whose::Measurements, Whose::Drives];
+        let has_drives = !self.file.measuring.drives.is_empty();
+        let tried = all.into_iter().take(1 + usize::from(has_drives));
+        let gains = tried.filter_map(|whose| Some((self.gain(whose, factor)?, whose)));
+        let (_, whose) = gains.max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let whose = match whose {
+            Whose::Measurements => "of the measurements (`[noise]`)",
+            Whose::Drives => "of the drives (`[drives]`)",
         };
         Some(words::of_noise(whose, factor))
+    }
+
+    /// Gain in 2 ln of the evidence by a factor on noise, if it is decisive and no factor between gains more. With
+    /// parameters integrated out it changes with ln of the noise by 2 (χ² − degrees of freedom), both of the residuals with this
+    /// noise (D. J. C. MacKay, Neural Computation 4, 1992, equation 4.9).
+    fn gain(&self, whose: Whose, factor: f64) -> Option<f64> {
+        let thinned = self.division.thinned(self.folder, POSES);
+        // No row is left out: what noise is too small for would cost nothing.
+        let mut options = self.options.clone();
+        options.treatment.keep_outliers = true;
+        let case = Case {
+            division: thinned.as_ref().unwrap_or(self.division),
+            options: &options,
+            ..*self
+        };
+        let steps: Vec<u32> = (0..=STEPS).collect();
+        let slopes = parallel::map(&steps, |&step| {
+            let factor = factor.powf(f64::from(step) / f64::from(STEPS));
+            let found = case.fitted(&whose.scaled(self.file, factor), self.folder, None);
+            let found = found.ok()?;
+            let own = found.kinds.iter().filter(|fit| whose.is_of(fit));
+            let slope: f64 = own.map(|fit| fit.chi2() - fit.dof()).sum();
+            let is_right =
+                found.residual_over_noise().ln().abs() < STATED.ln() && is_plausible(&found);
+            Some((2.0 * slope, is_right))
+        });
+        // Of noise that is far too small, there may be no fit.
+        let slopes = slopes.into_iter().skip_while(Option::is_none);
+        let slopes: Vec<(f64, bool)> = slopes.collect::<Option<_>>()?;
+        if !slopes.last()?.1 {
+            return None;
+        }
+        let width = factor.ln() / f64::from(STEPS);
+        let (mut gain, mut largest) = (0.0, 0.0_f64);
+        for pair in slopes.windows(2) {
+            largest = largest.max(gain);
+            gain += 0.5 * width * (pair[0].0 + pair[1].0);
+        }
+        (gain > largest && gain > 2.0 * ODDS.ln()).then_some(gain)
+    }
+}
+
+impl Whose {
+    fn is_of(self, fit: &KindFit) -> bool {
+        let is_drives = fit.kind.quantity == "closure" && !fit.kind.is_exact();
+        !fit.kind.is_estimated() && is_drives == (self == Self::Drives)
+    }
+
+    fn scaled(self, file: &RobotFile, factor: f64) -> RobotFile {
+        match self {
+            Self::Measurements => with_noise(file, factor),
+            Self::Drives => with_drives(file, factor),
+        }
     }
 }
 
