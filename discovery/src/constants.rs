@@ -36,7 +36,7 @@ macro_rules! constants {
 constants! {
     /// Family-wise level of the first effect: the chance of any where nothing is missing (convention).
     level: 0.05;
-    /// Ratio of prior odds between one effect and one more: machines with several faults are rarer.
+    /// Ratio of prior odds between one effect, wherever it acts, and one more: machines with several faults are rarer.
     further: 0.1;
     /// Share of the level that all names have together; unnamed families are many and have the rest.
     share_of_names: 0.8;

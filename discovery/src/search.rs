@@ -280,7 +280,7 @@ impl<'a> Search<'a> {
         let significance = &self.set.significance;
         cases.into_iter().any(|(left, has_families)| {
             let families = if has_families { &unnamed[..] } else { &[] };
-            let count = members.len() + families.len();
+            let count = self.number_of_effects(members) + families.len();
             let more = significance.cost_of_number(count + 1) - significance.cost_of_number(count);
             self.change(now, left) + price(families) + cost + more < price(unnamed)
         })

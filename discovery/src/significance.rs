@@ -86,7 +86,8 @@ impl Significance {
         self.fall(rank, self.threshold_at(level, Null::plain(rank)))
     }
 
-    /// Cost of the number of effects and families of a model: odds that there is one more.
+    /// Cost of the number of effects and families of a model: odds that there is one more. At several places an effect is
+    /// one: what is made alike errs alike.
     pub(crate) fn cost_of_number(&self, count: usize) -> f64 {
         -2.0 * self.constants.further.ln() * count.saturating_sub(1) as f64
     }

@@ -45,8 +45,9 @@ pub(super) struct Without {
 
 /// Several places of one effect, each with amplitudes of its own.
 pub(super) struct Places {
+    pub(super) members: Vec<Member>,
     pub(super) joining: Vec<Joining>,
-    /// Change of the score relative to the model without any of them, the number of effects aside.
+    /// Change of −2 ln L relative to the model without any of them.
     pub(super) change: f64,
     pub(super) subspaces: Vec<Subspace>,
 }
@@ -76,10 +77,6 @@ impl Search<'_> {
         self.degrees * (after.max(1e-12) / before.max(1e-12)).ln()
     }
 
-    fn number(&self, count: usize) -> f64 {
-        self.set.significance.cost_of_number(count)
-    }
-
     /// Index of a member's effect in the catalogue.
     fn effect_of(&self, member: Member) -> usize {
         self.set.candidates[member.candidate].effect
@@ -98,8 +95,10 @@ impl Search<'_> {
         table: &Table,
         with_families: bool,
     ) -> Vec<Move> {
-        let (total, count) = (linear.total(), self.state.count());
-        let dearer = self.number(count + 1) - self.number(count);
+        let total = linear.total();
+        let State {
+            members, unnamed, ..
+        } = self.state.clone();
         let mut best: Option<(f64, Score)> = None;
         let mut best_family = 0.0_f64;
         let mut moves: Vec<Move> = Vec::new();
@@ -107,7 +106,9 @@ impl Search<'_> {
             if self.is_in_model(score.candidate) {
                 continue;
             }
-            let predicted = self.change(total, total - score.statistic) + self.cost(score) + dearer;
+            let change = self.change(total, total - score.statistic);
+            let moved = self.joined((&members, &unnamed), score, linear, change);
+            let predicted = moved.predicted;
             if predicted >= 0.0 {
                 continue;
             }
@@ -118,88 +119,92 @@ impl Search<'_> {
                 best = Some((predicted, score.clone()));
             }
             if is_named || with_families {
-                let State {
-                    members, unnamed, ..
-                } = &self.state;
-                moves.push(self.joined((members, unnamed), score, linear, predicted));
+                moves.push(moved);
             }
         }
-        if count == 0 {
+        if self.state.count() == 0 {
             let of_name = best.as_ref().map_or(0.0, |(predicted, _)| *predicted);
             self.starts_with_family = best_family < of_name;
         }
         // Where the effect that fits best can act at several places, these may all be in one move: the first step
         // alone would often be the amplitude that all places have in common.
         if let Some((_, score)) = best
-            && let Some(places) = self.places(linear, score.candidate, &[])
+            && let Some(places) = self.places(linear, score.candidate, &members)
             && places.joining.len() > 1
         {
-            let more = self.number(count + places.joining.len()) - self.number(count);
-            let mut members = self.state.members.clone();
-            members.extend(places.members());
-            moves.push(Move {
-                members,
-                unnamed: self.state.unnamed.clone(),
-                predicted: places.change + more,
-                joining: places.joining,
-            });
+            let all = [&members[..], &places.members].concat();
+            moves.push(self.neighbour(all, unnamed, places.change, places.joining));
         }
         moves
     }
 
-    /// The move to a model of these effects and families and a candidate more, scored beside a model without it.
-    fn joined(
+    /// A neighbour of the model as it stands, from the change of −2 ln L.
+    fn neighbour(
         &self,
+        members: Vec<Member>,
+        unnamed: Vec<Unnamed>,
+        change: f64,
+        joining: Vec<Joining>,
+    ) -> Move {
+        let now = self.cost_of_state(&self.state.members, &self.state.unnamed);
+        Move {
+            predicted: change + self.cost_of_state(&members, &unnamed) - now,
+            members,
+            unnamed,
+            joining,
+        }
+    }
+
+    /// The move to a model of these effects and families and a candidate more, scored beside a model without it, from the
+    /// change of −2 ln L.
+    fn joined(
+        &mut self,
         (members, unnamed): (&[Member], &[Unnamed]),
         score: &Score,
         beside: &Arc<LinearModel>,
-        predicted: f64,
+        change: f64,
     ) -> Move {
+        let (members, unnamed) = self.with_candidate((members, unnamed), score);
+        let joining = Joining {
+            score: score.clone(),
+            beside: Arc::clone(beside),
+        };
+        self.neighbour(members, unnamed, change, vec![joining])
+    }
+
+    /// Effects and families with a candidate more.
+    pub(super) fn with_candidate(
+        &mut self,
+        (members, unnamed): (&[Member], &[Unnamed]),
+        score: &Score,
+    ) -> (Vec<Member>, Vec<Unnamed>) {
+        self.cost(score);
         let (mut members, mut unnamed) = (members.to_vec(), unnamed.to_vec());
         if self.set.candidates[score.candidate].is_named() {
             members.push(Member::plain(score.candidate));
         } else {
             unnamed.push((score.candidate, score.searched));
         }
-        Move {
-            members,
-            unnamed,
-            predicted,
-            joining: vec![Joining {
-                score: score.clone(),
-                beside: Arc::clone(beside),
-            }],
-        }
+        (members, unnamed)
     }
 
     fn removals(&mut self, linear: &LinearModel) -> Vec<Move> {
-        let (total, count) = (linear.total(), self.state.count());
-        let cheaper = self.number(count) - self.number(count.saturating_sub(1));
+        let total = linear.total();
         let mut moves = Vec::new();
         for member in 0..self.state.members.len() {
             let own = self.state.own_statistic(&self.context(), member);
             let Some(statistic) = own else { continue };
             let (mut members, unnamed) = (self.state.members.clone(), self.state.unnamed.clone());
-            let removed = members.remove(member);
-            moves.push(Move {
-                members,
-                unnamed,
-                predicted: self.change(total, total + statistic) - self.cost_of(removed) - cheaper,
-                joining: vec![],
-            });
+            members.remove(member);
+            let change = self.change(total, total + statistic);
+            moves.push(self.neighbour(members, unnamed, change, vec![]));
         }
         for family in 0..self.state.unnamed.len() {
             let without = self.state.view_without_family(&self.set, family);
             let mut unnamed = self.state.unnamed.clone();
-            let (candidate, _) = unnamed.remove(family);
-            moves.push(Move {
-                members: self.state.members.clone(),
-                unnamed,
-                predicted: self.change(total, without.total())
-                    - self.cost_of(Member::plain(candidate))
-                    - cheaper,
-                joining: vec![],
-            });
+            unnamed.remove(family);
+            let change = self.change(total, without.total());
+            moves.push(self.neighbour(self.state.members.clone(), unnamed, change, vec![]));
         }
         moves
     }
@@ -217,18 +222,12 @@ impl Search<'_> {
             let Some((_, subspace)) = subspace else {
                 continue;
             };
-            let rank = subspace.rank() as f64;
             let statistic =
                 subspace.statistic(&linear.residuals) / self.inflation(linear, &subspace);
             let mut members = self.state.members.clone();
             members[index].extended = true;
-            moves.push(Move {
-                members,
-                unnamed: self.state.unnamed.clone(),
-                predicted: self.change(linear.total(), linear.total() - statistic)
-                    + self.set.significance.cost_of_option(rank),
-                joining: vec![],
-            });
+            let change = self.change(linear.total(), linear.total() - statistic);
+            moves.push(self.neighbour(members, self.state.unnamed.clone(), change, vec![]));
         }
         moves
     }
@@ -257,28 +256,11 @@ impl Search<'_> {
                 continue;
             };
             let score = Self::score_of(&without, common, &subspace);
-            let saved: f64 = own
-                .iter()
-                .map(|&k| self.cost_of(self.state.members[k]))
-                .sum();
-            let count = self.state.count();
-            let fewer = self.number(count) - self.number(count + 1 - own.len());
-            let predicted = self.change(linear.total(), without.total() - score.statistic)
-                + self.cost(&score)
-                - saved
-                - fewer;
+            let change = self.change(linear.total(), without.total() - score.statistic);
             let others = (0..self.state.members.len()).filter(|k| !own.contains(k));
-            let mut members: Vec<Member> = others.map(|k| self.state.members[k]).collect();
-            members.push(Member::plain(common));
-            moves.push(Move {
-                members,
-                unnamed: self.state.unnamed.clone(),
-                predicted,
-                joining: vec![Joining {
-                    score,
-                    beside: without,
-                }],
-            });
+            let others: Vec<Member> = others.map(|k| self.state.members[k]).collect();
+            let unnamed = self.state.unnamed.clone();
+            moves.push(self.joined((&others, &unnamed), &score, &without, change));
         }
         moves
     }
@@ -299,9 +281,8 @@ impl Search<'_> {
         for (member, without) in members.into_iter().zip(without.iter()) {
             let mut others = self.state.members.clone();
             let removed = others.remove(member);
-            let saved = self.cost_of(removed);
             let unnamed = self.state.unnamed.clone();
-            moves.extend(self.instead(linear, without, (others, unnamed), saved, is_wanted));
+            moves.extend(self.instead(linear, without, (others, unnamed), is_wanted));
             if self.is_common(removed.candidate) {
                 moves.extend(self.split(linear, removed));
             }
@@ -309,25 +290,23 @@ impl Search<'_> {
         for family in 0..self.state.unnamed.len() {
             let beside = self.state.view_without_family(&self.set, family);
             let mut unnamed = self.state.unnamed.clone();
-            let (removed, _) = unnamed.remove(family);
-            let saved = self.cost_of(Member::plain(removed));
+            unnamed.remove(family);
             let without = Without {
                 table: self.set.table(&beside),
                 linear: Arc::new(beside),
             };
             let rest = (self.state.members.clone(), unnamed);
-            moves.extend(self.instead(linear, &without, rest, saved, |_, _| true));
+            moves.extend(self.instead(linear, &without, rest, |_, _| true));
         }
         moves
     }
 
-    /// Wanted candidates in the stead of one that has left the model, whose cost is `saved`.
+    /// Wanted candidates in the stead of one that has left the model.
     fn instead(
         &mut self,
         linear: &LinearModel,
         without: &Without,
         (members, unnamed): (Vec<Member>, Vec<Unnamed>),
-        saved: f64,
         is_wanted: impl Fn(&Self, &Score) -> bool,
     ) -> Vec<Move> {
         let total = without.linear.total();
@@ -336,9 +315,8 @@ impl Search<'_> {
             if self.is_in_model(score.candidate) || !is_wanted(self, score) {
                 continue;
             }
-            let predicted =
-                self.change(linear.total(), total - score.statistic) + self.cost(score) - saved;
-            moves.push(self.joined((&members, &unnamed), score, &without.linear, predicted));
+            let change = self.change(linear.total(), total - score.statistic);
+            moves.push(self.joined((&members, &unnamed), score, &without.linear, change));
         }
         moves
     }
@@ -362,16 +340,14 @@ impl Search<'_> {
         let mut moves = vec![];
         for member in strong {
             let mut rest = (self.state.members.clone(), self.state.unnamed.clone());
-            let saved = self.cost_of(rest.0.remove(member));
+            rest.0.remove(member);
             let without = &without[member];
             let own = self
                 .state
                 .own_subspace(&self.context(), member, &without.linear);
-            moves.extend(
-                self.instead(&linear, without, rest, saved, |search, score| {
-                    search.is_alike(&without.linear, &own, score)
-                }),
-            );
+            moves.extend(self.instead(&linear, without, rest, |search, score| {
+                search.is_alike(&without.linear, &own, score)
+            }));
         }
         smallest_first(&mut moves, |change| change.predicted);
         moves
@@ -398,29 +374,14 @@ impl Search<'_> {
         let (own, others): (Vec<usize>, Vec<usize>) = (0..self.state.members.len())
             .partition(|&k| self.effect_of(self.state.members[k]) == effect);
         let without = Arc::new(self.state.view_without(&self.context(), &own));
-        let leaving: Vec<usize> = own
-            .iter()
-            .map(|&k| self.state.members[k].candidate)
-            .collect();
-        let places = self.places(&without, common.candidate, &leaving)?;
+        let others: Vec<Member> = others.iter().map(|&k| self.state.members[k]).collect();
+        let places = self.places(&without, common.candidate, &others)?;
         if places.joining.len() < 2 {
             return None;
         }
-        let saved: f64 = own
-            .iter()
-            .map(|&k| self.cost_of(self.state.members[k]))
-            .sum();
-        let count = self.state.count();
-        let more = self.number(count + places.joining.len() - own.len()) - self.number(count);
-        let predicted = self.change(linear.total(), without.total()) + places.change - saved + more;
-        let mut members: Vec<Member> = others.iter().map(|&k| self.state.members[k]).collect();
-        members.extend(places.members());
-        Some(Move {
-            members,
-            unnamed: self.state.unnamed.clone(),
-            predicted,
-            joining: places.joining,
-        })
+        let change = self.change(linear.total(), without.total()) + places.change;
+        let all = [others, places.members].concat();
+        Some(self.neighbour(all, self.state.unnamed.clone(), change, places.joining))
     }
 
     /// The model without each of its effects, and the scores there; `table` are those beside the model with all.
@@ -449,57 +410,68 @@ impl Search<'_> {
         }
     }
 
-    /// The places of a candidate's effect that pay, one after the other, beside a model without any of them.
-    ///
-    /// Candidates that are `leaving` count as if they were not in the model.
+    /// The places of a candidate's effect that pay, one after the other, beside a model of these effects.
     pub(super) fn places(
         &mut self,
         linear: &Arc<LinearModel>,
         candidate: usize,
-        leaving: &[usize],
+        beside: &[Member],
     ) -> Option<Places> {
         let effect = self.set.candidates[candidate].effect;
         let mut places = Places {
+            members: vec![],
             joining: vec![],
             change: 0.0,
             subspaces: vec![],
         };
-        let mut beside = Arc::clone(linear);
+        let mut linear = Arc::clone(linear);
         let mut open: Vec<usize> = (0..self.set.candidates.len())
             .filter(|&place| {
                 let described = &self.set.candidates[place];
                 described.effect == effect
                     && described.search.is_none()
                     && !self.is_common(place)
-                    && (leaving.contains(&place) || !self.is_in_model(place))
+                    && beside.iter().all(|member| member.candidate != place)
                     && !self.set.hidden.contains(&place)
             })
             .collect();
         if open.len() < 2 {
             return None;
         }
+        let unnamed = self.state.unnamed.clone();
+        let mut members = beside.to_vec();
         loop {
             let scored = parallel::map(&open, |&place| {
-                let (_, subspace) = self.set.subspace(&beside, place, None)?;
-                Some((Self::score_of(&beside, place, &subspace), subspace))
+                let (_, subspace) = self.set.subspace(&linear, place, None)?;
+                Some((Self::score_of(&linear, place, &subspace), subspace))
             });
-            let mut best: Option<(f64, Score, Subspace)> = None;
+            let (total, cost) = (linear.total(), self.cost_of_state(&members, &unnamed));
+            let mut best: Option<(f64, f64, Score, Subspace)> = None;
             for (score, subspace) in scored.into_iter().flatten() {
-                let total = beside.total();
-                let change = self.change(total, total - score.statistic) + self.cost(&score);
-                if best.as_ref().is_none_or(|(least, ..)| change < *least) {
-                    best = Some((change, score, subspace));
+                self.cost(&score);
+                members.push(Member::plain(score.candidate));
+                let dearer = self.cost_of_state(&members, &unnamed) - cost;
+                members.pop();
+                let change = self.change(total, total - score.statistic);
+                if best.as_ref().is_none_or(|best| change + dearer < best.0) {
+                    best = Some((change + dearer, change, score, subspace));
                 }
             }
-            let Some((change, score, subspace)) = best.filter(|best| best.0 < 0.0) else {
+            let Some((_, change, score, subspace)) = best.filter(|best| best.0 < 0.0) else {
                 break;
             };
             open.retain(|&place| place != score.candidate);
-            let next = Arc::new(beside.with(&subspace));
+            let next = Arc::new(linear.with(&subspace));
+            let member = Member::plain(score.candidate);
+            members.push(member);
+            places.members.push(member);
             places.change += change;
-            places.joining.push(Joining { score, beside });
+            places.joining.push(Joining {
+                score,
+                beside: linear,
+            });
             places.subspaces.push(subspace);
-            beside = next;
+            linear = next;
         }
         Some(places)
     }
@@ -525,9 +497,9 @@ impl Search<'_> {
             if places == 1 {
                 return significance.cost(score.null, is_named);
             }
-            // At several places with amplitudes of its own it is as many effects.
+            // At several places with amplitudes of its own it pays for each.
             let each = Null::plain((score.null.rank / places as f64).max(1.0));
-            places as f64 * significance.cost(each, is_named) + significance.cost_of_number(places)
+            places as f64 * significance.cost(each, is_named)
         })
     }
 
@@ -547,7 +519,14 @@ impl Search<'_> {
         let families = unnamed
             .iter()
             .map(|&(family, _)| self.cost_of(Member::plain(family)));
-        named + families.sum::<f64>() + self.number(members.len() + unnamed.len())
+        let number = self.number_of_effects(members) + unnamed.len();
+        named + families.sum::<f64>() + self.set.significance.cost_of_number(number)
+    }
+
+    /// Number of effects, each counted once at however many places it acts: parts that are made alike err alike.
+    pub(super) fn number_of_effects(&self, members: &[Member]) -> usize {
+        let effects: BTreeSet<usize> = members.iter().map(|own| self.effect_of(*own)).collect();
+        effects.len()
     }
 }
 
@@ -559,11 +538,4 @@ pub(super) fn cosine(linear: &LinearModel, own: &Subspace, rival: &[Subspace]) -
         .iter()
         .map(|rival| rival.u.tr_mul(&signal).norm_squared());
     (made.sum::<f64>().sqrt() / signal.norm().max(1e-300)).min(1.0)
-}
-
-impl Places {
-    fn members(&self) -> impl Iterator<Item = Member> + '_ {
-        let joining = self.joining.iter();
-        joining.map(|joining| Member::plain(joining.score.candidate))
-    }
 }

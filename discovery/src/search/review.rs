@@ -88,14 +88,19 @@ impl Search<'_> {
         own: &Subspace,
     ) -> Vec<FoundRival> {
         let removed = self.state.members[member];
-        let saved = self.cost_of(removed);
+        let mut rest = self.state.members.clone();
+        rest.remove(member);
+        let unnamed = self.state.unnamed.clone();
+        let cost = self.cost_of_state(&self.state.members, &unnamed);
         let Constants { as_good, alike, .. } = self.input.options.constants;
         let (now, total) = (linear.total(), without.linear.total());
         let statistic = own.statistic(&without.linear.residuals);
         let mut rivals: Vec<Vec<(usize, Option<f64>)>> = Vec::new();
         let mut cosines = Vec::new();
         for score in &without.table.scores {
-            let change = self.change(now, total - score.statistic) + self.cost(score) - saved;
+            let instead = self.with_candidate((&rest, &unnamed), score);
+            let dearer = self.cost_of_state(&instead.0, &instead.1) - cost;
+            let change = self.change(now, total - score.statistic) + dearer;
             if self.is_in_model(score.candidate)
                 || (change >= as_good && score.statistic < alike * statistic)
             {
@@ -128,7 +133,7 @@ impl Search<'_> {
             if !described.is_named() || !tried.insert(described.effect) {
                 continue;
             }
-            let Some(places) = self.places(&without.linear, candidate, &[]) else {
+            let Some(places) = self.places(&without.linear, candidate, &rest) else {
                 continue;
             };
             let candidates: Vec<(usize, Option<f64>)> = places
@@ -137,11 +142,9 @@ impl Search<'_> {
                 .map(|joining| (joining.score.candidate, None))
                 .collect();
             let is_told = candidates.iter().any(|one| rivals.contains(&vec![*one]));
-            let count = self.state.count();
-            let significance = &self.set.significance;
-            let more = significance.cost_of_number(count + candidates.len().max(1) - 1)
-                - significance.cost_of_number(count);
-            let change = self.change(now, total) + places.change - saved + more;
+            let instead = [&rest[..], &places.members].concat();
+            let dearer = self.cost_of_state(&instead, &unnamed) - cost;
+            let change = self.change(now, total) + places.change + dearer;
             if candidates.len() > 1 && !is_told && change < as_good {
                 cosines.push(cosine(&without.linear, own, &places.subspaces));
                 rivals.push(candidates);

@@ -158,7 +158,7 @@ fn cost() -> f64 {
     DEGREES * (1.0 + f / (DEGREES - 1.0)).ln()
 }
 
-/// The cost of each effect beside the first: odds of ten to one.
+/// The cost of each effect beside the first, wherever it acts: odds of ten to one.
 fn further() -> f64 {
     2.0 * 10.0_f64.ln()
 }
@@ -279,10 +279,28 @@ fn an_effect_joins_at_all_places_that_pay() {
     let moves = search.moves(false, false);
     assert_eq!(named(&search, &moves[0]), ["gap(one)", "gap(three)"]);
     let before = left(&rows, &offsets());
-    close(
-        moves[0].predicted,
-        fall(before, DEGREES) + 2.0 * cost() + further(),
-    );
+    // It is one effect.
+    close(moves[0].predicted, fall(before, DEGREES) + 2.0 * cost());
+}
+
+/// Of two falls alike, between the cost of a place and that of an effect, one makes a further place and none a further effect.
+#[test]
+fn a_further_place_costs_less_than_a_further_effect() {
+    let world = World::new("");
+    let input = world.input();
+    for (column, joins) in [(gap(&[2]), true), (tilt(&[2]), false)] {
+        let own = left(&column, &offsets());
+        let fall_by_hand = cost() + 0.5 * further();
+        let amplitude = (DEGREES * (fall_by_hand / DEGREES).exp_m1() / own).sqrt();
+        let rows = noise() + 4e-5 * gap(&[0]) + amplitude * column;
+        let mut search = world.search(&input, &rows, &[used("gap", "one", gap(&[0]))]);
+        let moves = search.moves(false, false);
+        assert_eq!(!moves.is_empty(), joins);
+        if let Some(best) = moves.first() {
+            assert_eq!(named(&search, best), ["gap(one)", "gap(three)"]);
+            close(best.predicted, cost() - fall_by_hand);
+        }
+    }
 }
 
 /// An effect that does less than it costs leaves.
@@ -331,7 +349,7 @@ fn equal_amplitudes_become_one() {
     let mut search = world.search(&input, &rows, &members);
     let moves = search.moves(false, false);
     assert_eq!(named(&search, &moves[0]), ["gap(all)"]);
-    close(moves[0].predicted, -2.0 * (cost() + further()));
+    close(moves[0].predicted, -2.0 * cost());
 }
 
 /// One amplitude for all gives way to those of the places that have any.
@@ -344,10 +362,7 @@ fn an_amplitude_in_common_is_split() {
     let moves = search.moves(true, false);
     assert_eq!(named(&search, &moves[0]), ["gap(one)", "gap(two)"]);
     let before = left(&rows, &[offsets(), vec![gap(&[0, 1, 2])]].concat());
-    close(
-        moves[0].predicted,
-        fall(before, DEGREES) + cost() + further(),
-    );
+    close(moves[0].predicted, fall(before, DEGREES) + cost());
 }
 
 /// Places with amplitudes of their own may be meant by one that all have in common, where they fit as well.
@@ -367,7 +382,7 @@ fn places_are_rivals_of_an_amplitude_in_common() {
         assert_eq!(told, rivals);
         let after = left(&rows, &[offsets(), vec![gap(&[0]), gap(&[1])]].concat());
         let by_common = left(&rows, &[offsets(), vec![gap(&[0, 1, 2])]].concat());
-        let change = fall(by_common, after) + cost() + further();
+        let change = fall(by_common, after) + cost();
         assert_eq!(
             change < search.input.options.constants.as_good,
             !rivals.is_empty()
