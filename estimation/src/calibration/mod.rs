@@ -23,6 +23,7 @@ use tau_robot::robot_file::RobotFile;
 use nalgebra::DMatrix;
 use tau_solver::{Problem, Solution};
 
+use crate::numerics::order::extent;
 use crate::numerics::{count, parallel, triangle};
 use crate::problem::{self, Closures, Residuals};
 use crate::samples::Sample;
@@ -328,9 +329,7 @@ fn from_prepared(
 
 /// Width of the range of some commands (m).
 pub fn widest<'a>(commands_m: impl Iterator<Item = &'a f64>) -> f64 {
-    let (low, high) = commands_m.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &q| {
-        (low.min(q), high.max(q))
-    });
+    let (low, high) = extent(commands_m.copied());
     (high - low).max(1e-3)
 }
 

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use super::super::rows::AXES;
 use super::super::outcome::GrossRow;
+use super::super::rows::AXES;
 use super::super::rows::Kind;
 use super::super::verdict::ESTIMATED_FROM_RESIDUALS;
 use super::HeldErrors;
