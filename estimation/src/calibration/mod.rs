@@ -106,7 +106,8 @@ pub struct Calibration {
     pub correlations: Vec<(String, String, f64)>,
     /// Combinations that the data leave to the priors, worst first.
     pub undetermined: Vec<Combination>,
-    /// Half the sum of squared whitened residuals and priors.
+    /// Half the sum of squared whitened residuals and priors at their minimum, from which values move on by the bias that
+    /// noise of the poses gives it.
     pub cost: f64,
     /// Number of calibration poses that took part.
     pub poses: usize,
