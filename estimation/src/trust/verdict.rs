@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use tau_robot::input_error::InputError;
-use tau_robot::measurements::{Folder, TCP_POSES, TcpPose};
+use tau_robot::measurements::{CART_POSES, CART_POSITIONS, Folder, TCP_POSES, TcpPose};
 use tau_robot::robot::{Arm, Robot, TrackShape, Variant};
 use tau_robot::robot_file::RobotFile;
 
@@ -161,15 +161,9 @@ impl Verdict {
         for group in groups {
             let (name, kind, sigma, unit) = match group.group {
                 Component::Closure | Component::Exact => continue,
-                Component::CartPosition => {
-                    ("cart_poses.csv", "position", file.noise.position_m, "m")
-                }
-                Component::CartRotation => {
-                    ("cart_poses.csv", "rotation", file.noise.rotation_rad, "rad")
-                }
-                Component::Position => {
-                    ("cart_positions.csv", "position", file.noise.position_m, "m")
-                }
+                Component::CartPosition => (CART_POSES, "position", file.noise.position_m, "m"),
+                Component::CartRotation => (CART_POSES, "rotation", file.noise.rotation_rad, "rad"),
+                Component::Position => (CART_POSITIONS, "position", file.noise.position_m, "m"),
             };
             self.by_file.push(FileFit {
                 file: name,
