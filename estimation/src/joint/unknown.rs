@@ -9,7 +9,7 @@ use super::fit::Fit;
 use super::{Component, Joint, Origin, RowPlace};
 use crate::calibration::error::Error;
 use crate::calibration::nominal::Nominal;
-use crate::numerics::distribution::chi2_survival;
+use crate::numerics::distribution::{chi2_survival, narrower};
 use crate::samples::Sample;
 use crate::unknown_poses::{EstimatedPoses, GrossRow, Placed, Side};
 
@@ -277,12 +277,9 @@ impl Judged {
                 sigma(i) * self.covariance[(own[i], own[j])] * sigma(j)
             });
             let errors = (0..own.len()).map(|k| (self.left[own[k]] * sigma(k)).powi(2));
-            let trace = expected.trace();
-            // Mean length of a normal vector, to second order in how uneven its covariance is.
-            let uneven = (&expected * &expected).trace() / trace.powi(2).max(f64::MIN_POSITIVE);
             found.errors_m.push(errors.sum::<f64>().sqrt());
-            found.expected_m2.push(trace);
-            found.narrower.push(0.25 * uneven);
+            found.expected_m2.push(expected.trace());
+            found.narrower.push(narrower(&expected));
         }
     }
 }
