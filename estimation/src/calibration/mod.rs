@@ -34,11 +34,11 @@ use crate::weighing::{self, Treatment, Weighing};
 pub(crate) use cost::closure_cost;
 pub use error::Error;
 pub use nominal::Nominal;
-pub(crate) use output::reference;
 pub use output::{LinkResult, LinkSigma, ParameterEstimate};
+pub(crate) use output::{own_parameter, reference};
 pub use prepared::{Prepared, length_noise};
 pub use registration::{Line, MOUNTING_M, NominalTrack, Registration};
-pub(crate) use registration::{set_2, set_3};
+pub(crate) use registration::{centres, set_2, set_3, turn_of};
 pub(crate) use shared_noise::factor_with_shared_noise;
 pub use stated::Stated;
 
