@@ -200,13 +200,13 @@ impl Outcome {
             .map(|(place, name)| (name.as_str(), place))
             .collect();
         let place = |index: usize| places.get(variant.parameters[index].name.as_str()).copied();
-        let covariance = |a: usize, b: usize| match (place(a), place(b)) {
-            (Some(a), Some(b)) => self.covariance[(a, b)],
-            _ => 0.0,
-        };
+        let count = variant.parameters.len();
         let stated = Stated {
             values,
-            covariance: &covariance,
+            covariance: DMatrix::from_fn(count, count, |a, b| match (place(a), place(b)) {
+                (Some(a), Some(b)) => self.covariance[(a, b)],
+                _ => 0.0,
+            }),
             cost: self.cost,
         };
         prepared.stated(&completed, folder, &self.poses, stated)

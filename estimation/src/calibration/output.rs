@@ -107,20 +107,6 @@ pub(super) fn covariance(
 
 /// The number of [`DIGITS`] digits next to a value.
 fn rounded(value: f64) -> f64 {
-    // A value so near to halfway between two of them is left to the text, which is exact.
-    const HALFWAY: f64 = 1e-3;
-    const LEAST: f64 = 10_u64.pow(DIGITS as u32 - 1) as f64;
-    let places = DIGITS as f64 - 1.0 - value.abs().log10().floor();
-    // Powers of ten are exact so far, so that the quotient of whole numbers is the number next to its decimals.
-    if (0.0..=22.0).contains(&places) {
-        let power = 10_f64.powi(places as i32);
-        let scaled = value * power;
-        let whole = scaled.round();
-        let has_digits = (LEAST..10.0 * LEAST).contains(&whole.abs());
-        if has_digits && ((scaled - whole).abs() - 0.5).abs() > HALFWAY {
-            return whole / power;
-        }
-    }
     let text = format!("{value:.*e}", DIGITS - 1);
     text.parse().unwrap_or(value)
 }
@@ -322,45 +308,4 @@ pub(crate) fn own_parameter(
             && parameter.component == component
             && is_own(parameter.owner)
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::numerics::distribution::Random;
-
-    #[test]
-    fn values_are_rounded_as_their_text_is() {
-        let by_text = |value: f64| format!("{value:.7e}").parse::<f64>().unwrap();
-        let mut random = Random(5);
-        let mut uniform = || random.below(1 << 30) as f64 / f64::from(1 << 30);
-        for _ in 0..20_000 {
-            let exponent = 40.0 * uniform() - 25.0;
-            let value = (2.0 * uniform() - 1.0) * 10_f64.powf(exponent);
-            let short = (value * 1e9).round() / 1e9;
-            for value in [value, short, value.round() + 0.5] {
-                assert_eq!(
-                    rounded(value).to_bits(),
-                    by_text(value).to_bits(),
-                    "{value:e}"
-                );
-            }
-        }
-        for value in [
-            0.0,
-            -0.0,
-            9.999_999_99,
-            1e-5,
-            0.1,
-            12_345_678.5,
-            1.000_000_05,
-            f64::MIN_POSITIVE,
-        ] {
-            assert_eq!(
-                rounded(value).to_bits(),
-                by_text(value).to_bits(),
-                "{value:e}"
-            );
-        }
-    }
 }
