@@ -3,14 +3,7 @@
 //! It stands beside the solver's own Levenberg-Marquardt because a search needs the Jacobian after each fit: the
 //! Gram matrices of groups of rows ([`Grouped`](crate::numerics::grouped::Grouped)) serve steps, noise estimates,
 //! scores and refits with other weights alike. And the points of piecewise tracks are unknowns here that are
-//! parameters of no family. Both were held against each other in the descents that searches make on the prototype
-//! and on `data/trials`, 83 without such points (same residuals, start, weights and limits of progress; least of
-//! three, on a loaded machine): 636 iterations and 6.0 s here, 1 510 iterations and 63 s by
-//! [`tau_solver::solve`], which takes dense QR of such problems. Ends agree to 0.1 of χ² in 25; the solver's is
-//! lower in 46, most where steps that lower χ² by less than a ten-thousandth end the descent ([`NEAR`]), and
-//! higher in 12, by 2.5 at most. To the minimum itself the solver can be the shorter way: from the first start
-//! on the prototype it takes 6 iterations to χ² = 29 658.7, the descent 45 to 29 662.5. By
-//! [`tau_solver::Method::SchurCholesky`] its iterations cost one to two times as much as those here.
+//! parameters of no family.
 
 use nalgebra::DVector;
 use tau_runtime::Owner;
