@@ -34,12 +34,15 @@ const NEAR: End = End {
 /// Near enough for values to be stated, however slow the way: in curved valleys, steps that hardly lower χ² may
 /// add up to several standard deviations.
 const AT_MINIMUM: End = End { share: 0.0, ..NEAR };
+/// A step that is expected to bring this fall moves by a third (√0.1) of a standard deviation.
 const CONVERGED: f64 = 0.1;
 /// A descent that ends with steps that still lower χ² by more than this share has not arrived.
 const UNSETTLED: f64 = 1e-3;
 /// Longest turn of a tracker frame in one step (rad).
 const LONGEST_TURN: f64 = 0.1;
-/// Damping of every step, as a share of each unknown's own curvature, and how it grows where steps fail.
+/// Damping of every step, as a share of each unknown's own curvature, and how it grows where steps fail. The least holds
+/// back only what data hardly determine; at the most a step is half of what an unknown by itself asks for, and rounding
+/// alone lets it fail.
 const LEAST_DAMPING: f64 = 1e-8;
 const DAMPED: f64 = 10.0;
 const MOST_DAMPING: f64 = 1.0;
@@ -51,7 +54,9 @@ const CORRECTIONS: usize = 12;
 const LARGEST_CONTRACTION: f64 = 0.8;
 /// Changes of the estimated noise below this share are none.
 const SAME_NOISE: f64 = 0.02;
+/// Rounds in which noise and values follow each other.
 const NOISE_ROUNDS: usize = 6;
+/// The first weights are by a fit that outliers bend, the second by one that they do not.
 const ROBUST_ROUNDS: usize = 2;
 
 /// A variant on its way to the minimum.

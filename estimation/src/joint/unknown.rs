@@ -11,6 +11,7 @@ use crate::calibration::error::Error;
 use crate::calibration::nominal::Nominal;
 use crate::numerics::distribution::{chi2_survival, narrower};
 use crate::samples::Sample;
+use crate::samples::outliers::LEVEL;
 use crate::unknown_poses::{EstimatedPoses, GrossRow, Placed, Side};
 
 /// Rounds of fits, each about the poses of the one before; two or three are usual.
@@ -138,9 +139,6 @@ pub struct HeldOut {
     /// Measurements far off all others, which are left out.
     pub gross: Vec<GrossRow>,
 }
-
-/// Chance that one of all held-out measurements is taken for a gross one though none is.
-const LEVEL: f64 = 0.01;
 
 impl Fit {
     /// Displacements of targets, surfaces and balls from where they were estimated.

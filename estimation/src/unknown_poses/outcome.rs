@@ -14,12 +14,12 @@ use crate::calibration::Calibration;
 use crate::numerics::distribution::chi2_survival;
 use crate::numerics::spread::spread;
 use crate::problem::Component;
-use crate::trust::Mistake;
+use crate::trust::{LEVEL, Mistake};
 use crate::weighing::{Loss, Outlier};
 
 /// Chance below which residuals are larger than their noise allows: one right fit in a thousand is called
 /// inconsistent.
-pub(super) const SIGNIFICANT: f64 = 1e-3;
+pub(super) const SIGNIFICANT: f64 = LEVEL;
 
 /// The rows of a folder that calibrate and those that are held out.
 #[derive(Debug, Clone, Default, PartialEq)]
