@@ -72,11 +72,14 @@ fn checked(bencher: Bencher<'_, '_>, name: &str) {
 fn each(bencher: Bencher<'_, '_>, name: &str) {
     let (machine, start_m, start) = machine(name);
     let path = path(&start_m);
-    let poses = machine.forward_sequence(&path, Some(start)).expect("poses");
-    let before = std::iter::once(start).chain(poses);
-    let starts: Vec<Sample<'_>> = (before.zip(&path))
-        .map(|(pose, commands)| Sample::new(pose, commands))
-        .collect();
+    let (mut pose, mut before) = (start, &path[0]);
+    let mut starts = vec![];
+    for commands in &path {
+        let start = Sample::new(pose, commands);
+        pose = machine.forward_along(before, &start).expect("a pose").pose;
+        before = commands;
+        starts.push(start);
+    }
     bencher
         .counter(ItemsCount::new(POSES))
         .bench_local(|| machine.forward_each(&starts));

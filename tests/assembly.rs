@@ -14,6 +14,16 @@ use crate::support::{ROBOTS, gantry_tau, number, tau_in};
 /// A file that leaves all values to the description.
 const PLAIN: &str = "robot = \"R\"\n[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n";
 
+/// The pose at some commands (m), followed from the reference.
+fn from_reference(machine: &Machine, commands_m: &[f64]) -> Pose {
+    let anywhere = Pose::from_zyz([0.0; 3], [0.0; 3]);
+    let known = machine
+        .at_reference(&Sample::new(anywhere, commands_m))
+        .unwrap();
+    let to = Sample::new(known.pose, commands_m);
+    machine.forward_along(&known.commands_m, &to).unwrap().pose
+}
+
 /// Every standard robot whose values stand in its description, with a variant of straight tracks.
 fn described() -> Vec<Robot> {
     ["four_track", "hexaglide", "linear_delta", "stewart"]
@@ -106,8 +116,8 @@ fn every_standard_robot_is_assembled_as_its_reference_says() {
         let machine = machine_from_file(&robot, variant, &file, None, &[]).unwrap();
         // At all commands zero, where simulations begin, this one is singular.
         if robot.name == "FourTrack" {
-            let commands = vec![vec![0.06, 0.05, 0.04, 0.05]];
-            let pose = machine.forward_sequence(&commands, None).unwrap()[0];
+            let commands = [0.06, 0.05, 0.04, 0.05];
+            let pose = from_reference(&machine, &commands);
             assert!((pose.position - Vector3::new(-0.024, 0.004, -0.742)).norm() < 0.05);
             continue;
         }
@@ -274,9 +284,7 @@ fn a_way_that_is_blocked_is_an_error() {
     };
     // The base is wider than the plate by more than these legs are long.
     let commands = [-0.8; 6];
-    let start = machine(&file)
-        .forward_sequence(&[vec![0.0; 6]], None)
-        .unwrap()[0];
+    let start = from_reference(&machine(&file), &[0.0; 6]);
     let to = Sample::new(start, &commands);
     let error = machine(&file).forward_along(&[0.0; 6], &to).unwrap_err();
     assert!(
@@ -290,9 +298,7 @@ fn a_way_that_is_blocked_is_an_error() {
         position_m: [0.0, 0.0, -0.8],
         orientation_rad: [0.0; 3],
     });
-    let hanging = machine(&file)
-        .forward_sequence(&[vec![0.05; 6]], None)
-        .unwrap()[0];
+    let hanging = from_reference(&machine(&file), &[0.05; 6]);
     assert!(hanging.position.z < -0.8, "{}", hanging.position);
 }
 

@@ -7,28 +7,15 @@ use tau::Robot;
 use tau::kinematics::zyz;
 use tau::robot::Plate;
 use tau::robot::{Input, Instance, Owner, ResidualKind, Variant};
+use tau_estimation::numerics::distribution::Random;
 use tau_model_dsl::Model;
 
 use crate::blocks::check_blocks;
 use crate::reference::{By, Point, residuals};
 
-/// Random numbers that are the same everywhere.
-struct Random(u64);
-
-impl Random {
-    fn uniform(&mut self, low: f64, high: f64) -> f64 {
-        // SplitMix64.
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^= z >> 31;
-        low + (high - low) * (z >> 11) as f64 / (1_u64 << 53) as f64
-    }
-}
-
 fn random_point(robot: &Robot, variant: &Variant, seed: u64) -> Point {
     let mut random = Random(seed);
+    let mut uniform = |low: f64, high: f64| low + (high - low) * random.uniform();
     let mut inputs: BTreeSet<Input> = variant
         .instances
         .iter()
@@ -42,13 +29,13 @@ fn random_point(robot: &Robot, variant: &Variant, seed: u64) -> Point {
         .into_iter()
         .map(|input| {
             let value = match input {
-                Input::Angle(_) => random.uniform(-3.0, 3.0),
-                Input::Time => random.uniform(0.0, 4.0),
-                Input::Temperature => random.uniform(15.0, 30.0),
-                Input::Direction(_) => random.uniform(-1.0, 1.0).signum(),
+                Input::Angle(_) => uniform(-3.0, 3.0),
+                Input::Time => uniform(0.0, 4.0),
+                Input::Temperature => uniform(15.0, 30.0),
+                Input::Direction(_) => uniform(-1.0, 1.0).signum(),
                 // Belts that slope are no shorter than the height.
-                Input::Command(_) => random.uniform(0.2, 2.0) * random.uniform(-1.0, 1.0).signum(),
-                _ => random.uniform(-2.0, 2.0),
+                Input::Command(_) => uniform(0.2, 2.0) * uniform(-1.0, 1.0).signum(),
+                _ => uniform(-2.0, 2.0),
             };
             (input, value)
         })
@@ -68,22 +55,19 @@ fn random_point(robot: &Robot, variant: &Variant, seed: u64) -> Point {
         })
         .collect();
     for (track, start) in starts {
-        data.insert(
-            Input::SegmentEndCommand(track),
-            start + random.uniform(0.5, 1.5),
-        );
+        data.insert(Input::SegmentEndCommand(track), start + uniform(0.5, 1.5));
     }
     let parameters: Vec<f64> = variant
         .parameters
         .iter()
         .map(|parameter| match (parameter.search, parameter.owner) {
-            (Some((low, high)), _) => random.uniform(low.max(high / 3.0), high),
+            (Some((low, high)), _) => uniform(low.max(high / 3.0), high),
             // Formulas of the machine's parameters have a meaning near their values: an arm is longer than a radius.
             (None, Owner::Robot) => {
                 let nominal = parameter.nominal.unwrap_or_default();
-                nominal * random.uniform(0.9, 1.1) + 0.01 * random.uniform(-1.0, 1.0)
+                nominal * uniform(0.9, 1.1) + 0.01 * uniform(-1.0, 1.0)
             }
-            (None, _) => random.uniform(0.2, 2.0) * random.uniform(-1.0, 1.0).signum(),
+            (None, _) => uniform(0.2, 2.0) * uniform(-1.0, 1.0).signum(),
         })
         .collect();
     // Those that the variant holds come as data.

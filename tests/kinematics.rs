@@ -17,6 +17,25 @@ pub(crate) fn described(text: &str, variant: &str) -> Machine {
     machine_from_file(&robot, robot.variant(variant).unwrap(), &file, None, &[]).unwrap()
 }
 
+/// Poses at commands (m) in turn, each followed from the one before, the first from the pose there; or the index of the
+/// commands where none is reached.
+fn followed(
+    machine: &Machine,
+    mut pose: Pose,
+    commands_m: &[Vec<f64>],
+) -> Result<Vec<Pose>, (usize, Error)> {
+    let mut before = &commands_m[0];
+    let mut poses = Vec::new();
+    for (index, commands) in commands_m.iter().enumerate() {
+        let to = Sample::new(pose, commands);
+        let reached = machine.forward_along(before, &to);
+        pose = reached.map_err(|error| (index, error))?.pose;
+        poses.push(pose);
+        before = commands;
+    }
+    Ok(poses)
+}
+
 /// A file that leaves all values to the description.
 fn file_of(robot: &Robot) -> RobotFile {
     RobotFile {
@@ -125,7 +144,7 @@ fn the_papers_machine_stands_where_the_paper_puts_it() {
     );
     // The arm can also be assembled on the other side of the carts.
     let modes = machine
-        .assembly_modes(&commands, Some(start.rotation))
+        .assembly_modes(&Sample::new(start, &commands), Some(start.rotation))
         .unwrap();
     assert!(
         modes
@@ -275,15 +294,17 @@ fn six_commands_place_the_plate_freely() {
             poses.push(level(height).moved(shift, turn));
         }
         let near = Some((level(height), vec![0.0; 6]));
-        let options = InverseOptions {
+        let mut options = InverseOptions {
             near,
             ..InverseOptions::default()
         };
-        let reached = machine.inverse_sequence(&poses, &options).unwrap();
-        let commands: Vec<Vec<f64>> = reached.iter().map(|r| r.commands_m.clone()).collect();
-        let again = machine
-            .forward_sequence(&commands, Some(level(height)))
-            .unwrap();
+        let mut commands = Vec::new();
+        for &pose in &poses {
+            let reached = machine.inverse(pose, &options).unwrap();
+            options.near = Some((reached.pose, reached.commands_m.clone()));
+            commands.push(reached.commands_m);
+        }
+        let again = followed(&machine, level(height), &commands).unwrap();
         for (pose, again) in poses.iter().zip(&again) {
             assert!(difference(pose, again) < 1e-10);
         }
@@ -330,8 +351,7 @@ fn long_ways_are_followed_in_one_assembly_mode() {
                 .map(|step| at(f64::from(step) / f64::from(steps)))
                 .collect()
         };
-        let [fast, slow] =
-            [1, 200].map(|steps| machine.forward_sequence(&way(steps), Some(level(0.8))));
+        let [fast, slow] = [1, 200].map(|steps| followed(&machine, level(0.8), &way(steps)));
         if let (Ok(fast), Ok(slow)) = (fast, slow) {
             assert!(difference(&fast[1], &slow[200]) < 1e-9, "{end:?}");
             reached += 1;
@@ -437,7 +457,7 @@ fn what_cannot_be_reached_is_an_error() {
         "{error}"
     );
     assert_eq!(
-        machine.assembly_modes(&[-5.0, 5.0, 0.0], None).unwrap_err(),
+        machine.assembly_modes(&start, None).unwrap_err(),
         Error::NoAssembly
     );
     let error = machine
@@ -506,9 +526,7 @@ fn a_number_that_is_none_ends_every_search_at_once() {
         machine
             .inverse_position(measured.position_m, &options)
             .unwrap_err(),
-        machine
-            .assembly_modes(&measured.commands_m, None)
-            .unwrap_err(),
+        machine.assembly_modes(&sample, None).unwrap_err(),
     ];
     for error in errors {
         assert!(
@@ -552,7 +570,7 @@ fn lengths_that_no_pose_has_are_an_error() {
         "{error}"
     );
     assert_eq!(
-        machine.assembly_modes(&commands, None).unwrap_err(),
+        machine.assembly_modes(&start, None).unwrap_err(),
         Error::NoAssembly
     );
     // Whoever compares with measurements gets the best pose all the same, and how good it is.
@@ -560,6 +578,6 @@ fn lengths_that_no_pose_has_are_an_error() {
     let closures = machine.closures(&start.at(fitted.pose)).unwrap();
     let rms = (closures.residuals.norm_squared() / 7.0).sqrt();
     assert!((fitted.mismatch_m - rms).abs() < 1e-9 && rms > 5e-3);
-    let raised = machine.forward_sequence(&[vec![0.0; 7], commands.to_vec()], Some(level(0.8)));
+    let raised = followed(&machine, level(0.8), &[vec![0.0; 7], commands.to_vec()]);
     assert_eq!(raised.unwrap_err().0, 1);
 }

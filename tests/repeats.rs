@@ -221,7 +221,6 @@ fn noise_that_is_estimated_proves_no_model() {
             assert_eq!(of_heights.contains(tells), readings > 1, "{why}");
         }
     }
-    println!("{alarms} of {} folders", 2 * machines);
     // One in a thousand is allowed to be.
     assert!(alarms <= 1 + machines / 100, "{alarms} of {machines}");
 }

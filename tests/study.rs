@@ -1,10 +1,10 @@
 //! The study on the prototype, and its checks of assumptions on made measurements.
 
 use nalgebra::Vector3;
-use tau::assumptions;
 use tau::kinematics::xyz;
 use tau::measurements::{CartPose, CartPosition, Conditions, Folder};
 use tau::{Session, study};
+use tau::{assumptions, calibration};
 
 use crate::support::{Random, gantry_tau, prototype};
 
@@ -99,7 +99,7 @@ fn commands_out_of_the_measured_range_are_refused() {
         .for_each(|pose| pose.command_m += 10.0);
     let session = Session::with_robot(gantry_tau(), folder, file);
     let error = study::run(&session, &mut |_| {}).err().unwrap();
-    assert!(error.is_input());
+    assert!(matches!(error, calibration::Error::Input(_)));
     assert!(
         error.to_string().contains("none of the 176 poses"),
         "{error}"

@@ -8,6 +8,7 @@ use serde_json::Value;
 use tau::Robot;
 use tau::measurements::Folder;
 use tau::robot_file::RobotFile;
+use tau_estimation::numerics::distribution;
 
 /// The measurement folder that ships.
 pub(crate) const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../data/prototype");
@@ -32,16 +33,15 @@ pub(crate) fn prototype() -> (Folder, RobotFile) {
     )
 }
 
-/// The SplitMix64 generator (Steele, Lea, Flood, OOPSLA 2014).
+/// Random numbers from a seed, the same everywhere.
 pub(crate) struct Random(pub(crate) u64);
 
 impl Random {
     pub(crate) fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        let mut stream = distribution::Random(self.0);
+        let bits = stream.bits();
+        self.0 = stream.0;
+        bits
     }
 
     /// Evenly between −1 and 1.

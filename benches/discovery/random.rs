@@ -2,28 +2,26 @@
 
 use std::f64::consts::TAU;
 
-/// The SplitMix64 generator (Steele, Lea, Flood, OOPSLA 2014).
-pub(crate) struct Random(u64);
+use tau_estimation::numerics::distribution;
+
+/// A stream of random numbers.
+pub(crate) struct Random(distribution::Random);
 
 impl Random {
     /// A stream of its own for each purpose.
     pub(crate) fn new(seed: u64, purpose: &str) -> Self {
-        let mut random = Self(seed ^ fnv(purpose));
+        let mut random = distribution::Random(seed ^ fnv(purpose));
         random.bits();
-        random
+        Self(random)
     }
 
     pub(crate) fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        self.0.bits()
     }
 
     /// Evenly between two limits.
     pub(crate) fn uniform(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * (self.bits() >> 11) as f64 / (1_u64 << 53) as f64
+        low + (high - low) * self.0.uniform()
     }
 
     pub(crate) fn chance(&mut self) -> bool {

@@ -5,6 +5,7 @@ use std::fmt::Write;
 use tau::measurements::{PlateKind, Split};
 use tau::simulation::{Measure, Poses, Simulation, TrackPoints, simulate};
 use tau::unknown_poses::RowDivision;
+use tau_estimation::numerics::distribution::Random;
 use tau_robot::measurements::Folder;
 use tau_robot::robot::{Robot, Variant};
 use tau_robot::robot_file::RobotFile;
@@ -71,11 +72,11 @@ impl Readings {
 
     /// One of the sketches.
     pub(crate) fn sketch(&self, seed: u64) -> RobotFile {
-        let mut state = seed;
-        let mut offs = vec![];
-        for _ in DRAWN_M {
-            offs.push(OFF_M * (2.0 * even(&mut state) - 1.0));
-        }
+        let mut random = Random(seed);
+        let offs = DRAWN_M.map(|_| {
+            let even = random.bits() as f64 / u64::MAX as f64;
+            OFF_M * (2.0 * even - 1.0)
+        });
         file(&self.robot, OFF_M, |place| offs[place])
     }
 }
@@ -93,13 +94,4 @@ fn file(robot: &Robot, tolerance_m: f64, off_m: impl Fn(usize) -> f64) -> RobotF
     }
     let file = RobotFile::parse_for(&text, "robot.toml", robot).expect("a robot file");
     file.completed(robot)
-}
-
-/// The next of a row of numbers from 0 to 1 (G. L. Steele et al., 2014: SplitMix64).
-fn even(state: &mut u64) -> f64 {
-    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let mut bits = *state;
-    bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    (bits ^ (bits >> 31)) as f64 / u64::MAX as f64
 }

@@ -19,6 +19,7 @@ use tau_estimation::samples::Sample;
 use super::constants::{Constants, count};
 use super::linear_model::LinearModel;
 
+/// Resamples of the bootstrap, so many that the share of them below its bound is known to two in a hundred.
 const RESAMPLES: usize = 400;
 
 /// Lower bootstrap bound, over units, of what held-out units gain in likelihood when a candidate joins the

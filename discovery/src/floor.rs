@@ -2,6 +2,7 @@
 
 use nalgebra::DMatrix;
 use tau_estimation::joint::fit::Fit;
+use tau_estimation::numerics::distribution::narrower;
 use tau_estimation::numerics::parallel;
 use tau_estimation::uncertainty::Uncertainty;
 use tau_kinematics::{Machine, Sample};
@@ -44,9 +45,7 @@ pub(super) fn floor(
         let covariance = error.covariance.view((0, 0), (axes, axes))
             + DMatrix::identity(axes, axes) * noise.position_m.powi(2);
         let trace = covariance.trace();
-        // Mean length of a normal vector, to second order in how uneven its covariance is.
-        let spread = (&covariance * &covariance).trace() / trace.powi(2);
-        Ok((trace.sqrt() * (1.0 - 0.25 * spread), trace))
+        Ok((trace.sqrt() * (1.0 - narrower(&covariance)), trace))
     };
     let measured: Vec<&TcpPose> = (poses.iter())
         .filter_map(|&pose| folder.tcp_poses.get(pose))

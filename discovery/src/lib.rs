@@ -44,6 +44,7 @@ use nalgebra::DMatrix;
 use tau_codegen::language::{self, Model, effects_from_text};
 use tau_estimation::calibration::{Calibration, Prepared, Stated, check_poses};
 use tau_estimation::joint::fit::Fit;
+use tau_estimation::numerics::order::extent;
 use tau_estimation::numerics::parallel;
 use tau_estimation::numerics::spread::spread;
 use tau_estimation::samples::Sample;
@@ -199,13 +200,13 @@ impl Outcome {
             .map(|(place, name)| (name.as_str(), place))
             .collect();
         let place = |index: usize| places.get(variant.parameters[index].name.as_str()).copied();
-        let covariance = |a: usize, b: usize| match (place(a), place(b)) {
-            (Some(a), Some(b)) => self.covariance[(a, b)],
-            _ => 0.0,
-        };
+        let count = variant.parameters.len();
         let stated = Stated {
             values,
-            covariance: &covariance,
+            covariance: DMatrix::from_fn(count, count, |a, b| match (place(a), place(b)) {
+                (Some(a), Some(b)) => self.covariance[(a, b)],
+                _ => 0.0,
+            }),
             cost: self.cost,
         };
         prepared.stated(&completed, folder, &self.poses, stated)
@@ -402,10 +403,7 @@ fn model_of(input: &Input<'_>) -> Result<(Model, usize, Vec<generic::Family>), E
         .calibration
         .iter()
         .flat_map(|&pose| &folder.tcp_poses[pose].commands_m);
-    let range_m = commands.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &q| {
-        (low.min(q), high.max(q))
-    });
-    let (model, families) = catalogue(model, options, range_m)?;
+    let (model, families) = catalogue(model, options, extent(commands.copied()))?;
     let index = model
         .variants
         .iter()

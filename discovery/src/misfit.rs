@@ -15,6 +15,8 @@ use super::p_value::PValue;
 use super::results::{Micro, Misfit, NoiseScale};
 
 const MICRO: f64 = 1e6;
+/// Share of a residual's variance that a fit is taken to leave at least: below it, linearisation and rounding tell.
+const LEAST_LEFT: f64 = 1e-3;
 
 /// Residuals of each link, and of each cart and coordinate, against the stated noise.
 pub(super) fn misfits(fit: &Fit, samples: &[Sample], noise: Noise) -> Vec<Misfit> {
@@ -126,7 +128,7 @@ fn closures(fit: &Fit, samples: &[Sample]) -> Vec<Misfit> {
         let absorbed = &inverse * fit.basis.q.rows(first, count);
         for (k, sum) in sums.iter_mut().enumerate() {
             let variance = inverse.row(k).norm_squared();
-            let left = (variance - absorbed.row(k).norm_squared()).max(1e-3 * variance);
+            let left = (variance - absorbed.row(k).norm_squared()).max(LEAST_LEFT * variance);
             let slope: f64 = gradients[k][..3].iter().map(|along| along * along).sum();
             sum.0 += (plain[k] * scale).powi(2) / left;
             sum.1 += (plain[k] * scale).powi(2) / slope;
@@ -177,7 +179,7 @@ fn of_unknown_poses(fit: &Fit) -> Vec<Misfit> {
             if origin.unit != "m" || free < LEAST_FREE {
                 continue;
             }
-            let expected = (free - absorbed.row(row).norm_squared()).max(1e-3 * free);
+            let expected = (free - absorbed.row(row).norm_squared()).max(LEAST_LEFT * free);
             let square = (left[row] * scale).powi(2);
             let sum = sums.entry((origin.place.drive, origin.kind)).or_default();
             sum.0 += square / expected;

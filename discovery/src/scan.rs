@@ -48,8 +48,8 @@ pub(super) struct Scores {
 }
 
 impl Band {
-    /// The grid is even in the reciprocal of the parameter where that is a period, a length in which
-    /// the effect repeats along a track; `range_m` is the widest range of the commands.
+    /// The grid is even in the reciprocal of the parameter, a length in which the effect repeats along a track;
+    /// `range_m` is the widest range of the commands (m).
     pub(super) fn new(
         candidate: &Candidate,
         model: &Model,

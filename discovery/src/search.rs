@@ -84,11 +84,30 @@ impl<'a> Search<'a> {
         };
         let likelihood =
             likelihood.unwrap_or_else(|| ProfileLikelihood::of(&base.fit, &set.samples));
+        let state = base.clone();
+        let model = (variant, own_effects);
+        let mut search = Self::at(input, (set, &first), model, (base, state), likelihood);
+        search.known[0] = Some(first);
+        search
+            .visited
+            .insert(search.state.composition(), Some(search.score));
+        search.record()?;
+        Ok(search)
+    }
+
+    /// At a state, before anything is noted; `first` are the scores beside the base.
+    fn at(
+        input: &'a Input<'a>,
+        (set, first): (CandidateSet, &Table),
+        (variant, own_effects): (usize, usize),
+        (base, state): (State, State),
+        likelihood: ProfileLikelihood,
+    ) -> Self {
         let mut search = Self {
             input,
             likelihood,
             degrees: base.fit.degrees(),
-            state: base.clone(),
+            state,
             base,
             starts_with_family: false,
             score: 0.0,
@@ -101,20 +120,16 @@ impl<'a> Search<'a> {
             drops_um: BTreeMap::new(),
             steps: vec![],
             gaps: vec![],
-            known: [Some(first.clone()), None],
+            known: [None, None],
             without: None,
             first: first.clone().without_model(),
             left: vec![],
         };
-        for score in first.scores {
-            search.cost(&score);
+        for score in &first.scores {
+            search.cost(score);
         }
         search.score = search.score_of_state(&search.state);
         search
-            .visited
-            .insert(search.state.composition(), Some(search.score));
-        search.record()?;
-        Ok(search)
     }
 
     /// Climbs as long as any move improves the score. Names come first, and families where no name helps; and once

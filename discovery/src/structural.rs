@@ -153,15 +153,13 @@ impl FullArm {
         (misfit, gap): (Vec<Misfit>, Gap),
         found: &mut Discovery,
     ) {
-        found.considered.insert(0, self.considered());
-        found.base = base.into();
-        found.misfit = misfit;
+        let before = found.validation.before;
+        begin_at(found, base, self.considered(), (misfit, gap));
         found.status = match found.status {
             Status::NothingMissing => Status::Explained,
             Status::UnnamedStructure => Status::PartlyExplained,
             other => other,
         };
-        let before = std::mem::replace(&mut found.validation.before, gap);
         // The noise is the same under both arms.
         let more = gap.rms_um.powi(2) - before.rms_um.powi(2);
         found.ceiling_um = (found.ceiling_um.powi(2) + more).max(0.0).sqrt();
@@ -180,8 +178,21 @@ impl FullArm {
                 waves: vec![],
             },
         );
-        found.steps.insert(0, Step::at_base(base, gap));
     }
+}
+
+/// Lets what was found begin at another base, with that base's misfit and gap.
+fn begin_at(
+    found: &mut Discovery,
+    base: &str,
+    considered: Considered,
+    (misfit, gap): (Vec<Misfit>, Gap),
+) {
+    found.considered.insert(0, considered);
+    found.base = base.into();
+    found.misfit = misfit;
+    found.validation.before = gap;
+    found.steps.insert(0, Step::at_base(base, gap));
 }
 
 /// Constraints of a reduced arm on the unknowns of a full one, one row each: by how much each link of a

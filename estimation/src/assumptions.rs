@@ -6,7 +6,9 @@ use tau_robot::measurements::Folder;
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::RobotFile;
 
-use crate::calibration::{Line, MOUNTING_M, Registration, prepared::mean_rotation, set_2, set_3};
+use crate::calibration::{
+    Line, MOUNTING_M, Registration, centres, prepared::mean_rotation, set_2, set_3,
+};
 use crate::numerics::order::smallest_first;
 
 /// Checks of what the models assume.
@@ -219,17 +221,10 @@ fn alignment(file: &RobotFile, pairs: &[Option<Pairs>]) -> Option<Rotation3<f64>
     if present.is_empty() {
         return None;
     }
-    let count = present.len() as f64;
-    let path_centre = present
+    let places = present
         .iter()
-        .map(|pairs| pairs.path_centre)
-        .sum::<Vector3<f64>>()
-        / count;
-    let measured_centre = present
-        .iter()
-        .map(|pairs| pairs.measured_centre)
-        .sum::<Vector3<f64>>()
-        / count;
+        .map(|pairs| [pairs.path_centre, pairs.measured_centre]);
+    let [path_centre, measured_centre] = centres(places);
     let correlation: Matrix3<f64> = present
         .iter()
         .map(|pairs| {

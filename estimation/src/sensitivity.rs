@@ -10,9 +10,9 @@
 use nalgebra::{DMatrix, DVector, Vector3};
 use tau_kinematics::{Machine, POSE_COLUMNS, Pose, Sample, angle_rates};
 use tau_robot::measurements::{Folder, TcpPose};
-use tau_robot::robot::{Instance, Owner, ResidualKind};
+use tau_robot::robot::{Instance, ResidualKind};
 
-use crate::calibration::{Error, closure_cost};
+use crate::calibration::{Error, closure_cost, own_parameter};
 use crate::implicit::Linearized;
 use crate::numerics::parallel;
 use crate::numerics::spread::spread;
@@ -332,23 +332,8 @@ fn find(
     quantity: &str,
     component: Option<usize>,
 ) -> Option<usize> {
-    closure.parameters.iter().copied().find(|&index| {
-        let parameter = &machine.variant.parameters[index];
-        let is_quantity = parameter.quantity == quantity
-            || quantity == "orientation"
-                && matches!(
-                    parameter.quantity.as_str(),
-                    "track_direction" | "track_rotation"
-                );
-        let is_own = match parameter.owner {
-            Owner::Link(of) | Owner::Cluster(of) => of == closure.of,
-            Owner::Track(_) => true,
-            Owner::Crank(_)
-            | Owner::Robot
-            | Owner::Effect(_)
-            | Owner::Frame(_)
-            | Owner::Target { .. } => false,
-        };
-        is_quantity && is_own && parameter.component == component
+    own_parameter(machine, closure, component, |own| {
+        own == quantity
+            || quantity == "orientation" && matches!(own, "track_direction" | "track_rotation")
     })
 }

@@ -74,42 +74,7 @@ impl Machine {
         Ok(newton::solve(self, start, self.pose_unknowns())?.pose)
     }
 
-    /// Poses along a sequence of commands (m), each [followed](Self::forward_along) from the one before, the first
-    /// from `start`, which is the pose at the first commands, or, without it, from the
-    /// [reference](Self::at_reference).
-    ///
-    /// # Errors
-    /// As [`Machine::forward_along`] and [`Machine::at_reference`], with the index of the commands.
-    pub fn forward_sequence(
-        &self,
-        commands_m: &[Vec<f64>],
-        start: Option<Pose>,
-    ) -> Result<Vec<Pose>, (usize, Error)> {
-        let Some(first) = commands_m.first() else {
-            return Ok(Vec::new());
-        };
-        let (mut pose, mut before) = match start {
-            Some(pose) => (pose, first.clone()),
-            None => {
-                let anywhere = Pose::from_zyz([0.0; 3], [0.0; 3]);
-                let known = self.at_reference(&Sample::new(anywhere, first));
-                let known = known.map_err(|error| (0, error))?;
-                (known.pose, known.commands_m)
-            }
-        };
-        let mut poses = Vec::with_capacity(commands_m.len());
-        for (index, commands) in commands_m.iter().enumerate() {
-            pose = self
-                .forward_along(&before, &Sample::new(pose, commands))
-                .map_err(|error| (index, error))?
-                .pose;
-            poses.push(pose);
-            before.clone_from(commands);
-        }
-        Ok(poses)
-    }
-
-    /// All assembly modes at given commands (m) that a systematic search finds; singular ones are left
+    /// All assembly modes at the commands of a sample, whose pose does not matter, that a systematic search finds; singular ones are left
     /// out. First comes the one nearest to `orientation` if that is given, otherwise the one most
     /// firmly held (largest smallest singular value): a mirrored arm is held about as firmly, so where a pose is
     /// known, follow the arm from there ([`Self::at_reference`]).
@@ -121,19 +86,6 @@ impl Machine {
     /// # Errors
     /// No start led to a pose; data missing.
     pub fn assembly_modes(
-        &self,
-        commands_m: &[f64],
-        orientation: Option<Rotation3<f64>>,
-    ) -> Result<Vec<AssemblyMode>, Error> {
-        let anywhere = Pose {
-            position: Vector3::zeros(),
-            rotation: Rotation3::identity(),
-        };
-        self.assembly_modes_of(&Sample::new(anywhere, commands_m), orientation)
-    }
-
-    /// The same with all that is known besides the commands; the sample's pose does not matter.
-    pub(crate) fn assembly_modes_of(
         &self,
         sample: &Sample<'_>,
         orientation: Option<Rotation3<f64>>,

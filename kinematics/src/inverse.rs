@@ -174,27 +174,6 @@ impl Machine {
         }
     }
 
-    /// Commands along a sequence of poses, each the continuation of the one before.
-    ///
-    /// # Errors
-    /// As [`Machine::inverse`], with the index of the pose.
-    pub fn inverse_sequence(
-        &self,
-        poses: &[Pose],
-        options: &InverseOptions,
-    ) -> Result<Vec<Reached>, (usize, Error)> {
-        let mut options = options.clone();
-        let mut reached = Vec::with_capacity(poses.len());
-        for (index, &pose) in poses.iter().enumerate() {
-            let next = self
-                .inverse(pose, &options)
-                .map_err(|error| (index, error))?;
-            options.near = Some((next.pose, next.commands_m.clone()));
-            reached.push(next);
-        }
-        Ok(reached)
-    }
-
     /// For each command, the mean of the roots of the closures that it drives.
     fn closed_form(&self, pose: Pose, options: &InverseOptions) -> Result<Vec<f64>, Error> {
         let middle = self.middle(options);

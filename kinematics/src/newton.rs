@@ -8,7 +8,10 @@ use super::machine::{Closures, Machine, Scratch};
 use super::pose::POSE_COLUMNS;
 use super::{Error, Pose};
 
+/// Steps, the longest of which lead 30 m or rad away in so many: farther than a pose may be from a start.
 const MAX_ITERATIONS: usize = 60;
+/// Least share of the fall that the tangent lets expect which a step must bring (L. Armijo, Pacific J. Math. 16, 1966).
+const LEAST_FALL: f64 = 1e-4;
 /// A mismatch of link lengths (m) that is rounding.
 pub(crate) const ROUNDING_M: f64 = 1e-13;
 /// A step (m, rad) after which nothing moves any more.
@@ -85,7 +88,7 @@ pub(crate) fn solve_to(
             match at(&mut next, next_pose, &next_commands) {
                 Ok(()) => {
                     let norm = next.residuals.norm();
-                    if norm < mismatch * (1.0 - 1e-4 * share) || norm < ROUNDING_M {
+                    if norm < mismatch * (1.0 - LEAST_FALL * share) || norm < ROUNDING_M {
                         (pose, commands) = (next_pose, next_commands);
                         std::mem::swap(&mut closures, &mut next);
                         mismatch = norm;

@@ -175,6 +175,7 @@ impl Rod {
 /// direction (v × (ẑ × v)), unit vectors. On a track within 25° of vertical x̂ takes the place of ẑ,
 /// as in the generated code.
 pub fn track_axes(direction: Vector3<f64>) -> [Vector3<f64>; 3] {
+    /// cos² 25°, rounded as in the generated code.
     const STEEPEST: f64 = 0.82;
     let along = direction.try_normalize(0.0).unwrap_or_else(Vector3::x);
     let reference = if along.z * along.z < STEEPEST {

@@ -11,6 +11,12 @@ pub(super) fn decimals(magnitude: f64, significant: i32) -> usize {
         .min(12)
 }
 
+/// Smallest and largest of some numbers; +∞ and −∞ of none.
+pub(super) fn extent(numbers: impl Iterator<Item = f64>) -> (f64, f64) {
+    let nothing = (f64::INFINITY, f64::NEG_INFINITY);
+    numbers.fold(nothing, |(low, high), own| (low.min(own), high.max(own)))
+}
+
 /// Decimals that leave three digits of the smallest number that is not zero.
 pub(super) fn shared_decimals(values: impl IntoIterator<Item = f64>) -> usize {
     let smallest = values

@@ -11,7 +11,8 @@ use tau_codegen::language::model::Place;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::set::{ANGLES, POSITION};
 use tau_robot::measurements::{
-    CartPose, CartPosition, Conditions, DISTANCES, Folder, PlateKind, PlateRow, Texts,
+    CART_POSES, CART_POSITIONS, CartPose, CartPosition, Conditions, DISTANCES, Folder, PlateKind,
+    PlateRow, TCP_POSES, Texts,
 };
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::RobotFile;
@@ -34,7 +35,7 @@ impl SimulatedFolder {
             ("truth.json", self.truth.to_json()),
         ];
         if !folder.tcp_poses.is_empty() {
-            files.push(("tcp_poses.csv", self.tcp_poses()));
+            files.push((TCP_POSES, self.tcp_poses()));
         }
         for kind in PlateKind::ALL {
             let rows: Vec<&PlateRow> = folder.rows_of(kind).collect();
@@ -46,11 +47,11 @@ impl SimulatedFolder {
             files.push((DISTANCES, plate::distances_text(&folder.distances)));
         }
         if !folder.cart_poses.is_empty() {
-            files.push(("cart_poses.csv", cart_poses(&folder.cart_poses)));
+            files.push((CART_POSES, cart_poses(&folder.cart_poses)));
         }
         if !folder.cart_positions.is_empty() {
             let text = cart_positions(&folder.cart_positions, &commands);
-            files.push(("cart_positions.csv", text));
+            files.push((CART_POSITIONS, text));
         }
         files
     }

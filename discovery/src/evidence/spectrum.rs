@@ -8,7 +8,8 @@ use crate::response::Responses;
 use crate::results::Spectrum;
 use crate::significance::Null;
 
-/// Stretches of the grid of which the highest point is kept: as data, and as a curve to draw.
+/// Stretches of the grid of which the highest point is kept: as data that a person can read, and as a curve with a point
+/// for each of the points across a figure.
 const POINTS: usize = 48;
 const CURVE: usize = 600;
 

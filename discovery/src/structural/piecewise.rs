@@ -21,13 +21,13 @@ use super::super::linear_model::LinearModel;
 use super::super::p_value::PValue;
 use super::super::probes::TARGETS_OF_CART;
 use super::super::results::{
-    Considered, Discovery, Motion, PiecewiseTrack, Place, Quantity, Step, Unnamed, Verdict,
+    Considered, Discovery, Motion, PiecewiseTrack, Place, Quantity, Unnamed, Verdict,
 };
 use super::super::score::ProfileLikelihood;
 use super::super::search::Search;
 use super::super::significance::Null;
 use super::super::{Error, Input, Outcome, held_out, search_from};
-use super::{Described, with_structure};
+use super::{Described, begin_at, with_structure};
 use tau_codegen::language::Model;
 use tau_codegen::language::model::{Arm, Readable, TrackModel, TrackShape};
 use tau_estimation::calibration::Line;
@@ -342,29 +342,24 @@ impl TrackTest {
     /// Puts the step from the straight track to the piecewise one before what was found from there.
     fn precede(&self, base: &str, straight: Discovery, found: &mut Discovery) {
         let gap = straight.validation.before;
-        found.considered.insert(
-            0,
-            Considered {
-                verdict: Verdict::WithoutName,
-                ..self.considered()
-            },
-        );
+        let before = found.validation.before;
+        let considered = Considered {
+            verdict: Verdict::WithoutName,
+            ..self.considered()
+        };
+        begin_at(found, base, considered, (straight.misfit, gap));
         found.piecewise_tracks.insert(
             0,
             PiecewiseTrack {
                 place: Place::Cart(self.place.clone()),
                 p_value: self.p_value,
                 chi2_drop: self.statistic,
-                heldout_drop_um: gap.mean_um - found.validation.before.mean_um,
+                heldout_drop_um: gap.mean_um - before.mean_um,
             },
         );
-        found.base = base.into();
-        found.misfit = straight.misfit;
         found.ceiling_um = straight.ceiling_um;
-        found.validation.before = gap;
         found.status = found.status.with_unnamed();
         found.unnamed.splice(0..0, self.unnamed.iter().cloned());
-        found.steps.insert(0, Step::at_base(base, gap));
     }
 }
 

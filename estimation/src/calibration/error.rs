@@ -56,11 +56,6 @@ impl Error {
             error => error,
         }
     }
-
-    /// True if the input is at fault, and not the computation.
-    pub fn is_input(&self) -> bool {
-        matches!(self, Self::Input(_))
-    }
 }
 
 impl fmt::Display for Error {

@@ -23,6 +23,7 @@ use tau_robot::robot_file::RobotFile;
 use nalgebra::DMatrix;
 use tau_solver::{Problem, Solution};
 
+use crate::numerics::order::extent;
 use crate::numerics::{count, parallel, triangle};
 use crate::problem::{self, Closures, Residuals};
 use crate::samples::Sample;
@@ -33,11 +34,11 @@ use crate::weighing::{self, Treatment, Weighing};
 pub(crate) use cost::closure_cost;
 pub use error::Error;
 pub use nominal::Nominal;
-pub(crate) use output::reference;
 pub use output::{LinkResult, LinkSigma, ParameterEstimate};
+pub(crate) use output::{own_parameter, reference};
 pub use prepared::{Prepared, length_noise};
 pub use registration::{Line, MOUNTING_M, NominalTrack, Registration};
-pub(crate) use registration::{set_2, set_3};
+pub(crate) use registration::{centres, set_2, set_3, turn_of};
 pub(crate) use shared_noise::factor_with_shared_noise;
 pub use stated::Stated;
 
@@ -105,7 +106,8 @@ pub struct Calibration {
     pub correlations: Vec<(String, String, f64)>,
     /// Combinations that the data leave to the priors, worst first.
     pub undetermined: Vec<Combination>,
-    /// Half the sum of squared whitened residuals and priors.
+    /// Half the sum of squared whitened residuals and priors at their minimum, from which values move on by the bias that
+    /// noise of the poses gives it.
     pub cost: f64,
     /// Number of calibration poses that took part.
     pub poses: usize,
@@ -328,9 +330,7 @@ fn from_prepared(
 
 /// Width of the range of some commands (m).
 pub fn widest<'a>(commands_m: impl Iterator<Item = &'a f64>) -> f64 {
-    let (low, high) = commands_m.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &q| {
-        (low.min(q), high.max(q))
-    });
+    let (low, high) = extent(commands_m.copied());
     (high - low).max(1e-3)
 }
 

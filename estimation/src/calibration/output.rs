@@ -289,13 +289,24 @@ fn vector_of(machine: &Machine, closure: &Instance, quantity: &str) -> Option<[f
     Some([component(0)?, component(1)?, component(2)?])
 }
 
-/// A parameter of the link, cluster or track that a closure belongs to.
 fn component_of(
     machine: &Machine,
     closure: &Instance,
     quantity: &str,
     component: Option<usize>,
 ) -> Option<f64> {
+    own_parameter(machine, closure, component, |own| own == quantity)
+        .map(|index| machine.values[index])
+}
+
+/// A parameter, of a quantity that is wanted, of the link, cluster or track that a closure belongs to: its index in the
+/// variant.
+pub(crate) fn own_parameter(
+    machine: &Machine,
+    closure: &Instance,
+    component: Option<usize>,
+    is_wanted: impl Fn(&str) -> bool,
+) -> Option<usize> {
     let is_own = |owner: Owner| match owner {
         Owner::Link(index) | Owner::Cluster(index) => index == closure.of,
         Owner::Track(_) => true,
@@ -305,16 +316,12 @@ fn component_of(
         | Owner::Frame(_)
         | Owner::Target { .. } => false,
     };
-    closure
-        .parameters
-        .iter()
-        .find(|&&index| {
-            let parameter = &machine.variant.parameters[index];
-            parameter.quantity == quantity
-                && parameter.component == component
-                && is_own(parameter.owner)
-        })
-        .map(|&index| machine.values[index])
+    closure.parameters.iter().copied().find(|&index| {
+        let parameter = &machine.variant.parameters[index];
+        is_wanted(&parameter.quantity)
+            && parameter.component == component
+            && is_own(parameter.owner)
+    })
 }
 
 #[cfg(test)]

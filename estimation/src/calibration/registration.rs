@@ -145,6 +145,28 @@ impl NominalTrack {
     }
 }
 
+/// Means of the firsts and of the seconds of some pairs of places, about which the best rotation turns them (W. Kabsch, Acta
+/// Crystallographica A32, 1976).
+pub(crate) fn centres(
+    pairs: impl ExactSizeIterator<Item = [Vector3<f64>; 2]>,
+) -> [Vector3<f64>; 2] {
+    let count = pairs.len() as f64;
+    let sums = pairs.fold([Vector3::zeros(); 2], |[a, b], own| {
+        [a + own[0], b + own[1]]
+    });
+    sums.map(|sum| sum / count)
+}
+
+/// The rotation nearest to a sum of products of vectors with those that it turns; a plane is turned in itself alone.
+pub(crate) fn turn_of(products: Matrix3<f64>, is_in_plane: bool) -> Rotation3<f64> {
+    if is_in_plane {
+        let (along, across) = (products.m11 + products.m22, products.m21 - products.m12);
+        Rotation3::from_axis_angle(&Vector3::z_axis(), across.atan2(along))
+    } else {
+        nearest_rotation(products)
+    }
+}
+
 impl Registration {
     /// Registers measured lines, one per track, on the nominal tracks; `None` where no track has both.
     ///
@@ -162,17 +184,10 @@ impl Registration {
         if pairs.is_empty() {
             return None;
         }
-        let count = pairs.len() as f64;
-        let nominal_centre = pairs
+        let origins = pairs
             .iter()
-            .map(|(t, _)| t.line.origin)
-            .sum::<Vector3<f64>>()
-            / count;
-        let measured_centre = pairs
-            .iter()
-            .map(|(_, line)| line.origin)
-            .sum::<Vector3<f64>>()
-            / count;
+            .map(|(track, line)| [track.line.origin, line.origin]);
+        let [nominal_centre, measured_centre] = centres(origins);
         let correlation: Matrix3<f64> = pairs
             .iter()
             .map(|(track, line)| {

@@ -1,7 +1,6 @@
 //! A calibration that states what a fit to more than closures found.
 
-use std::fmt;
-
+use nalgebra::DMatrix;
 use tau_kinematics::Machine;
 use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot::ResidualKind;
@@ -12,23 +11,14 @@ use crate::numerics::triangle;
 use super::{Calibration, Error, Fitted, Prepared, finish};
 
 /// A fitted variant, as it is stated.
-pub struct Stated<'a> {
+#[derive(Debug)]
+pub struct Stated {
     /// Value of each of the variant's parameters, SI.
     pub values: Vec<f64>,
-    /// Covariance of two of them, priors included.
-    pub covariance: &'a dyn Fn(usize, usize) -> f64,
+    /// Covariance of all of them (products of their SI units), priors included; zero where a parameter was not fitted.
+    pub covariance: DMatrix<f64>,
     /// Half the sum of squared whitened residuals and priors, of all that was fitted.
     pub cost: f64,
-}
-
-/// Without the covariance, which is a function.
-impl fmt::Debug for Stated<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Stated")
-            .field("values", &self.values)
-            .field("cost", &self.cost)
-            .finish_non_exhaustive()
-    }
 }
 
 impl Prepared {
@@ -42,7 +32,7 @@ impl Prepared {
         file: &RobotFile,
         folder: &Folder,
         poses: &[usize],
-        stated: Stated<'_>,
+        stated: Stated,
     ) -> Result<Calibration, Error> {
         let Machine { variant, .. } = &self.machine;
         let mut used: Vec<usize> = variant
@@ -51,8 +41,8 @@ impl Prepared {
             .collect();
         used.sort_unstable();
         used.dedup();
-        let covariance = |&a: &usize| used.iter().map(|&b| (stated.covariance)(a, b)).collect();
-        let covariance: Vec<Vec<f64>> = used.iter().map(covariance).collect();
+        let row = |&a: &usize| used.iter().map(|&b| stated.covariance[(a, b)]).collect();
+        let covariance: Vec<Vec<f64>> = used.iter().map(row).collect();
         let fitted = Fitted {
             factor: triangle::lower(&covariance),
             second_order: vec![0.0; used.len()],

@@ -3,14 +3,7 @@
 //! It stands beside the solver's own Levenberg-Marquardt because a search needs the Jacobian after each fit: the
 //! Gram matrices of groups of rows ([`Grouped`](crate::numerics::grouped::Grouped)) serve steps, noise estimates,
 //! scores and refits with other weights alike. And the points of piecewise tracks are unknowns here that are
-//! parameters of no family. Both were held against each other in the descents that searches make on the prototype
-//! and on `data/trials`, 83 without such points (same residuals, start, weights and limits of progress; least of
-//! three, on a loaded machine): 636 iterations and 6.0 s here, 1 510 iterations and 63 s by
-//! [`tau_solver::solve`], which takes dense QR of such problems. Ends agree to 0.1 of χ² in 25; the solver's is
-//! lower in 46, most where steps that lower χ² by less than a ten-thousandth end the descent ([`NEAR`]), and
-//! higher in 12, by 2.5 at most. To the minimum itself the solver can be the shorter way: from the first start
-//! on the prototype it takes 6 iterations to χ² = 29 658.7, the descent 45 to 29 662.5. By
-//! [`tau_solver::Method::SchurCholesky`] its iterations cost one to two times as much as those here.
+//! parameters of no family.
 
 use nalgebra::DVector;
 use tau_runtime::Owner;
@@ -41,12 +34,15 @@ const NEAR: End = End {
 /// Near enough for values to be stated, however slow the way: in curved valleys, steps that hardly lower χ² may
 /// add up to several standard deviations.
 const AT_MINIMUM: End = End { share: 0.0, ..NEAR };
+/// A step that is expected to bring this fall moves by a third (√0.1) of a standard deviation.
 const CONVERGED: f64 = 0.1;
 /// A descent that ends with steps that still lower χ² by more than this share has not arrived.
 const UNSETTLED: f64 = 1e-3;
 /// Longest turn of a tracker frame in one step (rad).
 const LONGEST_TURN: f64 = 0.1;
-/// Damping of every step, as a share of each unknown's own curvature, and how it grows where steps fail.
+/// Damping of every step, as a share of each unknown's own curvature, and how it grows where steps fail. The least holds
+/// back only what data hardly determine; at the most a step is half of what an unknown by itself asks for, and rounding
+/// alone lets it fail.
 const LEAST_DAMPING: f64 = 1e-8;
 const DAMPED: f64 = 10.0;
 const MOST_DAMPING: f64 = 1.0;
@@ -58,7 +54,9 @@ const CORRECTIONS: usize = 12;
 const LARGEST_CONTRACTION: f64 = 0.8;
 /// Changes of the estimated noise below this share are none.
 const SAME_NOISE: f64 = 0.02;
+/// Rounds in which noise and values follow each other.
 const NOISE_ROUNDS: usize = 6;
+/// The first weights are by a fit that outliers bend, the second by one that they do not.
 const ROBUST_ROUNDS: usize = 2;
 
 /// A variant on its way to the minimum.

@@ -9,8 +9,9 @@ use super::fit::Fit;
 use super::{Component, Joint, Origin, RowPlace};
 use crate::calibration::error::Error;
 use crate::calibration::nominal::Nominal;
-use crate::numerics::distribution::chi2_survival;
+use crate::numerics::distribution::{chi2_survival, narrower};
 use crate::samples::Sample;
+use crate::samples::outliers::LEVEL;
 use crate::unknown_poses::{EstimatedPoses, GrossRow, Placed, Side};
 
 /// Rounds of fits, each about the poses of the one before; two or three are usual.
@@ -138,9 +139,6 @@ pub struct HeldOut {
     /// Measurements far off all others, which are left out.
     pub gross: Vec<GrossRow>,
 }
-
-/// Chance that one of all held-out measurements is taken for a gross one though none is.
-const LEVEL: f64 = 0.01;
 
 impl Fit {
     /// Displacements of targets, surfaces and balls from where they were estimated.
@@ -277,12 +275,9 @@ impl Judged {
                 sigma(i) * self.covariance[(own[i], own[j])] * sigma(j)
             });
             let errors = (0..own.len()).map(|k| (self.left[own[k]] * sigma(k)).powi(2));
-            let trace = expected.trace();
-            // Mean length of a normal vector, to second order in how uneven its covariance is.
-            let uneven = (&expected * &expected).trace() / trace.powi(2).max(f64::MIN_POSITIVE);
             found.errors_m.push(errors.sum::<f64>().sqrt());
-            found.expected_m2.push(trace);
-            found.narrower.push(0.25 * uneven);
+            found.expected_m2.push(expected.trace());
+            found.narrower.push(narrower(&expected));
         }
     }
 }

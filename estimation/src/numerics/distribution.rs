@@ -1,5 +1,6 @@
 //! Probabilities of test statistics.
 
+use nalgebra::DMatrix;
 use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor};
 use statrs::function::beta::ln_beta;
 use statrs::function::gamma::ln_gamma;
@@ -117,6 +118,13 @@ pub fn detectable_noncentrality(threshold: f64, degrees: f64, power: f64) -> f64
     bisect(1e-9, 20.0, |lambda| {
         power - noncentral_chi2_survival(threshold, degrees, lambda)
     })
+}
+
+/// Share by which the mean length of a normal vector is less than its root mean square, to second order in how uneven its
+/// covariance is.
+pub fn narrower(covariance: &DMatrix<f64>) -> f64 {
+    let square = covariance.trace().powi(2).max(f64::MIN_POSITIVE);
+    0.25 * ((covariance * covariance).trace() / square)
 }
 
 /// The root of a function that falls from positive to negative, the upper end doubled as needed.

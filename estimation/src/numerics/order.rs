@@ -1,4 +1,4 @@
-//! Items in order of a number of theirs; those of equal numbers stay as they were.
+//! Items in order of a number of theirs, where those of equal numbers stay as they were; the ends of some numbers.
 
 /// The smallest number first.
 pub fn smallest_first<T>(items: &mut Vec<T>, number: impl Fn(&T) -> f64) {
@@ -9,6 +9,12 @@ pub fn smallest_first<T>(items: &mut Vec<T>, number: impl Fn(&T) -> f64) {
 /// The largest number first.
 pub fn largest_first<T>(items: &mut Vec<T>, number: impl Fn(&T) -> f64) {
     smallest_first(items, |item| -number(item));
+}
+
+/// Smallest and largest of some numbers; +∞ and −∞ of none.
+pub fn extent(numbers: impl IntoIterator<Item = f64>) -> (f64, f64) {
+    let nothing = (f64::INFINITY, f64::NEG_INFINITY);
+    (numbers.into_iter()).fold(nothing, |(low, high), own| (low.min(own), high.max(own)))
 }
 
 /// Sorts places, not items: the sort is compiled once and not for every kind of item.

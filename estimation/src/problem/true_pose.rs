@@ -8,7 +8,7 @@ use tau_kinematics::{Missing, Pose, Sample, Surroundings};
 use tau_robot::robot::{Input, Instance};
 use tau_runtime::{LANES, Lanes, Pattern, ResidualFamily, Shape};
 
-use super::whitened::number;
+use crate::numerics::number;
 
 /// Unknowns of a pose: translation (m), then rotation vector (rad) in the measurement frame, that carry
 /// the measured pose into the true one.

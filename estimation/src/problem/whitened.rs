@@ -9,6 +9,7 @@ use tau_robot::robot_file::Noise;
 use tau_runtime::{Pattern, ResidualFamily, Shape};
 
 use super::times_noise;
+use crate::numerics::number;
 use crate::numerics::projection::inverse_factor;
 
 /// Linear combinations of all closures of a pose: multiplied by the inverse Cholesky factor of their covariance, since
@@ -302,10 +303,6 @@ impl WhitenedPose {
             }
         }
     }
-}
-
-pub(super) fn number(n: usize) -> u32 {
-    u32::try_from(n).unwrap_or(u32::MAX)
 }
 
 impl ResidualFamily for WhitenedPose {

@@ -11,7 +11,9 @@ pub mod plates;
 
 use tau_kinematics::{self as kinematics, Forces, Machine, Missing, Pose, Statics, Surroundings};
 use tau_robot::input_error::InputError;
-use tau_robot::measurements::{Conditions, Folder, TcpPose, visits};
+use tau_robot::measurements::{
+    CART_POSES, CART_POSITIONS, Conditions, Folder, TCP_POSES, TcpPose, visits,
+};
 use tau_robot::robot::{Input, Instance, Robot};
 
 use crate::calibration::error::Error;
@@ -289,7 +291,7 @@ impl Sample {
 
     /// The error that something which a residual takes is missing.
     pub(crate) fn lacks(&self, missing: Missing) -> Error {
-        let files = ["tcp_poses.csv", "cart_poses.csv", "cart_positions.csv"];
+        let files = [TCP_POSES, CART_POSES, CART_POSITIONS];
         self.lacks_in(files[usize::from(self.set.clamp(1, 3)) - 1], missing)
     }
 

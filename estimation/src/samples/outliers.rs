@@ -10,8 +10,12 @@ use crate::samples::Sample;
 
 /// Residuals this far beyond their noise count less while outliers are looked for (Huber).
 const HUBER: f64 = 2.0;
-/// Chance that the largest of all residuals is taken for an outlier though it is none.
-const LEVEL: f64 = 0.01;
+/// Chance that the largest of all residuals is taken for an outlier though it is none: one folder in a hundred loses a good
+/// measurement.
+pub(crate) const LEVEL: f64 = 0.01;
+/// Squared distances from a line beyond so many medians keep a point from it: of three normal errors one in ten thousand
+/// is as far off.
+const MEDIANS: f64 = 9.0;
 /// Fewest samples that make a crowd.
 const LEAST_CROWD: usize = 3;
 /// Chance at which outliers crowd along a track more than by accident.
@@ -239,7 +243,7 @@ pub fn about_lines(samples: &[Sample]) -> Vec<(f64, f64)> {
             }
             let mut sorted: Vec<f64> = points.iter().map(distance).collect();
             sorted.sort_by(f64::total_cmp);
-            let limit = 9.0 * sorted[sorted.len() / 2];
+            let limit = MEDIANS * sorted[sorted.len() / 2];
             kept = points
                 .iter()
                 .filter(|point| distance(point) <= limit)

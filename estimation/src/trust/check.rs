@@ -4,7 +4,8 @@ use std::collections::BTreeSet;
 
 use tau_robot::measurements::set::POSITION;
 use tau_robot::measurements::{
-    Conditions, DISTANCES, Division, Folder, PlateKind, TCP_POSES, TcpPose, visits,
+    CART_POSES, CART_POSITIONS, Conditions, DISTANCES, Division, Folder, PlateKind, TCP_POSES,
+    TcpPose, visits,
 };
 use tau_robot::robot::{Robot, Variant};
 use tau_robot::robot_file::RobotFile;
@@ -261,15 +262,12 @@ fn files(robot: &Robot, folder: &Folder) -> Vec<FileFacts> {
     let mut files = vec![
         facts((TCP_POSES, "poses of the plate"), of_poses, poses),
         facts(
-            ("cart_poses.csv", "poses of the carts along their tracks"),
+            (CART_POSES, "poses of the carts along their tracks"),
             (&of_track, &position),
             along_tracks,
         ),
         facts(
-            (
-                "cart_positions.csv",
-                "positions of the carts at random poses",
-            ),
+            (CART_POSITIONS, "positions of the carts at random poses"),
             of_poses,
             at_poses,
         ),

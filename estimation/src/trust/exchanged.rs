@@ -93,8 +93,7 @@ pub(crate) fn permutations(count: usize) -> Vec<Vec<usize>> {
     all
 }
 
-/// The natural order of so many numbers, then those in which two are exchanged.
-/// Orders of so many commands that are tried one by one: all of few, else exchanges of two.
+/// Orders of so many commands that are tried one by one, without the natural one: all of few, else exchanges of two.
 pub(crate) fn orders(count: usize) -> Vec<Vec<usize>> {
     let all = if count <= 3 {
         permutations(count)
@@ -104,6 +103,7 @@ pub(crate) fn orders(count: usize) -> Vec<Vec<usize>> {
     all.into_iter().skip(1).collect()
 }
 
+/// The natural order of so many numbers, then those in which two are exchanged.
 fn transpositions(count: usize) -> Vec<Vec<usize>> {
     let natural: Vec<usize> = (0..count).collect();
     let mut all = vec![natural.clone()];

@@ -1,8 +1,9 @@
 //! The frame in which poses were measured, against that of the drawing.
 
-use nalgebra::{Matrix3, Rotation3, Vector3};
-use tau_kinematics::{Pose, nearest_rotation};
+use nalgebra::Matrix3;
+use tau_kinematics::Pose;
 
+use crate::calibration::{centres, turn_of};
 use crate::trust::hypothesis::{Case, Hypothesis};
 
 /// The rigid motion that carries the measured poses to where the machine as drawn takes them, by least squares (W. Kabsch,
@@ -19,14 +20,11 @@ pub(super) fn of_drawing(case: &Case<'_>) -> Option<Hypothesis> {
             Some((sample.pose, reached.pose))
         })
         .collect();
-    let count = pairs.len() as f64;
     if pairs.is_empty() {
         return None;
     }
-    let sum = pairs.iter().fold([Vector3::zeros(); 2], |[from, to], own| {
-        [from + own.0.position, to + own.1.position]
-    });
-    let [from, to] = sum.map(|sum| sum / count);
+    let places = pairs.iter().map(|own| [own.0.position, own.1.position]);
+    let [from, to] = centres(places);
     let length_m = case.mean_length_m();
     let mut products = Matrix3::zeros();
     for (measured, drawn) in &pairs {
@@ -37,13 +35,7 @@ pub(super) fn of_drawing(case: &Case<'_>) -> Option<Hypothesis> {
             products += turn.matrix() * length_m.powi(2);
         }
     }
-    let rotation = if case.robot.plate.freedoms_of_tcp().len() < 3 {
-        // A plane is turned in itself alone.
-        let (along, across) = (products.m11 + products.m22, products.m21 - products.m12);
-        Rotation3::from_axis_angle(&Vector3::z_axis(), across.atan2(along))
-    } else {
-        nearest_rotation(products)
-    };
+    let rotation = turn_of(products, case.robot.plate.freedoms_of_tcp().len() < 3);
     Some(Hypothesis::Frame {
         rotation,
         shift: to - rotation * from,

@@ -31,7 +31,6 @@ pub use mistake::Mistake;
 pub use observability::{Gap, Observability};
 pub use prediction::{of_prediction, outliers_of_validation};
 pub use reach::Reach;
-pub(crate) use verdict::shorten;
 pub use verdict::{
     FileFit, PoseFit, Pull, Status, Verdict, mistakes, of_calibration, of_calibration_knowing,
     refuse,

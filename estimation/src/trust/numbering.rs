@@ -8,7 +8,7 @@
 use nalgebra::Vector3;
 use tau_kinematics::Machine;
 use tau_robot::input_error::quoted;
-use tau_robot::measurements::Folder;
+use tau_robot::measurements::{CART_POSES, CART_POSITIONS, Folder};
 use tau_robot::robot::Robot;
 
 use crate::calibration::registration::{Line, MOUNTING_M, NominalTrack, Registration};
@@ -17,7 +17,7 @@ use crate::samples::frames::fitted_track;
 use crate::trust::exchanged::permutations;
 use crate::trust::hypothesis::{Case, Hypothesis};
 use crate::trust::mistake::Mistake;
-use crate::trust::words::{self, CART_POSES};
+use crate::trust::words;
 
 /// Another numbering has to fit so many times better to be the right one.
 const CLEARLY: f64 = 9.0;
@@ -50,7 +50,7 @@ impl Measured {
     fn of_set_3(robot: &Robot, folder: &Folder) -> Option<Self> {
         let rows = folder.cart_positions.iter();
         let rows = rows.map(|row| (row.track, (row.commands_m.clone(), row.position_m)));
-        Self::new("cart_positions.csv", robot.tracks.len(), rows)
+        Self::new(CART_POSITIONS, robot.tracks.len(), rows)
     }
 
     fn new(

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use tau_codegen::language::model::{Effect, Readable, Subject, Target};
 use tau_codegen::language::{self, Model};
-use tau_robot::measurements::{Folder, PlateKind, Shape};
+use tau_robot::measurements::{CART_POSES, CART_POSITIONS, Folder, PlateKind, Shape};
 use tau_robot::robot::{Robot, TrackShape, Variant};
 use tau_robot::robot_file::RobotFile;
 
@@ -99,7 +99,7 @@ fn lacks(effect: &Effect, model: &Model, file: &RobotFile, folder: &Folder) -> V
     }
     let turns = |target| matches!(target, Target::Roll | Target::Pitch | Target::Yaw);
     if folder.cart_poses.is_empty() && effect.terms.iter().any(|term| turns(term.target)) {
-        lacks.insert("cart_poses.csv");
+        lacks.insert(CART_POSES);
     }
     lacks.into_iter().collect()
 }
@@ -128,7 +128,7 @@ pub(super) fn missing(robot: &Robot, folder: &Folder, effects: &[Observability])
             format!(", and the variants {}", variants.join(", "))
         };
         missing.push(Gap {
-            what: "cart_poses.csv",
+            what: CART_POSES,
             brings: format!(
                 "the shape of each track and how its cart turns, apart from the arm{of_variants}"
             ),
@@ -136,7 +136,7 @@ pub(super) fn missing(robot: &Robot, folder: &Folder, effects: &[Observability])
     }
     if has_carts && folder.cart_positions.is_empty() {
         missing.push(Gap {
-            what: "cart_positions.csv",
+            what: CART_POSITIONS,
             brings:
                 "where carts are while the arm loads them: what tracks do, told from what links do"
                     .to_owned(),

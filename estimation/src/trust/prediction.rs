@@ -14,7 +14,7 @@ use crate::samples::Sample;
 use crate::trust::hypothesis::Case;
 use crate::trust::judged::{Judged, Misfit};
 use crate::trust::recognise::{self, ITERATIONS};
-use crate::trust::verdict::{Pull, Status, Verdict, case, measured, mistakes, shorten};
+use crate::trust::verdict::{Pull, Status, Verdict, case, measured, mistakes};
 use crate::trust::{numbering, words};
 use crate::uncertainty::Uncertainty;
 use crate::weighing::MOST_POSES;
@@ -69,14 +69,11 @@ pub fn of_prediction(
     } else {
         let judged = recognise::judged(&case, &prepared, &machine.values, ITERATIONS)?;
         let deviations = judged.deviations();
-        let mut pulls: Vec<Pull> = (deviations.iter())
-            .map(|deviation| Pull {
-                parameter: variant.parameters[deviation.parameter].name.clone(),
-                tolerances: deviation.tolerances,
-            })
-            .collect();
-        shorten(&mut pulls);
-        let mut verdict = measured(&case, &judged, pulls);
+        let pulls = deviations.iter().map(|deviation| Pull {
+            parameter: variant.parameters[deviation.parameter].name.clone(),
+            tolerances: deviation.tolerances,
+        });
+        let mut verdict = measured(&case, &judged, Pull::largest(pulls));
         verdict.know(&weighing);
         verdict.judge(
             variant,

@@ -12,6 +12,7 @@ use tau_robot::robot::Plate;
 use tau_robot::robot_file::Noise;
 
 use super::general;
+use crate::numerics::order::extent;
 use crate::numerics::{count, parallel};
 use crate::uncertainty::Uncertainty;
 
@@ -154,9 +155,7 @@ fn principal_spread(poses: &[&TcpPose]) -> [f64; 3] {
         let along = positions
             .iter()
             .map(|position| position.dot(&axes.column(k)));
-        let (low, high) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), at| {
-            (low.min(at), high.max(at))
-        });
+        let (low, high) = extent(along);
         (high - low).max(0.0)
     });
     spread.sort_by(|a, b| b.total_cmp(a));

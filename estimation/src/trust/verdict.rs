@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use tau_robot::input_error::InputError;
-use tau_robot::measurements::{Folder, TCP_POSES, TcpPose};
+use tau_robot::measurements::{CART_POSES, CART_POSITIONS, Folder, TCP_POSES, TcpPose};
 use tau_robot::robot::{Arm, Robot, TrackShape, Variant};
 use tau_robot::robot_file::RobotFile;
 
-use crate::calibration::{Calibration, Error, Prepared};
+use crate::calibration::{Calibration, Error, ParameterEstimate, Prepared};
 use crate::numerics::distribution::chi2_survival;
 use crate::numerics::order::largest_first;
 use crate::numerics::parallel;
@@ -29,9 +29,10 @@ use crate::weighing::{Loss, MOST_POSES, Outlier, Repeats, Weighing};
 const LEAST_RATIO: f64 = 1.0 / 3.0;
 
 /// The status of an answer: measurements, stated noise and parameters go together or not.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Status {
     /// They do.
+    #[default]
     Consistent,
     /// Residuals beyond the stated noise, or parameters beyond their tolerances, by more than chance allows.
     Inconsistent,
@@ -86,7 +87,7 @@ pub struct Pull {
 }
 
 /// The verdict on a fit or a prediction, with its reasons.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Verdict {
     /// In one word.
     pub status: Status,
@@ -141,15 +142,7 @@ impl Verdict {
             chi2: f64::NAN,
             dof: f64::NAN,
             residual_over_noise: f64::NAN,
-            by_file: vec![],
-            worst: vec![],
-            pulls: vec![],
-            reach: None,
-            why: vec![],
-            mistakes: vec![],
-            outliers: vec![],
-            repeats: None,
-            loss: None,
+            ..Self::default()
         };
         verdict.blame(mistakes);
         verdict.why.push(format!("There is no fit: {reason}."));
@@ -168,15 +161,9 @@ impl Verdict {
         for group in groups {
             let (name, kind, sigma, unit) = match group.group {
                 Component::Closure | Component::Exact => continue,
-                Component::CartPosition => {
-                    ("cart_poses.csv", "position", file.noise.position_m, "m")
-                }
-                Component::CartRotation => {
-                    ("cart_poses.csv", "rotation", file.noise.rotation_rad, "rad")
-                }
-                Component::Position => {
-                    ("cart_positions.csv", "position", file.noise.position_m, "m")
-                }
+                Component::CartPosition => (CART_POSES, "position", file.noise.position_m, "m"),
+                Component::CartRotation => (CART_POSES, "rotation", file.noise.rotation_rad, "rad"),
+                Component::Position => (CART_POSITIONS, "position", file.noise.position_m, "m"),
             };
             self.by_file.push(FileFit {
                 file: name,
@@ -371,18 +358,8 @@ pub fn of_calibration_knowing(
             &own
         }
     };
-    let mut pulls: Vec<Pull> = (calibration.parameters.iter())
-        .filter_map(|parameter| {
-            Some(Pull {
-                parameter: parameter.name.clone(),
-                tolerances: (parameter.value - parameter.nominal) / parameter.tolerance?,
-            })
-        })
-        .filter(|pull| pull.tolerances.is_finite())
-        .collect();
-    shorten(&mut pulls);
     let deviations = judged.deviations();
-    let mut verdict = measured(&case, judged, pulls);
+    let mut verdict = measured(&case, judged, Pull::largest(calibration.pulls()));
     verdict.know(weighing);
     let beyond = recognise::beyond_tolerance(&deviations, verdict.residual_over_noise);
     verdict.judge(&machine.variant, beyond);
@@ -428,10 +405,28 @@ pub fn of_calibration_knowing(
     Ok(verdict)
 }
 
-/// Leaves the largest.
-pub(crate) fn shorten(pulls: &mut Vec<Pull>) {
-    largest_first(pulls, |pull| pull.tolerances.abs());
-    pulls.truncate(LISTED);
+impl Pull {
+    /// The largest, largest first.
+    pub(crate) fn largest(pulls: impl Iterator<Item = Self>) -> Vec<Self> {
+        let mut pulls: Vec<Self> = pulls.collect();
+        largest_first(&mut pulls, |pull| pull.tolerances.abs());
+        pulls.truncate(LISTED);
+        pulls
+    }
+}
+
+impl Calibration {
+    /// Parameters by how far they lie off their nominal values, in tolerances.
+    pub(crate) fn pulls(&self) -> impl Iterator<Item = Pull> {
+        let of = |parameter: &ParameterEstimate| {
+            Some(Pull {
+                parameter: parameter.name.clone(),
+                tolerances: (parameter.value - parameter.nominal) / parameter.tolerance?,
+            })
+        };
+        let pulls = self.parameters.iter().filter_map(of);
+        pulls.filter(|pull| pull.tolerances.is_finite())
+    }
 }
 
 /// The figures of a fit, before they are judged.
@@ -463,12 +458,7 @@ pub(super) fn measured(case: &Case<'_>, judged: &Judged, pulls: Vec<Pull>) -> Ve
         }],
         worst,
         pulls,
-        reach: None,
-        why: vec![],
-        mistakes: vec![],
-        outliers: vec![],
-        repeats: None,
-        loss: None,
+        ..Verdict::default()
     }
 }
 
@@ -516,21 +506,37 @@ impl Verdict {
         }
     }
 
-    /// Adds mistakes that were recognised.
+    /// Takes over mistakes that were recognised, which are said after the reasons so far.
     pub(super) fn blame(&mut self, mistakes: Vec<Mistake>) {
-        for mistake in &mistakes {
-            let status = if mistake.is_absurd {
-                Status::Absurd
-            } else {
-                Status::Inconsistent
-            };
-            self.status = self.status.max(status);
-            self.why.push(format!(
-                "In {}, {}: {}.",
-                mistake.file, mistake.what, mistake.mend
-            ));
+        for mistake in mistakes {
+            let Mistake {
+                file, what, mend, ..
+            } = &mistake;
+            self.why.push(format!("In {file}, {what}: {mend}."));
+            self.hold(mistake);
         }
-        self.mistakes.extend(mistakes);
+    }
+
+    /// Takes over mistakes of rows that it does not hold yet, which are said before the reasons so far.
+    pub fn blame_rows(&mut self, mistakes: &[Mistake]) {
+        for mistake in mistakes {
+            if !self.mistakes.contains(mistake) {
+                let Mistake {
+                    file, what, mend, ..
+                } = mistake;
+                self.why.insert(0, format!("{file}: {what}; {mend}."));
+                self.hold(mistake.clone());
+            }
+        }
+    }
+
+    fn hold(&mut self, mistake: Mistake) {
+        self.status = self.status.max(if mistake.is_absurd {
+            Status::Absurd
+        } else {
+            Status::Inconsistent
+        });
+        self.mistakes.push(mistake);
     }
 
     /// No machine is that far off its drawing, unless a mistake tells why.

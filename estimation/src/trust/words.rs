@@ -2,7 +2,7 @@
 
 use nalgebra::{Rotation3, Vector3};
 use tau_robot::input_error::quoted;
-use tau_robot::measurements::{Actuator, Shape, TCP_POSES};
+use tau_robot::measurements::{Actuator, CART_POSES, Shape, TCP_POSES};
 use tau_robot::robot::{Parameter, Plate, Robot};
 
 use crate::calibration::Nominal;
@@ -11,8 +11,6 @@ use crate::trust::mistake::Mistake;
 use crate::trust::{ABSURD_TOLERANCES, general};
 
 const ROBOT: &str = "robot.toml";
-/// File of set 2.
-pub(super) const CART_POSES: &str = "cart_poses.csv";
 const AXES: [&str; 3] = ["x", "y", "z"];
 const ANGLES: [&str; 3] = ["alpha_rad", "beta_rad", "gamma_rad"];
 /// Rivals that are named beside the best explanation.

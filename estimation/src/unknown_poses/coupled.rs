@@ -5,6 +5,8 @@ use std::sync::Arc;
 
 use tau_runtime::{Pattern, ResidualFamily, Shape};
 
+use crate::numerics::number;
+
 /// The residuals of a family multiplied by a lower triangular matrix, which each sample brings behind its data, by rows.
 pub(super) struct Coupled {
     inner: Arc<dyn ResidualFamily>,
@@ -34,7 +36,6 @@ impl Coupled {
     ) -> Self {
         let (mut row_starts, mut columns) = (vec![0], Vec::new());
         let (mut terms, mut slots) = (Vec::new(), Vec::new());
-        let number = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
         {
             let pattern = inner.pattern();
             let range =

@@ -10,7 +10,8 @@ use super::elimination::Reduced;
 use super::fit::Fit;
 use super::{KindFit, ObjectEstimate, Rank, UnknownPoses, heldout, quantity};
 use crate::calibration::{self, Calibration, Combination, Error, Fitted, combinations};
-use crate::numerics::triangle;
+use crate::numerics::order::extent;
+use crate::numerics::{number, triangle};
 use crate::problem::used_by_closures;
 use crate::samples::Sample;
 
@@ -85,16 +86,12 @@ impl Fit<'_> {
             loss: None,
             widened: 1.0,
             commands_m: (0..self.machine.robot.commands)
-                .map(|k| range(self.assembly.commands().map(|commands| commands[k])))
+                .map(|k| extent(self.assembly.commands().map(|commands| commands[k])).into())
                 .collect(),
             position_m: (0..3)
                 .map(|axis| {
-                    range(
-                        self.assembly
-                            .poses
-                            .iter()
-                            .map(|pose| pose.base.position[axis]),
-                    )
+                    let poses = self.assembly.poses.iter();
+                    extent(poses.map(|pose| pose.base.position[axis])).into()
                 })
                 .collect(),
         })
@@ -213,13 +210,6 @@ impl Fit<'_> {
     }
 }
 
-/// Lowest and highest of some values.
-fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
-    values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| {
-        [low.min(value), high.max(value)]
-    })
-}
-
 /// Linear residuals `R·x` of the shared unknowns, for what asks for derivatives alone.
 struct Linear {
     triangle: DMatrix<f64>,
@@ -229,7 +219,6 @@ struct Linear {
 
 impl Linear {
     fn new(triangle: &DMatrix<f64>) -> Self {
-        let number = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
         let (rows, width) = triangle.shape();
         Self {
             triangle: triangle.clone(),

@@ -34,7 +34,13 @@ pub struct Freedom {
     pub(super) direction: DVector<f64>,
 }
 
-/// Motions that are named of those that are open together: more tell a reader nothing.
+/// Motions whose changes add up to less, each of length one, cancel but for rounding.
+const CANCELLED: f64 = 1e-6;
+/// Shares of the largest from which on motions that are open together, and unknowns of a direction, are named: what changes
+/// less tells a reader nothing.
+const LEAST_OF_MOTIONS: f64 = 0.1;
+const LEAST_OF_UNKNOWNS: f64 = 0.2;
+/// Motions or unknowns that are named of those that are open together: more tell a reader nothing.
 const NAMED_TOGETHER: usize = 4;
 
 impl Shared<'_> {
@@ -97,7 +103,7 @@ impl Shared<'_> {
                         direction.axpy(*share, &motion.change, 1.0);
                         named.push((share.abs(), motion));
                     }
-                    if direction.norm() < 1e-6 {
+                    if direction.norm() < CANCELLED {
                         continue;
                     }
                     direction.normalize_mut();
@@ -106,7 +112,7 @@ impl Shared<'_> {
                     }
                     largest_first(&mut named, |own| own.0);
                     let most = named[0].0;
-                    named.retain(|(share, _)| *share > 0.1 * most);
+                    named.retain(|(share, _)| *share > LEAST_OF_MOTIONS * most);
                     let is_scale = named.iter().any(|(_, motion)| motion.is_scale);
                     take(
                         &direction,
@@ -152,8 +158,11 @@ impl Shared<'_> {
         let most = direction[largest[0]].abs();
         let named = largest
             .iter()
-            .filter(|&&place| direction[place].abs() > 0.2 * most);
-        let names: Vec<&str> = named.take(4).map(|&place| self.name(place)).collect();
+            .filter(|&&place| direction[place].abs() > LEAST_OF_UNKNOWNS * most);
+        let names: Vec<&str> = named
+            .take(NAMED_TOGETHER)
+            .map(|&place| self.name(place))
+            .collect();
         in_parameters(&names)
     }
 

@@ -2,10 +2,12 @@
 
 use tau_kinematics::Machine;
 use tau_robot::input_error::InputError;
-use tau_robot::measurements::{DISTANCES, Folder, PlateKind, TCP_POSES};
+use tau_robot::measurements::{
+    CART_POSES, CART_POSITIONS, DISTANCES, Folder, PlateKind, TCP_POSES,
+};
 use tau_robot::robot_file::{Noise, RobotFile, StatedNoise};
 
-use super::rows::{AXES, CART_POSES, CART_POSITIONS, DRIVES, Kind, LINKS};
+use super::rows::{AXES, DRIVES, Kind, LINKS};
 use crate::calibration::error::Error;
 use crate::problem::{CLOSURE_SHARE, Component};
 

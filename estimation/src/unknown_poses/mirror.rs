@@ -3,14 +3,14 @@
 //! Lengths and heights are those of its mirror image, and a rough reference may lie as near to both. What is drawn tells
 //! them apart, by the squares over the tolerances; they are known once both have been fitted.
 
-use nalgebra::{Matrix3, Rotation3, Vector3};
-use tau_kinematics::{Machine, Pose, Sample, nearest_rotation};
+use nalgebra::{Matrix3, Vector3};
+use tau_kinematics::{Machine, Pose, Sample};
 use tau_solver::solve;
 
 use super::ROUGH_COST;
 use super::assembly::Chosen;
 use super::fit::Fit;
-use crate::calibration;
+use crate::calibration::{self, turn_of};
 
 impl Fit<'_> {
     /// The mirror image of the machine that this starts from, its joints as near as they come to those that are drawn: with
@@ -91,12 +91,7 @@ fn reflection(points: &[Vector3<f64>], others: &[Vector3<f64>], is_in_plane: boo
     let products = pairs.fold(Matrix3::zeros(), |sum, (point, other)| {
         sum + (other - to) * (mirror * (point - from)).transpose()
     });
-    let rotation = if is_in_plane {
-        let (along, across) = (products.m11 + products.m22, products.m21 - products.m12);
-        Rotation3::from_axis_angle(&Vector3::z_axis(), across.atan2(along))
-    } else {
-        nearest_rotation(products)
-    };
+    let rotation = turn_of(products, is_in_plane);
     Reflection {
         turn: rotation.matrix() * mirror,
         from,
@@ -106,6 +101,8 @@ fn reflection(points: &[Vector3<f64>], others: &[Vector3<f64>], is_in_plane: boo
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Rotation3;
+
     use super::*;
 
     fn points() -> Vec<Vector3<f64>> {

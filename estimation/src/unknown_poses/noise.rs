@@ -11,10 +11,12 @@ use super::{GrossRow, KindFit};
 use crate::numerics::distribution::{chi2_quantile_above, chi2_survival, f_quantile_above};
 use crate::numerics::order::largest_first;
 use crate::problem::Component;
+use crate::samples::outliers;
 
-/// Chance that the largest of all residuals is taken for a gross one though none is: one folder in a hundred loses a
-/// good row.
-const GROSS_LEVEL: f64 = 0.01;
+/// Share of the worst row's distance from which on others go with it: one gross row drags others along, but not as far.
+const NEARLY_WORST: f64 = 0.7;
+/// Factor by which estimated noise changes in a round at most, so that a first round far off does not throw the others away.
+const LARGEST_CHANGE: f64 = 10.0;
 /// Share of all rows, and of those of a file or of a drive, above which those far off are no gross ones but part of what
 /// is measured: the model or the noise is wrong then.
 const MOST_GROSS: f64 = 0.1;
@@ -94,8 +96,7 @@ impl Fit<'_> {
                 continue;
             }
             if let Some(ratio) = fit.residual_over_noise() {
-                // Bounded, so that a first round far off does not throw the others away.
-                let ratio = ratio.clamp(0.1, 10.0);
+                let ratio = ratio.clamp(LARGEST_CHANGE.recip(), LARGEST_CHANGE);
                 largest = largest.max((ratio - 1.0).abs());
                 kind.sigma *= ratio;
             }
@@ -131,7 +132,7 @@ impl Fit<'_> {
         let mut sorted: Vec<f64> = far.iter().map(|row| row.sigmas).collect();
         sorted.sort_by(f64::total_cmp);
         let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
-        let level = GROSS_LEVEL / far.len().max(1) as f64;
+        let level = outliers::LEVEL / far.len().max(1) as f64;
         let normal = chi2_quantile_above(level, 1.0).sqrt();
         let of_most = normal * median / MEDIAN_OF_NORMAL;
         let others = degrees - 1.0;
@@ -161,10 +162,10 @@ impl Fit<'_> {
     /// Leaves out gross rows; true if there were any.
     pub(super) fn leave_out_gross(&mut self, reduced: &Reduced, leverages: &[Vec<f64>]) -> bool {
         let mut far = self.gross_rows(reduced, leverages);
-        // One gross row drags others along: only those nearly as far off as the worst go at once, and of one pose the worst.
+        // Of one pose the worst.
         let worst = far.first().map_or(0.0, |row| row.sigmas);
         let mut seen = BTreeSet::new();
-        far.retain(|row| row.sigmas > 0.7 * worst && seen.insert(row.place.pose));
+        far.retain(|row| row.sigmas > NEARLY_WORST * worst && seen.insert(row.place.pose));
         let of = |place: RowPlace| (place.file, place.drive);
         let (mut totals, mut gross) = (BTreeMap::new(), BTreeMap::new());
         let judged = self.judged(reduced, leverages);

@@ -14,12 +14,12 @@ use crate::calibration::Calibration;
 use crate::numerics::distribution::chi2_survival;
 use crate::numerics::spread::spread;
 use crate::problem::Component;
-use crate::trust::Mistake;
-use crate::weighing::Loss;
+use crate::trust::{LEVEL, Mistake};
+use crate::weighing::{Loss, Outlier};
 
 /// Chance below which residuals are larger than their noise allows: one right fit in a thousand is called
 /// inconsistent.
-pub(super) const SIGNIFICANT: f64 = 1e-3;
+pub(super) const SIGNIFICANT: f64 = LEVEL;
 
 /// The rows of a folder that calibrate and those that are held out.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -171,6 +171,16 @@ pub struct GrossRow {
 }
 
 impl GrossRow {
+    /// The same as an outlier of a verdict.
+    pub(super) fn outlier(&self) -> Outlier {
+        Outlier {
+            file: self.place.file,
+            pose: self.place.pose,
+            sigmas: self.sigmas,
+            weight: self.weight,
+        }
+    }
+
     /// Name of the link or cluster whose drive read it; `None` for what is no reading of a drive.
     pub fn drive<'a>(&self, machine: &'a Machine) -> Option<&'a str> {
         let closure = machine.closure_instances().nth(self.place.drive?)?;

@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use tau_kinematics::Pose;
 use tau_runtime::{Pattern, ResidualFamily, Shape};
 
+use crate::numerics::number;
 use crate::problem::{POSE_UNKNOWNS, left_jacobian};
 
 /// Numbers that a pose to start from takes among the data: position, then rotation by rows.
@@ -109,7 +110,6 @@ impl Measured {
         let parameters = quantity.shared() + quantity.own();
         let rows = quantity.residuals();
         // A row of all parameters for each residual: only translations of positions leave zeros.
-        let number = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
         Self {
             row_starts: (0..=rows).map(|row| number(row * parameters)).collect(),
             columns: (0..rows)

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use tau_robot::measurements::TCP_POSES;
+use tau_robot::measurements::{CART_POSES, CART_POSITIONS, TCP_POSES};
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::StatedNoise;
 use tau_runtime::ResidualFamily;
@@ -17,10 +17,6 @@ pub use crate::problem::RowPlace;
 /// rest would be divided by a number that rounding and linearisation move.
 pub(super) const ABSORBED: f64 = 0.95;
 
-/// Set 2.
-pub(super) const CART_POSES: &str = "cart_poses.csv";
-/// Set 3.
-pub(super) const CART_POSITIONS: &str = "cart_positions.csv";
 /// Coordinates whose noise is stated by axis.
 pub(super) const AXES: [&str; 3] = ["x", "y", "z"];
 /// Name under which the residuals of links are told.

@@ -449,7 +449,6 @@ mod tests {
             .map(|(e, sigma)| (e / sigma).powi(2))
             .collect();
         let rms = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
-        println!("{rms}");
         assert!((rms - 1.0).abs() < 0.16, "{rms}");
     }
 }

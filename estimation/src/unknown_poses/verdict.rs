@@ -3,15 +3,13 @@
 use tau_kinematics::Sample;
 
 use super::UnknownPoses;
-use super::outcome::SIGNIFICANT;
+use super::outcome::{GrossRow, SIGNIFICANT};
 use super::rows::{Kind, KindFit};
 use crate::numerics::distribution::chi2_survival;
 use crate::trust::weighing_words::{deviation, repeat_to};
 use crate::trust::{
-    FileFit, LARGEST_MISFIT, LEVEL, LISTED, Mistake, PoseFit, Pull, Status, Verdict, general,
-    shorten,
+    FileFit, LARGEST_MISFIT, LEVEL, LISTED, PoseFit, Pull, Status, Verdict, general,
 };
-use crate::weighing::Outlier;
 
 /// A parameter that is pulled farther than this many tolerances has a wrong tolerance, or takes up what the model
 /// lacks: of a hundred parameters, one in a hundred and fifty machines has one by chance.
@@ -116,13 +114,7 @@ impl UnknownPoses {
 
     /// Parameters by how far they lie off their nominal values, in tolerances.
     pub(super) fn pulls(&self) -> impl Iterator<Item = Pull> {
-        self.calibration.parameters.iter().filter_map(|parameter| {
-            let tolerance = parameter.tolerance?;
-            Some(Pull {
-                parameter: parameter.name.clone(),
-                tolerances: (parameter.value - parameter.nominal) / tolerance,
-            })
-        })
+        self.calibration.pulls()
     }
 
     /// True if what the model lacks, in units of the stated noise, outweighs tolerances: it drives a parameter far off, and no
@@ -186,8 +178,7 @@ impl UnknownPoses {
                 );
             }
         }
-        let mut pulls: Vec<Pull> = self.pulls().collect();
-        shorten(&mut pulls);
+        let pulls = Pull::largest(self.pulls());
         if let Some(pull) = pulls
             .first()
             .filter(|pull| pull.tolerances.abs() > FAR_PULL)
@@ -263,23 +254,12 @@ impl UnknownPoses {
                 })
                 .collect(),
             pulls,
-            reach: None,
             why,
-            mistakes: vec![],
-            outliers: (self.gross.iter())
-                .map(|row| Outlier {
-                    file: row.place.file,
-                    pose: row.place.pose,
-                    sigmas: row.sigmas,
-                    weight: row.weight,
-                })
-                .collect(),
-            repeats: None,
+            outliers: self.gross.iter().map(GrossRow::outlier).collect(),
             loss: self.loss,
+            ..Verdict::default()
         };
-        for mistake in &self.mistakes {
-            verdict.blame_rows(mistake);
-        }
+        verdict.blame_rows(&self.mistakes);
         verdict.refuse_pulls();
         let off = (verdict.by_file.iter()).filter(|fit| fit.unit == "m");
         let off_m = off.map(|fit| fit.rms).fold(0.0, f64::max);
@@ -292,28 +272,5 @@ impl UnknownPoses {
             ));
         }
         verdict
-    }
-}
-
-impl Verdict {
-    /// Takes a mistake of rows for what is wrong.
-    pub fn blame_rows(&mut self, mistake: &Mistake) {
-        if self.mistakes.contains(mistake) {
-            return;
-        }
-        let Mistake {
-            file,
-            what,
-            mend,
-            is_absurd,
-            ..
-        } = mistake;
-        self.status = if *is_absurd {
-            Status::Absurd
-        } else {
-            self.status.max(Status::Inconsistent)
-        };
-        self.why.insert(0, format!("{file}: {what}; {mend}."));
-        self.mistakes.push(mistake.clone());
     }
 }

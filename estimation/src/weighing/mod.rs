@@ -310,10 +310,7 @@ fn weighed_from(
         return Ok((weighing, judged));
     }
     let (repeats, inflate) = fit.repeats(of_few, &kept)?;
-    let mut readings = vec![0.0; Sample::units(samples)];
-    for (sample, _) in samples.iter().zip(&weighing.judged).filter(|(_, is)| **is) {
-        readings[sample.unit] += 1.0;
-    }
+    let readings = readings(samples, &weighing.judged);
     for (index, sample) in samples.iter().enumerate() {
         let inflation = inflate(f64::max(readings[sample.unit], 1.0));
         weighing.inflation[index] = inflation;
@@ -322,6 +319,15 @@ fn weighed_from(
     }
     weighing.repeats = Some(repeats);
     Ok((weighing, None))
+}
+
+/// Number of readings that are kept of each visit.
+fn readings(samples: &[Sample], kept: &[bool]) -> Vec<f64> {
+    let mut readings = vec![0.0; Sample::units(samples)];
+    for (sample, _) in samples.iter().zip(kept).filter(|(_, kept)| **kept) {
+        readings[sample.unit] += 1.0;
+    }
+    readings
 }
 
 /// Indices of samples by which all are weighed: whole visits, evenly spread.
@@ -514,13 +520,10 @@ impl Robust {
         let plate = self.descent.joint.machine.robot.plate;
         let plain = ByVisit::of(samples, &self.plain_residuals(), kept);
         let degrees = |fit: &Self, visits: &ByVisit| (visits.rows() - fit.absorbed()).max(1.0);
-        let mut readings = vec![0.0; Sample::units(samples)];
-        for (sample, _) in samples.iter().zip(kept).filter(|(_, kept)| **kept) {
-            readings[sample.unit] += 1.0;
-        }
+        let readings = readings(samples, kept);
         let weights = self.descent.weights.clone();
         let plain_degrees = degrees(&self, &plain);
-        let mut visits = ByVisit::of(samples, &self.plain_residuals(), kept);
+        let mut visits = plain.clone();
         let mut shared = visits.shared(plain_degrees);
         for _ in 0..ROUNDS {
             if shared == 0.0 {

@@ -40,6 +40,7 @@ pub struct Repeats {
 }
 
 /// Residuals by visit.
+#[derive(Clone)]
 pub(super) struct ByVisit {
     /// Readings and squared norm of the mean residual of each visit.
     means: Vec<(f64, f64)>,

@@ -1,6 +1,6 @@
 //! Axes: range, ticks and name.
 
-use crate::number::{fixed, largest};
+use crate::number::{extent, fixed, largest};
 
 /// One axis of a panel.
 #[derive(Debug, Clone)]
@@ -16,7 +16,7 @@ pub(super) struct Axis {
 impl Axis {
     /// An axis that holds all values, with some room at both ends, and about `count` ticks.
     pub(super) fn linear(name: &str, values: impl IntoIterator<Item = f64>, count: f64) -> Self {
-        let (low, high) = extent(values);
+        let (low, high) = shown(values);
         let room = 0.05 * (high - low);
         Self::between(name, low - room, high + room, count)
     }
@@ -61,13 +61,8 @@ impl Axis {
 }
 
 /// Smallest and largest finite value, widened where they coincide.
-fn extent(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
-    let (low, high) = values
-        .into_iter()
-        .filter(|value| value.is_finite())
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
-            (low.min(value), high.max(value))
-        });
+fn shown(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
+    let (low, high) = extent(values.into_iter().filter(|value| value.is_finite()));
     if low > high {
         (0.0, 1.0)
     } else if high - low > 1e-12 * high.abs().max(low.abs()) {

@@ -13,18 +13,12 @@ fn verdict(status: Status, ratio: f64) -> Verdict {
         chi2: 300.0 * ratio * ratio,
         dof: 300.0,
         residual_over_noise: ratio,
-        by_file: vec![],
         worst: vec![PoseFit {
             pose: 17,
             sigmas: 4.0,
         }],
-        pulls: vec![],
         why: vec!["Residuals are what `they` are.".to_owned()],
-        mistakes: vec![],
-        reach: None,
-        outliers: vec![],
-        repeats: None,
-        loss: None,
+        ..Verdict::default()
     }
 }
 

@@ -6,7 +6,7 @@ use tau::kinematics::{Layout, Rod};
 
 use super::Pin;
 use super::view::Point;
-use crate::number::rms;
+use crate::number::{extent, rms};
 
 /// Dots of measured poses, and vectors of errors, at most.
 const MOST: usize = 240;
@@ -135,14 +135,11 @@ fn solid(layout: &Layout) -> Vec<Point> {
 }
 
 fn diagonal(points: &[Point]) -> f64 {
-    let extent = |axis: usize| {
-        let values = points.iter().map(|point| point[axis]);
-        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |range, value| {
-            (range.0.min(value), range.1.max(value))
-        });
+    let width = |axis: usize| {
+        let (low, high) = extent(points.iter().map(|point| point[axis]));
         (high - low).max(0.0)
     };
-    extent(0).hypot(extent(1)).hypot(extent(2))
+    width(0).hypot(width(1)).hypot(width(2))
 }
 
 /// The largest of 1, 2 and 5 times a power of ten that is not above a number.

@@ -1,5 +1,7 @@
 //! From space to paper: an orthographic projection from a side.
 
+use crate::number;
+
 /// Width and height of the drawing.
 pub(super) const SIZE: [f64; 2] = [680.0, 470.0];
 /// Free room around it, for names.
@@ -62,14 +64,7 @@ impl View {
             scale: 1.0,
         };
         let [right, up, _] = unit.axes();
-        let extent = |axis: Point| {
-            points
-                .iter()
-                .map(|&point| dot(axis, point))
-                .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
-                    (low.min(value), high.max(value))
-                })
-        };
+        let extent = |axis: Point| number::extent(points.iter().map(|&point| dot(axis, point)));
         let (across, upwards) = (extent(right), extent(up));
         let room = [SIZE[0] - 2.0 * MARGIN[0], SIZE[1] - 2.0 * MARGIN[1]];
         let scale = (room[0] / (across.1 - across.0)).min(room[1] / (upwards.1 - upwards.0));

@@ -6,9 +6,9 @@ use crate::fingerprint::fingerprint;
 /// Name of the file of poses of the plate that are measured fully.
 pub const TCP_POSES: &str = "tcp_poses.csv";
 /// Name of the file of set 2.
-pub(super) const CART_POSES: &str = "cart_poses.csv";
+pub const CART_POSES: &str = "cart_poses.csv";
 /// Name of the file of set 3.
-pub(super) const CART_POSITIONS: &str = "cart_positions.csv";
+pub const CART_POSITIONS: &str = "cart_positions.csv";
 
 /// Names of the files that a folder may hold, in the order of [`Texts`].
 pub const FILES: [&str; 8] = [

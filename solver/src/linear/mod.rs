@@ -28,7 +28,7 @@ const REDUCED_COLUMNS: usize = 600;
 const MANY_ROWS: usize = 5_000;
 /// Damping used, or tried first, where what is to be factored is singular; columns have norm one.
 const LEAST_DAMPING: f64 = 1e-14;
-/// Share of entries from which on a sparse factorisation does not pay, up to a size.
+/// Share of entries from which on a sparse factorisation does not pay, up to a size: 32 MB.
 const DENSE_SHARE: f64 = 0.25;
 const DENSE_ENTRIES: usize = 4_000_000;
 

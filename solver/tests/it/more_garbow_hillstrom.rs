@@ -431,10 +431,6 @@ fn published_minima_are_reached_by_every_method() {
             };
             let solution = solve(&problem(&family, &[], &test.start()), &options).unwrap();
             let found = 2.0 * solution.cost;
-            println!(
-                "{:2} n {:2} {method:?} {found:.9e} in {} iterations: {}",
-                case.0, case.1, solution.iterations, solution.termination
-            );
             // Where the Jacobian becomes singular at the minimum (Powell), normal equations creep.
             let creeps = matches!(case.0, 13 | 22)
                 && matches!(method, Method::SparseCholesky | Method::SchurCholesky);

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use tau_estimation::calibration::{Calibration, Prepared};
+use tau_estimation::numerics::order::extent;
 use tau_estimation::uncertainty::Uncertainty;
 use tau_estimation::unknown_poses::{JudgedRows, RowDivision};
 use tau_kinematics::Machine;
@@ -59,13 +60,7 @@ impl<R> Session<R> {
         let poses: Vec<&TcpPose> = (poses.iter())
             .filter_map(|&pose| self.folder.tcp_poses.get(pose))
             .collect();
-        let range = |of: &dyn Fn(&TcpPose) -> f64| {
-            poses
-                .iter()
-                .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], pose| {
-                    [low.min(of(pose)), high.max(of(pose))]
-                })
-        };
+        let range = |of: &dyn Fn(&TcpPose) -> f64| extent(poses.iter().map(|pose| of(pose))).into();
         let tracker_effects = robot.variant(variant).map(Variant::tracker_effects);
         Provenance {
             program: stamp.program.clone(),

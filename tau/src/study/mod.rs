@@ -7,6 +7,7 @@ use tau_discovery as discovery;
 use tau_estimation::assumptions;
 use tau_estimation::calibration::{Calibration, Error, calibrate};
 use tau_estimation::evaluation::{VariantResult, evaluate_knowing};
+use tau_estimation::numerics::order::extent;
 use tau_estimation::numerics::parallel;
 use tau_estimation::sensitivity;
 use tau_estimation::trust::{self, of_calibration_knowing};
@@ -185,9 +186,7 @@ pub fn layout(calibration: &Calibration, folder: &Folder) -> Option<Layout> {
     let ranges: Vec<(f64, f64)> = (0..machine.robot.commands)
         .map(|command| {
             let commands = folder.tcp_poses.iter().map(|pose| pose.commands_m[command]);
-            commands.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), q| {
-                (low.min(q), high.max(q))
-            })
+            extent(commands)
         })
         .collect();
     let pose = Pose::from_zyz(reference.position_m, reference.orientation_rad);

@@ -148,9 +148,7 @@ pub(super) fn verdict(
 ) -> Verdict {
     let (mut verdict, of_held) = (found.verdict(), held.verdict());
     if verdict.status > Status::Consistent {
-        for mistake in mistakes {
-            verdict.blame_rows(mistake);
-        }
+        verdict.blame_rows(mistakes);
     }
     if of_held.status > Status::Consistent {
         verdict.status = verdict.status.max(of_held.status);

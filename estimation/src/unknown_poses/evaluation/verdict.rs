@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::super::outcome::GrossRow;
 use super::super::rows::AXES;
 use super::super::rows::Kind;
 use super::super::verdict::ESTIMATED_FROM_RESIDUALS;
@@ -9,9 +10,9 @@ use super::HeldErrors;
 use crate::numerics::distribution::{chi2_survival, f_survival};
 use crate::numerics::order::largest_first;
 use crate::trust::{
-    FileFit, LARGEST_MISFIT, LEVEL, LISTED, PoseFit, Pull, Status, Verdict, general, shorten, words,
+    FileFit, LARGEST_MISFIT, LEVEL, LISTED, PoseFit, Pull, Status, Verdict, general, words,
 };
-use crate::weighing::Outlier;
+
 /// A parameter that takes away this share of the squares beyond chance is named for them; it decides the words alone, not
 /// the status.
 const MOST: f64 = 0.8;
@@ -24,25 +25,18 @@ impl HeldErrors {
             let mut verdict = fitted.clone();
             let of_fit = "Parameters of a drawing may lie anywhere within their tolerances; this is the fit there.";
             verdict.why.push(of_fit.to_owned());
-            for mistake in &self.mistakes {
-                verdict.blame_rows(mistake);
-            }
+            verdict.blame_rows(&self.mistakes);
             return verdict;
         }
         let mut verdict = Verdict {
-            status: Status::Consistent,
             chi2: self.all.squares,
             dof: self.all.degrees,
             residual_over_noise: (self.all.squares / self.all.degrees.max(1.0)).sqrt(),
             by_file: self.by_file(),
             worst: self.worst(),
             pulls: self.pulls(),
-            reach: None,
-            why: vec![],
-            mistakes: vec![],
-            outliers: self.outliers(),
-            repeats: None,
-            loss: None,
+            outliers: self.gross.iter().map(GrossRow::outlier).collect(),
+            ..Verdict::default()
         };
         self.judge(&mut verdict);
         verdict
@@ -162,9 +156,7 @@ impl HeldErrors {
                 general(1e3 * own.rms, 3)
             ));
         }
-        for mistake in &self.mistakes {
-            verdict.blame_rows(mistake);
-        }
+        verdict.blame_rows(&self.mistakes);
     }
 
     fn by_file(&self) -> Vec<FileFit> {
@@ -203,26 +195,10 @@ impl HeldErrors {
     }
 
     fn pulls(&self) -> Vec<Pull> {
-        let mut pulls: Vec<Pull> = (self.moved.iter())
-            .map(|own| Pull {
-                parameter: own.parameter.clone(),
-                tolerances: own.sigmas,
-            })
-            .collect();
-        shorten(&mut pulls);
-        pulls
-    }
-
-    fn outliers(&self) -> Vec<Outlier> {
-        let gross = self.gross.iter();
-        gross
-            .map(|row| Outlier {
-                file: row.place.file,
-                pose: row.place.pose,
-                sigmas: row.sigmas,
-                weight: row.weight,
-            })
-            .collect()
+        Pull::largest(self.moved.iter().map(|own| Pull {
+            parameter: own.parameter.clone(),
+            tolerances: own.sigmas,
+        }))
     }
 }
 

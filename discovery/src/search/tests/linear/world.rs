@@ -93,33 +93,8 @@ impl World {
             unnamed: vec![],
         };
         let first = set.table(&base.linear(&set));
-        let mut search = Search {
-            input,
-            likelihood: ProfileLikelihood::of(&base.fit, &set.samples),
-            degrees: base.fit.degrees(),
-            state: fitted,
-            base,
-            starts_with_family: false,
-            score: 0.0,
-            set,
-            variant: 0,
-            own_effects: 0,
-            costs: BTreeMap::new(),
-            visited: BTreeMap::new(),
-            unconfirmed: BTreeSet::new(),
-            drops_um: BTreeMap::new(),
-            steps: vec![],
-            gaps: vec![],
-            known: [None, None],
-            without: None,
-            first: first.clone().without_model(),
-            left: vec![],
-        };
-        for score in first.scores {
-            search.cost(&score);
-        }
-        search.score = search.score_of_state(&search.state);
-        search
+        let likelihood = ProfileLikelihood::of(&base.fit, &set.samples);
+        Search::at(input, (set, &first), (0, 0), (base, fitted), likelihood)
     }
 
     fn set(&self, fit: &Fit) -> CandidateSet {
