@@ -23,7 +23,7 @@ use crate::trust::{
 };
 use crate::uncertainty::Uncertainty;
 use crate::unknown_poses::errors_in_variables::GroupFit;
-use crate::weighing::{Loss, MOST_POSES, Outlier, Repeats, Weighing};
+use crate::weighing::{self, Loss, MOST_POSES, Outlier, Repeats, Weighing};
 
 /// Residuals below this share of the stated noise make it suspect: by chance even twenty of them are never so small.
 const LEAST_RATIO: f64 = 1.0 / 3.0;
@@ -475,6 +475,12 @@ impl Verdict {
         self.why.extend(weighing_words::outliers(weighing));
         if self.mistakes.is_empty() {
             self.why.extend(weighing.kept_because.clone());
+        }
+        if weighing.is_unsettled {
+            self.why.push(format!(
+                "Which poses count, and by how much, still changed after {} rounds of fit and weights.",
+                weighing::ROUNDS
+            ));
         }
         self.why
             .extend(weighing.repeats.as_ref().map(weighing_words::repeats));

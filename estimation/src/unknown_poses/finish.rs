@@ -85,6 +85,7 @@ impl Fit<'_> {
             mistakes: vec![],
             loss: None,
             widened: 1.0,
+            is_settled: true,
             commands_m: (0..self.machine.robot.commands)
                 .map(|k| extent(self.assembly.commands().map(|commands| commands[k])).into())
                 .collect(),

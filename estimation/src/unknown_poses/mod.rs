@@ -290,6 +290,7 @@ fn fitted(mut fit: Fit<'_>, options: &calibration::Options) -> Result<UnknownPos
         mistakes,
         loss,
         widened: fit.widened,
+        is_settled: settled.is_settled,
         ..found
     })
 }
@@ -302,6 +303,8 @@ struct Settled {
     reduced: Reduced,
     /// Share of each residual that the fit absorbs.
     leverages: Vec<Vec<f64>>,
+    /// False where the rounds ran out.
+    is_settled: bool,
 }
 
 impl Fit<'_> {
@@ -359,6 +362,7 @@ impl Fit<'_> {
                     iterations,
                     reduced,
                     leverages: vec![],
+                    is_settled: rounds < ROUNDS,
                 });
             }
             let leverages = elimination.leverages(&self.determined(&reduced.triangle, 1.0).0);
@@ -382,6 +386,7 @@ impl Fit<'_> {
                     iterations,
                     reduced,
                     leverages,
+                    is_settled: is_done && is_exact,
                 });
             }
             if is_settled && !left_out {

@@ -304,6 +304,8 @@ pub struct UnknownPoses {
     /// Noise at which the parameters were found over the stated one: more than 1 where at that what the model misses would
     /// drive them beyond their tolerances.
     pub widened: f64,
+    /// False where poses, noise or the rows that take part still changed when the rounds ran out.
+    pub is_settled: bool,
     /// Lowest and highest value of each command among the poses (m or rad).
     pub commands_m: Vec<[f64; 2]>,
     /// Lowest and highest coordinate of the TCP along each axis (m).

@@ -2,9 +2,9 @@
 
 use tau_kinematics::Sample;
 
-use super::UnknownPoses;
 use super::outcome::{GrossRow, SIGNIFICANT};
 use super::rows::{Kind, KindFit};
+use super::{ROUNDS, UnknownPoses};
 use crate::numerics::distribution::chi2_survival;
 use crate::trust::weighing_words::{deviation, repeat_to};
 use crate::trust::{
@@ -177,6 +177,11 @@ impl UnknownPoses {
                         .to_owned(),
                 );
             }
+        }
+        if !self.is_settled {
+            why.push(format!(
+                "Poses, noise or the rows that take part still changed after {ROUNDS} rounds of fit and weights."
+            ));
         }
         let pulls = Pull::largest(self.pulls());
         if let Some(pull) = pulls

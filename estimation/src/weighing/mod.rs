@@ -83,13 +83,15 @@ pub struct Weighing {
     pub kept_because: Option<String>,
     /// The loss, if there is one.
     pub loss: Option<Loss>,
+    /// True if weights, or which poses are outliers, still changed when the rounds ran out.
+    pub is_unsettled: bool,
 }
 
 /// More poses than these are weighed and judged by as many of them, in whole visits: their six thousand residuals tell the
 /// scale to one percent, and whitened derivatives of all would need gigabytes.
 pub(crate) const MOST_POSES: usize = 1000;
 /// Rounds in which outliers lose their pull, and in which they are left out and taken back.
-const ROUNDS: usize = 20;
+pub(crate) const ROUNDS: usize = 20;
 /// Changes of a scale or a variance below this share are none: less than what their own estimates are known to.
 const SAME: f64 = 0.01;
 /// Changes of weights below this are none: they move parameters by less than a thousandth of their noise.
@@ -279,6 +281,7 @@ fn weighed_from(
     };
     let mut weighing = Weighing::even(samples.len());
     weighing.loss = treatment.loss;
+    weighing.is_unsettled = !fit.is_settled;
     weighing.limit_sigmas = fit.far.limit_sigmas(&all);
     weighing.kept_because = fit.far.too_many(&all, &is_outlier);
     let weight_of = |square: f64, is_outlier: bool| match &tuned {
@@ -423,6 +426,8 @@ struct Robust {
     /// Of each pose, against a fit to the others.
     sums: Vec<(f64, f64)>,
     far: Far,
+    /// False where the rounds of its last weights ran out.
+    is_settled: bool,
 }
 
 impl Robust {
@@ -436,6 +441,7 @@ impl Robust {
             sums,
             residuals: descent.joint.noisy_closures(),
             descent,
+            is_settled: true,
         })
     }
 
@@ -469,6 +475,7 @@ impl Robust {
 
     /// The same under a loss.
     fn under(mut self, loss: &loss::Tuned) -> Result<Self, Error> {
+        self.is_settled = false;
         for _ in 0..ROUNDS {
             let norms = self.norms();
             let weights: Vec<f64> = (norms.iter())
@@ -479,6 +486,7 @@ impl Robust {
                 .fold(0.0, f64::max);
             self = self.with(weights)?;
             if change < SAME_WEIGHT {
+                self.is_settled = true;
                 break;
             }
         }

@@ -34,6 +34,7 @@ impl Robust {
 
     /// The same with outliers left out, and those taken back that are none.
     pub(super) fn without_outliers(mut self, samples: &[Sample]) -> Result<Self, Error> {
+        self.is_settled = false;
         for _ in 0..ROUNDS {
             let is_outlier = self.far.outliers(&self.sums, samples);
             let weights: Vec<f64> = is_outlier
@@ -41,6 +42,7 @@ impl Robust {
                 .map(|is| f64::from(u8::from(!is)))
                 .collect();
             if weights == self.descent.weights {
+                self.is_settled = true;
                 break;
             }
             self = self.with(weights)?;
