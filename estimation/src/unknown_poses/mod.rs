@@ -290,7 +290,7 @@ fn fitted(mut fit: Fit<'_>, options: &calibration::Options) -> Result<UnknownPos
         mistakes,
         loss,
         widened: fit.widened,
-        is_settled: settled.is_settled,
+        is_settled: settled.has_converged,
         ..found
     })
 }
@@ -304,7 +304,7 @@ struct Settled {
     /// Share of each residual that the fit absorbs.
     leverages: Vec<Vec<f64>>,
     /// False where the rounds ran out.
-    is_settled: bool,
+    has_converged: bool,
 }
 
 impl Fit<'_> {
@@ -362,7 +362,7 @@ impl Fit<'_> {
                     iterations,
                     reduced,
                     leverages: vec![],
-                    is_settled: rounds < ROUNDS,
+                    has_converged: rounds < ROUNDS,
                 });
             }
             let leverages = elimination.leverages(&self.determined(&reduced.triangle, 1.0).0);
@@ -386,7 +386,7 @@ impl Fit<'_> {
                     iterations,
                     reduced,
                     leverages,
-                    is_settled: is_done && is_exact,
+                    has_converged: is_done && is_exact,
                 });
             }
             if is_settled && !left_out {
