@@ -219,6 +219,8 @@ pub(crate) fn recognised(case: &Case<'_>, known: Option<&Judged>) -> Result<Reco
     let suspects = dimensions::suspects(&thinned, judged.as_deref());
     all.extend(closer(&thinned, &suspects, ITERATIONS));
     let best = least(given.iter().chain(&all), |tried| tried.of_most);
+    // Beside what is known there are none.
+    let best = best.filter(|best| best.hypothesis.is_some() || known.is_none());
     if let Some(kept) = best.and_then(|best| kept_beside(&thinned, best)) {
         thinned = thinned.of_poses(&kept);
         (given, judged) = owned(fitted(&thinned, None, ITERATIONS)).unzip();

@@ -96,6 +96,9 @@ pub(crate) const ROUNDS: usize = 20;
 const SAME: f64 = 0.01;
 /// Changes of weights below this are none: they move parameters by less than a thousandth of their noise.
 const SAME_WEIGHT: f64 = 1e-3;
+/// Share of the residuals that a fit absorbs up to which it shows what is far off: leverages up to this are safe (P. J. Huber,
+/// Robust Statistics, 1981, section 7.2).
+const MASKING: f64 = 0.2;
 /// Share of all poses above which those far off are no outliers but part of what is measured: the model or the noise
 /// is wrong then.
 const MOST_OUTLIERS: f64 = 0.1;
@@ -253,7 +256,8 @@ fn weighed_from(
             .then(|| Judged::of(fit.descent.clone(), fit.factor.clone()));
         fit = fit.with_outliers_held_back()?;
         // Of few poses, one that is far off bends the fit to all and their scale with it, and so hides among the others.
-        if let Ok(trimmed) = Robust::trimmed(prepared, of_few, samples, noise)
+        if fit.absorbed() > MASKING * (fit.residuals * of_few.len()) as f64
+            && let Ok(trimmed) = Robust::trimmed(prepared, of_few, samples, noise)
             && NEARER.powi(2) * trimmed.far.variance < fit.far.variance
         {
             fit = trimmed;
