@@ -40,6 +40,11 @@ impl Nominal {
         self.tolerance.filter(|&tolerance| tolerance > 0.0)
     }
 
+    /// The same, or what stands for the size of a value that has no prior.
+    pub(crate) fn scale(&self) -> f64 {
+        self.sigma().unwrap_or_else(|| self.value.abs().max(1.0))
+    }
+
     /// Deviation of a value, in tolerances; not a number where there is no tolerance.
     pub(crate) fn tolerances_to(&self, value: f64) -> f64 {
         (value - self.value) / self.tolerance.unwrap_or(f64::NAN)

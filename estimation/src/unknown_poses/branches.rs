@@ -8,7 +8,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::assembly::Assembly;
+use super::assembly::{Assembly, CHUNK};
 use super::elimination::{Elimination, OwnRows};
 use super::fit::Fit;
 use super::rows::Rows;
@@ -44,9 +44,15 @@ impl Assembly<'_> {
         own: &mut [f64],
         length_m: f64,
     ) -> bool {
-        let rows_at = |own: &[f64]| Elimination::new(blocks, self, shared, own).own_rows();
-        let here = rows_at(own);
-        let weakest = parallel::map(&here, |rows| rows.weakest_motion(length_m));
+        let about = Elimination::new(blocks, self, shared, own);
+        let here = about.own_rows();
+        let rows_at = |own: &[f64]| about.moved(shared, own).own_rows();
+        let chunks: Vec<&[OwnRows]> = here.chunks(CHUNK).collect();
+        let weakest = parallel::map(&chunks, |rows| -> Vec<DVector<f64>> {
+            let motions = rows.iter().map(|rows| rows.weakest_motion(length_m));
+            motions.collect()
+        });
+        let weakest = weakest.concat();
         let along = |step: f64| {
             let mut moved = own.to_vec();
             for (rows, motion) in here.iter().zip(&weakest) {

@@ -39,8 +39,12 @@ impl Fit<'_> {
     ) -> DVector<f64> {
         let covariance = self.determined(triangle, variance).0;
         let spread = self.spread(triangle, variance, TOLERANCE_ALONE);
+        if spread.is_empty() {
+            return DVector::zeros(covariance.nrows());
+        }
         let about = self.elimination(values);
         let followed = about.followed(&spread);
+        let directions = [spread.transpose(), followed.transpose()];
         let (mut curves, mut reach) = (vec![], vec![]);
         for (k, (shared, own)) in (spread.column_iter().zip(followed.column_iter())).enumerate() {
             let moved = |step: f64| -> Vec<f64> {
@@ -48,9 +52,12 @@ impl Fit<'_> {
                 let moved = values.iter().zip(steps);
                 moved.map(|(value, own)| value + step * own).collect()
             };
-            let (ahead, behind) = (moved(STEP), moved(-STEP));
-            let sides = [&self.elimination(&ahead), &self.elimination(&behind)];
-            let bent = about.bent(sides, (&spread, &followed), k);
+            let places = [moved(STEP), moved(-STEP)];
+            let [ahead, behind] = places.each_ref().map(|values| {
+                let (shared, own) = values.split_at(self.shared());
+                about.moved(shared, own)
+            });
+            let bent = about.bent([&ahead, &behind], &directions, k);
             let curve = &covariance * &bent.by_shared;
             let left = bent.squares - bent.by_shared.column(k).dot(&curve.column(k));
             reach.push((2.0 / left.max(0.0).sqrt()).min(1.0).sqrt());
@@ -118,29 +125,27 @@ impl Elimination<'_> {
         followed
     }
 
-    /// Second derivatives by column `k`, from rows of two places a [`STEP`] along it on either side.
-    fn bent(
-        &self,
-        [ahead, behind]: [&Self; 2],
-        columns: (&DMatrix<f64>, &DMatrix<f64>),
-        k: usize,
-    ) -> Bent {
-        let (width, count) = columns.0.shape();
+    /// Second derivatives by direction `k`, from rows of two places a [`STEP`] along it on either side.
+    fn bent(&self, [ahead, behind]: [&Self; 2], directions: &[DMatrix<f64>; 2], k: usize) -> Bent {
+        let (count, width) = directions[0].shape();
         let parts = self.of_chunks(|clusters, dense| {
-            let (mut by_shared, mut squares) = (DMatrix::zeros(width, count), 0.0);
+            let (mut by_shared, mut squares) = (DMatrix::zeros(count, width), 0.0);
             for cluster in clusters {
                 self.fill(cluster, dense);
                 let height = dense.rows.len();
-                let mut change = DMatrix::zeros(height, count);
-                ahead.add_change(cluster, columns, 0.5 / STEP, &mut change);
-                behind.add_change(cluster, columns, -0.5 / STEP, &mut change);
+                let mut change = DMatrix::zeros(count, height);
+                ahead.add_change(cluster, directions, 0.5 / STEP, &mut change);
+                behind.add_change(cluster, directions, -0.5 / STEP, &mut change);
                 let slopes = DMatrixView::from_slice(&dense.columns, height, width);
-                by_shared += slopes.tr_mul(&change);
+                by_shared.gemm(1.0, &change, &slopes, 1.0);
                 let basis = DMatrixView::from_slice(&dense.own, height, dense.rank);
-                let own = change.column(k);
-                squares += (own - basis * basis.tr_mul(&own)).norm_squared();
+                let own = change.row(k).transpose();
+                squares += (&own - basis * basis.tr_mul(&own)).norm_squared();
             }
-            Bent { by_shared, squares }
+            Bent {
+                by_shared: by_shared.transpose(),
+                squares,
+            }
         });
         let none = Bent {
             by_shared: DMatrix::zeros(width, count),

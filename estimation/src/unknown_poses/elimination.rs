@@ -5,6 +5,7 @@
 //! eliminated together. Only the triangle of all these rows is kept, so memory does not grow with them.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 
@@ -128,7 +129,7 @@ pub(super) struct Elimination<'a> {
     pub(super) own: usize,
     /// Residuals and derivatives of each block.
     linearized: Vec<Linearized>,
-    clusters: Clusters,
+    clusters: Arc<Clusters>,
 }
 
 /// Residuals and derivatives of a block, one sample after the other.
@@ -172,14 +173,34 @@ impl<'a> Elimination<'a> {
         shared: &'a [f64],
         own: &'a [f64],
     ) -> Self {
+        let clusters = Clusters::new(blocks, own.len() / POSE_UNKNOWNS, assembly.free);
+        Self::of_clusters(blocks, &assembly.kinds, (shared, own), Arc::new(clusters))
+    }
+
+    /// The same rows at other values.
+    pub(super) fn moved<'b>(&'b self, shared: &'b [f64], own: &'b [f64]) -> Elimination<'b> {
+        Elimination::of_clusters(
+            self.blocks,
+            self.kinds,
+            (shared, own),
+            self.clusters.clone(),
+        )
+    }
+
+    fn of_clusters(
+        blocks: &'a [Rows],
+        kinds: &'a [Kind],
+        (shared, own): (&'a [f64], &[f64]),
+        clusters: Arc<Clusters>,
+    ) -> Self {
         let linearized = blocks.iter().map(|rows| Linearized::new(rows, shared, own));
         Self {
             blocks,
-            kinds: &assembly.kinds,
+            kinds,
             shared,
             own: own.len(),
             linearized: linearized.collect(),
-            clusters: Clusters::new(blocks, own.len() / POSE_UNKNOWNS, assembly.free),
+            clusters,
         }
     }
 
@@ -196,7 +217,8 @@ impl<'a> Elimination<'a> {
             let count = self.row_count(cluster);
             let mut by_own = DMatrix::zeros(count, cluster.own.len());
             let mut residuals = Vec::with_capacity(count);
-            self.each_entry(cluster, &mut vec![], &mut residuals, |at, place, entry| {
+            let row = |_, residual| residuals.push(residual);
+            self.each_entry(cluster, row, |at, place, entry| {
                 if let Place::Own(column) = place {
                     by_own[(at, column)] += entry;
                 }
@@ -240,7 +262,11 @@ impl<'a> Elimination<'a> {
             rows,
             ..
         } = dense;
-        self.each_entry(cluster, rows, residuals, |at, place, entry| match place {
+        let row = |row, residual| {
+            rows.push(row);
+            residuals.push(residual);
+        };
+        self.each_entry(cluster, row, |at, place, entry| match place {
             Place::Shared(column) => columns[column * count + at] += entry,
             Place::Own(column) => own[column * count + at] += entry,
         });
@@ -281,15 +307,14 @@ impl<'a> Elimination<'a> {
         let mut by_shared = DMatrix::zeros(count, self.shared.len());
         let mut by_own = DMatrix::zeros(count, cluster.own.len());
         let (mut rows, mut residuals) = (Vec::with_capacity(count), Vec::with_capacity(count));
-        self.each_entry(
-            cluster,
-            &mut rows,
-            &mut residuals,
-            |at, place, entry| match place {
-                Place::Shared(column) => by_shared[(at, column)] += entry,
-                Place::Own(column) => by_own[(at, column)] += entry,
-            },
-        );
+        let row = |row, residual| {
+            rows.push(row);
+            residuals.push(residual);
+        };
+        self.each_entry(cluster, row, |at, place, entry| match place {
+            Place::Shared(column) => by_shared[(at, column)] += entry,
+            Place::Own(column) => by_own[(at, column)] += entry,
+        });
         Raw {
             by_shared,
             by_own,
@@ -299,25 +324,27 @@ impl<'a> Elimination<'a> {
         }
     }
 
-    /// Adds what columns of the shared unknowns and of the poses' change the rows of a cluster by, times a factor.
+    /// Adds what directions of the shared unknowns and of the poses' change the rows of a cluster by, times a factor. Each
+    /// direction is a row of these matrices and of the change.
     pub(super) fn add_change(
         &self,
         cluster: &Cluster,
-        (by_shared, by_own): (&DMatrix<f64>, &DMatrix<f64>),
+        [by_shared, by_own]: &[DMatrix<f64>; 2],
         factor: f64,
         change: &mut DMatrix<f64>,
     ) {
         let own = &self.clusters.own[cluster.own.clone()];
-        let add = |at, place, entry: f64| {
-            let moved = match place {
-                Place::Shared(shared) => by_shared.row(shared),
-                Place::Own(place) => by_own.row(own[place]),
-            };
-            for (own, moved) in change.row_mut(at).iter_mut().zip(moved.iter()) {
-                *own += factor * entry * moved;
-            }
-        };
-        self.each_entry(cluster, &mut vec![], &mut vec![], add);
+        self.each_entry(
+            cluster,
+            |_, _| (),
+            |at, place, entry| {
+                let moved = match place {
+                    Place::Shared(shared) => by_shared.column(shared),
+                    Place::Own(place) => by_own.column(own[place]),
+                };
+                change.column_mut(at).axpy(factor * entry, &moved, 1.0);
+            },
+        );
     }
 
     fn row_count(&self, cluster: &Cluster) -> usize {
@@ -327,14 +354,14 @@ impl<'a> Elimination<'a> {
             .sum()
     }
 
-    /// Appends the rows of a cluster and their residuals, and visits their derivatives, all weighted.
+    /// Visits the rows of a cluster with their residuals, and the derivatives of each, all weighted.
     fn each_entry(
         &self,
         cluster: &Cluster,
-        rows: &mut Vec<RowIndex>,
-        residuals: &mut Vec<f64>,
+        mut row: impl FnMut(RowIndex, f64),
         mut visit: impl FnMut(usize, Place, f64),
     ) {
+        let mut at = 0;
         let free = &self.clusters.own[cluster.own.clone()];
         for &(block, sample) in &self.clusters.samples[cluster.samples.clone()] {
             let of = &self.blocks[block];
@@ -357,10 +384,10 @@ impl<'a> Elimination<'a> {
                             Err(_) => continue,
                         },
                     };
-                    visit(rows.len(), place, weight * entry);
+                    visit(at, place, weight * entry);
                 }
-                rows.push((block, sample, residual));
-                residuals.push(value * weight);
+                row((block, sample, residual), value * weight);
+                at += 1;
             }
         }
     }

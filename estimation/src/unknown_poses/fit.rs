@@ -245,10 +245,7 @@ impl<'a> Fit<'a> {
 
     /// Standard deviation of the prior of each shared unknown, or what stands for its size where it has none.
     pub(super) fn scales(&self) -> Vec<f64> {
-        let of_variant = self.priors.iter().map(|prior| {
-            let tolerance = prior.tolerance.filter(|tolerance| *tolerance > 0.0);
-            tolerance.unwrap_or_else(|| prior.value.abs().max(1.0))
-        });
+        let of_variant = self.priors.iter().map(Nominal::scale);
         let of_objects = self.assembly.object_unknowns();
         of_variant
             .chain(of_objects.map(|unknown| unknown.prior.map_or(1.0, |prior| prior.1)))

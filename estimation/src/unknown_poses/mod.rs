@@ -227,11 +227,9 @@ fn recognising<'a>(
     let widened = || widened::best(|gross| without(gross, nominal(), division, Search::Widened));
     let looks = sight.is_some();
     let (at_sight, look) = sight.unwrap_or_default();
-    let mirrored = |found: &UnknownPoses, division: &RowDivision| {
-        let (machine, of) = (found.calibration.machine.clone(), (file, folder));
-        let fit = Fit::from(&prepared, machine, of.0, of.1, division, true).ok()?;
-        let image = fit.mirror_image(options);
-        image.filter(|_| found.rank.has_mirror_image)
+    let mirrored = |found: &UnknownPoses| {
+        let has_image = found.rank.has_mirror_image;
+        has_image.then(|| mirror::image(&prepared, &found.calibration.machine))?
     };
     let first = match sketch_m {
         Some(length_m) => starts::best(&prepared, length_m, division, fitted, mirrored),

@@ -31,7 +31,7 @@ const CREEPING: usize = 300;
 /// Poses up to which the solver is told to eliminate each; of more it does so by itself.
 const FEW: usize = 1000;
 /// Standard deviation of a reference, as a share of the mean length of the links: it is stated roughly.
-const AT_REFERENCE: f64 = 0.1;
+pub(super) const AT_REFERENCE: f64 = 0.1;
 
 /// Manner of a fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -77,7 +77,7 @@ pub(super) fn best(
     length_m: f64,
     division: &RowDivision,
     fitted: impl Fn(Machine, &RowDivision, Search) -> Result<UnknownPoses, Error>,
-    mirrored: impl Fn(&UnknownPoses, &RowDivision) -> Option<Machine>,
+    mirrored: impl Fn(&UnknownPoses) -> Option<Machine>,
 ) -> Result<UnknownPoses, Error> {
     let plausible = |of: &RowDivision, search: Search, is_fit: fn(&Start) -> bool| {
         let mut best: Option<Start> = None;
@@ -91,7 +91,7 @@ pub(super) fn best(
             if best.as_ref().is_some_and(|best| !found.is_better(best)) {
                 continue;
             }
-            let image = mirrored(&found.fit, of);
+            let image = mirrored(&found.fit);
             let image = image.and_then(|machine| fitted(machine, of, search).ok());
             let image = image.map(|fit| Start::new(fit, length_m)).filter(is_fit);
             let found = match image {
