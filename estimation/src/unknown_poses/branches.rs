@@ -58,13 +58,13 @@ impl Assembly<'_> {
             for (rows, motion) in here.iter().zip(&weakest) {
                 rows.add(motion, step, &mut moved);
             }
-            rows_at(&moved)
+            about.residuals_at(&moved)
         };
         let (ahead, behind) = (along(PROBE), along(-PROBE));
         let mut trial = own.to_vec();
         let mut tried = vec![false; here.len()];
         for (index, rows) in here.iter().enumerate() {
-            let probed = [&ahead[index].residuals, &behind[index].residuals];
+            let probed = [&ahead[index], &behind[index]];
             let motion = &weakest[index];
             if let Some(way) = rows.way_to_other(motion, probed) {
                 rows.add(motion, way, &mut trial);

@@ -4,13 +4,14 @@
 //! columns, (I − QQᵀ)A is what they say of the shared unknowns whatever the pose. Poses that distances couple are
 //! eliminated together. Only the triangle of all these rows is kept, so memory does not grow with them.
 
-use std::ops::Range;
 use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 
 use super::assembly::{Assembly, CHUNK};
+use super::clusters::{Cluster, Clusters};
 use super::dense::{DEPENDENT, Dense, Triangle, orthonormal, stacked};
+use super::linearized::{Linearized, values_of};
 use super::rows::{Kind, KindFit, RowIndex, Rows, noise_of_rows};
 use crate::numerics::parallel;
 use crate::problem::POSE_UNKNOWNS;
@@ -34,21 +35,6 @@ impl Reduced {
     pub(super) fn rows(&self) -> usize {
         self.counts.iter().sum()
     }
-}
-
-/// Rows of poses that belong together, as ranges of [`Clusters`].
-pub(super) struct Cluster {
-    /// Indices of the free unknowns of its poses.
-    own: Range<usize>,
-    /// Block and index of each sample.
-    samples: Range<usize>,
-}
-
-/// All rows by the poses that belong together.
-struct Clusters {
-    all: Vec<Cluster>,
-    own: Vec<usize>,
-    samples: Vec<(usize, usize)>,
 }
 
 /// Rows of a cluster with their dense derivatives.
@@ -132,39 +118,6 @@ pub(super) struct Elimination<'a> {
     clusters: Arc<Clusters>,
 }
 
-/// Residuals and derivatives of a block, one sample after the other.
-struct Linearized {
-    residuals: Vec<f64>,
-    entries: Vec<f64>,
-}
-
-impl Linearized {
-    fn new(rows: &Rows, shared: &[f64], own: &[f64]) -> Self {
-        let (shape, width) = (rows.family.shape(), rows.family.pattern().len());
-        let samples = rows.places.len();
-        let shared: Vec<f64> = rows.shared.iter().map(|&index| shared[index]).collect();
-        let mut found = Self {
-            residuals: vec![0.0; samples * shape.residuals],
-            entries: vec![0.0; samples * width],
-        };
-        let residuals = found.residuals.chunks_mut(CHUNK * shape.residuals);
-        let entries = found.entries.chunks_mut((CHUNK * width).max(1));
-        let linearize = |(chunk, (residuals, entries)): (usize, (&mut [f64], &mut [f64]))| {
-            let first = CHUNK * chunk;
-            let end = first + residuals.len() / shape.residuals;
-            let mut prepared = vec![0.0; (end - first) * shape.prepared];
-            let data = &rows.data[first * shape.data..end * shape.data];
-            rows.family.prepare_all(data, &mut prepared);
-            let each = rows.own_each();
-            let indices = &rows.own[first * each..end * each];
-            let own: Vec<f64> = indices.iter().map(|&index| own[index]).collect();
-            (rows.family).linearize_each(&prepared, &shared, &own, residuals, entries);
-        };
-        parallel::map_owned(residuals.zip(entries).enumerate().collect(), linearize);
-        found
-    }
-}
-
 impl<'a> Elimination<'a> {
     /// Rows at values of the shared unknowns and those of the poses.
     pub(super) fn new(
@@ -204,6 +157,28 @@ impl<'a> Elimination<'a> {
         }
     }
 
+    /// Weighted residuals of poses that belong together, in the order of [`own_rows`](Self::own_rows), with other values of
+    /// the poses' unknowns.
+    pub(super) fn residuals_at(&self, own: &[f64]) -> Vec<DVector<f64>> {
+        let of_block = |rows| values_of(rows, self.shared, own);
+        let found: Vec<Vec<f64>> = self.blocks.iter().map(of_block).collect();
+        let of_cluster = |cluster: &Cluster| {
+            let samples = self.clusters.samples[cluster.samples.clone()].iter();
+            let residuals = samples.flat_map(|&(block, sample)| {
+                let rows = (0..self.blocks[block].kinds.len()).map(move |row| (block, sample, row));
+                rows.map(|row| found[row.0][self.place(row)] * self.over_noise(row))
+            });
+            DVector::from_vec(residuals.collect())
+        };
+        self.of_poses().map(of_cluster).collect()
+    }
+
+    /// Clusters with poses.
+    fn of_poses(&self) -> impl Iterator<Item = &Cluster> {
+        let all = self.clusters.all.iter();
+        all.filter(|cluster| !cluster.own.is_empty())
+    }
+
     /// Rows of poses that belong together, without those that say nothing.
     pub(super) fn raw_clusters(&self) -> Vec<Raw> {
         let clusters = self.clusters.all.iter();
@@ -229,9 +204,7 @@ impl<'a> Elimination<'a> {
                 own: self.clusters.own[cluster.own.clone()].to_vec(),
             }
         };
-        let of_poses = self.clusters.all.iter();
-        let of_poses = of_poses.filter(|cluster| !cluster.own.is_empty());
-        of_poses.map(of_cluster).collect()
+        self.of_poses().map(of_cluster).collect()
     }
 
     /// The least step of each of the poses' unknowns, the shared ones as they are, that takes the residuals down as far
@@ -371,8 +344,7 @@ impl<'a> Elimination<'a> {
             let found = &linearized.residuals[sample * each..(sample + 1) * each];
             let entries = &linearized.entries[sample * pattern.len()..][..pattern.len()];
             for (residual, value) in found.iter().enumerate() {
-                let weight =
-                    of.weights[sample * each + residual] / self.kinds[of.kinds[residual]].sigma;
+                let weight = self.over_noise((block, sample, residual));
                 let range = pattern.row_starts[residual] as usize
                     ..pattern.row_starts[residual + 1] as usize;
                 for (column, entry) in pattern.columns[range.clone()].iter().zip(&entries[range]) {
@@ -393,9 +365,18 @@ impl<'a> Elimination<'a> {
     }
 
     /// Weight of a row over that of its kind.
-    pub(super) fn weight(&self, (block, sample, residual): RowIndex) -> f64 {
-        let rows = &self.blocks[block];
-        rows.weights[sample * rows.kinds.len() + residual]
+    pub(super) fn weight(&self, row: RowIndex) -> f64 {
+        self.blocks[row.0].weights[self.place(row)]
+    }
+
+    /// The same in units of the noise.
+    fn over_noise(&self, row: RowIndex) -> f64 {
+        self.weight(row) / self.kinds[self.blocks[row.0].kinds[row.2]].sigma
+    }
+
+    /// Index of a row in its block.
+    fn place(&self, (block, sample, residual): RowIndex) -> usize {
+        sample * self.blocks[block].kinds.len() + residual
     }
 
     /// Results of `of_chunk` for chunks of clusters, in order.
@@ -414,7 +395,7 @@ impl<'a> Elimination<'a> {
         let blocks = self.blocks.iter();
         let mut found: Vec<Vec<f64>> = blocks.map(|rows| vec![0.0; rows.weights.len()]).collect();
         for ((block, sample, residual), number) in pairs {
-            found[block][sample * self.blocks[block].kinds.len() + residual] = number;
+            found[block][self.place((block, sample, residual))] = number;
         }
         found
     }
@@ -529,81 +510,4 @@ impl<'a> Elimination<'a> {
         });
         self.by_rows(parts.into_iter().flatten())
     }
-}
-
-impl Clusters {
-    fn new(blocks: &[Rows], poses: usize, free: &[usize]) -> Self {
-        let mut parent: Vec<usize> = (0..poses).collect();
-        let samples = |rows: &Rows| rows.places.len();
-        for rows in blocks {
-            for sample in 0..samples(rows) {
-                let Some([a, b]) = rows.poses_of(sample) else {
-                    continue;
-                };
-                let (a, b) = (root(&mut parent, a), root(&mut parent, b));
-                parent[a.max(b)] = a.min(b);
-            }
-        }
-        let firsts: Vec<usize> = (0..poses).map(|pose| root(&mut parent, pose)).collect();
-        let of_samples = blocks.iter().enumerate().flat_map(|(block, rows)| {
-            let firsts = &firsts;
-            // Samples of no pose stand behind all others, each for itself.
-            (0..samples(rows)).map(move |sample| {
-                let of_pose = rows.poses_of(sample).map(|poses| firsts[poses[0]]);
-                (of_pose.unwrap_or(poses), (block, sample))
-            })
-        });
-        let (sample_ends, samples) = grouped(poses + 1, of_samples);
-        let of_poses = firsts.iter().enumerate();
-        let unknowns = of_poses.flat_map(|(pose, &first)| {
-            free.iter()
-                .map(move |axis| (first, POSE_UNKNOWNS * pose + axis))
-        });
-        let (own_ends, own) = grouped(poses, unknowns);
-        let is_first = |&pose: &usize| firsts[pose] == pose;
-        let all = (0..poses).filter(is_first).map(|pose| Cluster {
-            own: own_ends[pose]..own_ends[pose + 1],
-            samples: sample_ends[pose]..sample_ends[pose + 1],
-        });
-        let alone = sample_ends[poses]..sample_ends[poses + 1];
-        let all = all.chain(alone.map(|sample| Cluster {
-            own: 0..0,
-            samples: sample..sample + 1,
-        }));
-        Self {
-            all: all.collect(),
-            own,
-            samples,
-        }
-    }
-}
-
-/// Items by their groups, in order within each, and where each group starts among them.
-fn grouped<T: Copy + Default>(
-    groups: usize,
-    items: impl Iterator<Item = (usize, T)> + Clone,
-) -> (Vec<usize>, Vec<T>) {
-    let mut starts = vec![0; groups + 1];
-    for (group, _) in items.clone() {
-        starts[group + 1] += 1;
-    }
-    for group in 0..groups {
-        starts[group + 1] += starts[group];
-    }
-    let mut next = starts.clone();
-    let mut all = vec![T::default(); starts[groups]];
-    for (group, item) in items {
-        all[next[group]] = item;
-        next[group] += 1;
-    }
-    (starts, all)
-}
-
-/// Representative of the cluster of a pose.
-fn root(parent: &mut [usize], mut pose: usize) -> usize {
-    while parent[pose] != pose {
-        parent[pose] = parent[parent[pose]];
-        pose = parent[pose];
-    }
-    pose
 }
