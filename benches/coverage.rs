@@ -213,7 +213,8 @@ fn main() {
     let five_bar = Robot::from(&tau_generated::five_bar::ROBOT);
     let robots = support::robots().into_iter();
     for (name, robot, file) in robots.chain([support::tracked("five bar", five_bar)]) {
-        if !name.contains(&arguments.robot) {
+        let has_variant = robot.variant(&arguments.variant).is_some();
+        if !has_variant || !name.contains(&arguments.robot) {
             continue;
         }
         for case in cases() {

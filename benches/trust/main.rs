@@ -181,7 +181,8 @@ fn is_named(robot: &Robot, clean: (&Folder, &RobotFile), wrong: &Wrong) -> (bool
             (found, said)
         }
     };
-    let is_right = |mistake: &Mistake| mistake.kind == wrong.1 && mistake.what.contains(wrong.2);
+    let is_right =
+        |mistake: &Mistake| mistake.kind.name() == wrong.1 && mistake.what.contains(wrong.2);
     (found.first().is_some_and(is_right), said)
 }
 

@@ -93,7 +93,7 @@ pub(crate) fn print(machines: u64) {
                 let division = RowDivision::of(&folder, Split::Alternate);
                 let variant = robot.variant("Full").unwrap();
                 let found = mistakes(robot, variant, &file, &folder, &division).unwrap_or_default();
-                let kinds: Vec<&str> = found.iter().map(|mistake| mistake.kind).collect();
+                let kinds: Vec<&str> = found.iter().map(|mistake| mistake.kind.name()).collect();
                 let is_right = kinds == Vec::from_iter(kind);
                 if !is_right {
                     eprintln!("{name}, {what}, {seed}: {found:?}");

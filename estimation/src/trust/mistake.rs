@@ -3,9 +3,8 @@
 /// Something wrong with the input.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mistake {
-    /// Its kind: `commands`, `command_sign`, `rows`, `height_sign`, `axes`, `angles`, `frame`, `millimetres`, `degrees`,
-    /// `noise`, `tolerances`, `dimension`, `carts`, `distances`.
-    pub kind: &'static str,
+    /// What is wrong, in a word.
+    pub kind: MistakeKind,
     /// The file that holds it.
     pub file: &'static str,
     /// The mistake in words.
@@ -19,6 +18,64 @@ pub struct Mistake {
 impl Mistake {
     /// True if measurements are wrong, and not noise, tolerances or dimensions.
     pub(crate) fn is_of_measurements(&self) -> bool {
-        !matches!(self.kind, "noise" | "tolerances" | "dimension")
+        !matches!(
+            self.kind,
+            MistakeKind::Noise | MistakeKind::Tolerances | MistakeKind::Dimension
+        )
+    }
+}
+
+/// The kind of a mistake.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MistakeKind {
+    /// Columns of commands are exchanged.
+    Commands,
+    /// A command counts the other way.
+    CommandSign,
+    /// Measured rows are shifted against those of the commands.
+    Rows,
+    /// Heights count the other way.
+    HeightSign,
+    /// Axes of positions are exchanged or mirrored.
+    Axes,
+    /// Angles follow another convention.
+    Angles,
+    /// Poses are those of another frame than the drawing's.
+    Frame,
+    /// Positions are in millimetres.
+    Millimetres,
+    /// Angles are in degrees.
+    Degrees,
+    /// Stated noise is a thousand times off.
+    Noise,
+    /// Tolerances are a thousand times off.
+    Tolerances,
+    /// A dimension is far off.
+    Dimension,
+    /// Carts are numbered otherwise.
+    Carts,
+    /// Distances are exchanged.
+    Distances,
+}
+
+impl MistakeKind {
+    /// Its name, as JSON has it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Commands => "commands",
+            Self::CommandSign => "command_sign",
+            Self::Rows => "rows",
+            Self::HeightSign => "height_sign",
+            Self::Axes => "axes",
+            Self::Angles => "angles",
+            Self::Frame => "frame",
+            Self::Millimetres => "millimetres",
+            Self::Degrees => "degrees",
+            Self::Noise => "noise",
+            Self::Tolerances => "tolerances",
+            Self::Dimension => "dimension",
+            Self::Carts => "carts",
+            Self::Distances => "distances",
+        }
     }
 }

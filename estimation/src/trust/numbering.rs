@@ -16,7 +16,7 @@ use crate::numerics::order::smallest_first;
 use crate::samples::frames::fitted_track;
 use crate::trust::exchanged::permutations;
 use crate::trust::hypothesis::{Case, Hypothesis};
-use crate::trust::mistake::Mistake;
+use crate::trust::mistake::{Mistake, MistakeKind};
 use crate::trust::words;
 
 /// Another numbering has to fit so many times better to be the right one.
@@ -202,7 +202,7 @@ pub(crate) fn mistake(machine: &Machine, folder: &Folder) -> Option<Mistake> {
             given > PLAUSIBLE.max(CLEARLY * misfit) && *misfit < ALIKE * least
         };
         let right = readings.iter().filter(is_right);
-        let right = right.map(|(_, reading)| described(robot, measured.file, reading));
+        let right = right.filter_map(|(_, reading)| described(robot, measured.file, reading));
         words::beside(right.collect())
     };
     in_set(Measured::of_set_2(robot, folder)).or_else(|| in_set(Measured::of_set_3(robot, folder)))
@@ -254,17 +254,17 @@ fn fitted_tracks(machine: &Machine) -> Option<Vec<NominalTrack>> {
 }
 
 /// A reading in words.
-fn described(robot: &Robot, file: &'static str, reading: &Reading) -> Mistake {
+fn described(robot: &Robot, file: &'static str, reading: &Reading) -> Option<Mistake> {
     let given = Reading::as_given(reading.carts.len());
     if reading.is_mirrored {
-        return Mistake {
-            kind: "axes",
+        return Some(Mistake {
+            kind: MistakeKind::Axes,
             file,
             what: "the carts do not run where set 1 has their tracks; they would if an axis of the positions were mirrored"
                 .to_owned(),
             mend: "change the sign of one coordinate: the frame is right-handed".to_owned(),
             is_absurd: true,
-        };
+        });
     }
     if reading.is_reversed() {
         let columns: Vec<String> = if file == CART_POSES {
@@ -277,15 +277,15 @@ fn described(robot: &Robot, file: &'static str, reading: &Reading) -> Mistake {
                 .collect()
         };
         let columns = quoted(columns.iter().map(String::as_str));
-        return Mistake {
-            kind: "command_sign",
+        return Some(Mistake {
+            kind: MistakeKind::CommandSign,
             file,
             what: format!(
                 "the carts do not run where set 1 has their tracks; they would if {columns} counted the other way"
             ),
             mend: format!("change the sign of {columns}"),
             is_absurd: true,
-        };
+        });
     }
     let of_commands = if reading.columns == given.columns {
         reading
@@ -298,7 +298,7 @@ fn described(robot: &Robot, file: &'static str, reading: &Reading) -> Mistake {
     };
     match of_commands {
         Some(hypothesis) => words::of_measurements(robot, &hypothesis, file),
-        None => words::carts(robot, file, &reading.carts),
+        None => Some(words::carts(robot, file, &reading.carts)),
     }
 }
 

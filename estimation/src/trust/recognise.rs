@@ -262,7 +262,7 @@ pub(crate) fn recognised(case: &Case<'_>, known: Option<&Judged>) -> Result<Reco
         let limit = evidence(best) + decisive;
         let rivals: Vec<&Tried> = all.iter().filter(|t| evidence(t) < limit).collect();
         return Ok(Recognised {
-            mistakes: vec![described(&thinned, &rivals)],
+            mistakes: described(&thinned, &rivals).into_iter().collect(),
             machine: best.machine(&thinned),
         });
     }
@@ -490,7 +490,7 @@ fn wide(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
     };
     let mended = tried(case, Some(&hypothesis), ITERATIONS)?;
     let is_as_good = mended.misfit.ratio() < NEARER * given.misfit.ratio().max(1.0);
-    (is_as_good && mended.is_plausible()).then(|| described(case, &[&mended]))
+    (is_as_good && mended.is_plausible()).then(|| described(case, &[&mended]))?
 }
 
 /// Stated noise that is off by a thousand.
@@ -530,12 +530,12 @@ fn noise(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
     let least = all.iter().map(off).fold(f64::INFINITY, f64::min);
     // Of several that bring it about as near, the first is the simplest.
     let best = all.iter().find(|tried| off(tried) < least + 0.5)?;
-    Some(described(case, &[best]))
+    described(case, &[best])
 }
 
 /// Hypotheses in words, the best first; the others explain the measurements about as well. A dimension that was reached
 /// from several starts is said once.
-fn described(case: &Case<'_>, rivals: &[&Tried]) -> Mistake {
+fn described(case: &Case<'_>, rivals: &[&Tried]) -> Option<Mistake> {
     let mut freed = BTreeSet::new();
     let mut is_new = |hypothesis: &Hypothesis| match hypothesis {
         Hypothesis::Dimension { parameter, .. } => freed.insert(*parameter),

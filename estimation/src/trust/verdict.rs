@@ -15,7 +15,7 @@ use crate::numerics::spread::spread;
 use crate::problem::Component;
 use crate::trust::hypothesis::{self, Case};
 use crate::trust::judged::{Deviation, Judged, Misfit};
-use crate::trust::mistake::Mistake;
+use crate::trust::mistake::{Mistake, MistakeKind};
 use crate::trust::reach::Reach;
 use crate::trust::recognise::{self, ITERATIONS, Recognised};
 use crate::trust::{
@@ -267,7 +267,10 @@ fn of_case(
         mut mistakes,
         machine,
     } = recognise::recognised(case, known)?;
-    if mistakes.iter().all(|mistake| mistake.kind != "carts") {
+    if mistakes
+        .iter()
+        .all(|mistake| mistake.kind != MistakeKind::Carts)
+    {
         mistakes.extend(machine.and_then(|machine| numbering::mistake(&machine, folder)));
     }
     Ok(mistakes)
@@ -389,7 +392,7 @@ pub fn of_calibration_knowing(
     *known = found?;
     if let Some(found) = known.as_ref().filter(|_| suspect) {
         // Residuals as large as the noise tell that it is stated rightly, whatever a variant without effects leaves.
-        let is_noise = |mistake: &&Mistake| mistake.kind == "noise";
+        let is_noise = |mistake: &&Mistake| mistake.kind == MistakeKind::Noise;
         let found = found.iter().filter(|own| is_off || !is_noise(own));
         verdict.blame(found.cloned().collect());
     } else {

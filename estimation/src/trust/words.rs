@@ -7,7 +7,7 @@ use tau_robot::robot::{Parameter, Plate, Robot};
 
 use crate::calibration::Nominal;
 use crate::trust::hypothesis::{Case, Hypothesis, THOUSAND};
-use crate::trust::mistake::Mistake;
+use crate::trust::mistake::{Mistake, MistakeKind};
 use crate::trust::{ABSURD_TOLERANCES, general};
 
 const ROBOT: &str = "robot.toml";
@@ -17,9 +17,9 @@ const ANGLES: [&str; 3] = ["alpha_rad", "beta_rad", "gamma_rad"];
 const RIVALS: usize = 3;
 
 /// The mistake that hypotheses describe, the likeliest first, each with the values of the variant under it.
-pub(crate) fn mistake(case: &Case<'_>, all: &[(&Hypothesis, &[f64])]) -> Mistake {
-    let all = (all.iter()).map(|(hypothesis, values)| of(case, hypothesis, values));
-    beside(all.collect()).unwrap_or_else(nothing)
+pub(crate) fn mistake(case: &Case<'_>, all: &[(&Hypothesis, &[f64])]) -> Option<Mistake> {
+    let all = (all.iter()).filter_map(|(hypothesis, values)| of(case, hypothesis, values));
+    beside(all.collect())
 }
 
 /// The first of several mistakes, the likeliest, with the others beside it.
@@ -38,17 +38,17 @@ pub(crate) fn beside(all: Vec<Mistake>) -> Option<Mistake> {
     Some(mistake)
 }
 
-/// A mistake in the columns of measurements in a file.
+/// A mistake in the columns of measurements in a file; `None` of hypotheses about something else.
 pub(crate) fn of_measurements(
     robot: &Robot,
     hypothesis: &Hypothesis,
     file: &'static str,
-) -> Mistake {
+) -> Option<Mistake> {
     let (kind, _, what, mend) = match hypothesis {
         Hypothesis::Commands(columns) => commands(robot, columns),
         Hypothesis::Sign(command) => sign(robot, *command),
         Hypothesis::Shifted(by) => (
-            "rows",
+            MistakeKind::Rows,
             TCP_POSES,
             "the rows of what was measured are shifted by one against those of the commands"
                 .to_owned(),
@@ -58,7 +58,7 @@ pub(crate) fn of_measurements(
             ),
         ),
         Hypothesis::Heights => (
-            "height_sign",
+            MistakeKind::HeightSign,
             TCP_POSES,
             "`height_m` counts the other way".to_owned(),
             "change its sign, or turn the normal of the surface round".to_owned(),
@@ -74,33 +74,33 @@ pub(crate) fn of_measurements(
             transposed,
         } if robot.plate == Plate::Body => angles(*axes, *fixed, *transposed),
         Hypothesis::Angles { .. } => (
-            "angles",
+            MistakeKind::Angles,
             TCP_POSES,
             "`alpha_rad` counts the other way".to_owned(),
             "change its sign: it is the turn of the plate against the measurement frame".to_owned(),
         ),
         Hypothesis::Frame { rotation, shift } => frame(rotation, shift),
         Hypothesis::Millimetres => (
-            "millimetres",
+            MistakeKind::Millimetres,
             TCP_POSES,
             "the positions are in millimetres".to_owned(),
             "divide `x_m`, `y_m` and `z_m` by 1000".to_owned(),
         ),
         Hypothesis::Degrees => (
-            "degrees",
+            MistakeKind::Degrees,
             TCP_POSES,
             "the angles are in degrees".to_owned(),
             format!("multiply {} by π/180", quoted(angles_of(robot.plate))),
         ),
-        _ => return nothing(),
+        _ => return None,
     };
-    Mistake {
+    Some(Mistake {
         kind,
         file,
         what,
         mend,
         is_absurd: true,
-    }
+    })
 }
 
 /// Stated noise that is off by a thousand, which `factor` mends.
@@ -114,7 +114,7 @@ pub(crate) fn of_noise(whose: &str, factor: f64) -> Mistake {
         ("too small", "multiply it by")
     };
     Mistake {
-        kind: "noise",
+        kind: MistakeKind::Noise,
         file: ROBOT,
         what: format!("the stated noise {whose} is a thousand times {size}"),
         mend: format!("write metres and radians: {mend} {THOUSAND}"),
@@ -140,7 +140,7 @@ pub(super) fn carts(robot: &Robot, file: &'static str, numbering: &[usize]) -> M
         .map(|(cart, track)| format!("cart {} on `{track}`", cart + 1))
         .collect();
     Mistake {
-        kind: "carts",
+        kind: MistakeKind::Carts,
         file,
         what: format!(
             "the carts do not run where set 1 has their tracks; they would with {}",
@@ -159,7 +159,7 @@ fn frame(rotation: &Rotation3<f64>, shift: &Vector3<f64>) -> Words {
     };
     let (turn, shift) = (vector(&rotation.scaled_axis()), vector(shift));
     (
-        "frame",
+        MistakeKind::Frame,
         TCP_POSES,
         "the poses are those of another frame than that of the drawing".to_owned(),
         format!(
@@ -174,47 +174,34 @@ fn angles_of(plate: Plate) -> impl Iterator<Item = &'static str> {
     ANGLES.into_iter().take(plate.turning_axes().len())
 }
 
-fn nothing() -> Mistake {
-    Mistake {
-        kind: "none",
-        file: ROBOT,
-        what: String::new(),
-        mend: String::new(),
-        is_absurd: false,
-    }
-}
-
-fn of(case: &Case<'_>, hypothesis: &Hypothesis, values: &[f64]) -> Mistake {
+fn of(case: &Case<'_>, hypothesis: &Hypothesis, values: &[f64]) -> Option<Mistake> {
     let (kind, file, what, mend) = match hypothesis {
-        Hypothesis::Carts(numbering) => return carts(case.robot, CART_POSES, numbering),
+        Hypothesis::Carts(numbering) => return Some(carts(case.robot, CART_POSES, numbering)),
         Hypothesis::Noise { position, rotation } => noise(case, *position, *rotation),
         Hypothesis::Tolerances {
             factor,
             lengths_only,
         } => tolerances(*factor, *lengths_only),
         Hypothesis::Dimension { parameter, .. } => {
-            let Ok(prepared) = case.prepared() else {
-                return nothing();
-            };
-            let parameter = *parameter;
-            return dimension(
+            let (prepared, parameter) = (case.prepared().ok()?, *parameter);
+            return Some(dimension(
                 &case.variant.parameters[parameter],
                 &prepared.nominal[parameter],
                 values[parameter],
-            );
+            ));
         }
         of_poses => return of_measurements(case.robot, of_poses, TCP_POSES),
     };
-    Mistake {
+    Some(Mistake {
         kind,
         file,
         what,
         mend,
         is_absurd: true,
-    }
+    })
 }
 
-type Words = (&'static str, &'static str, String, String);
+type Words = (MistakeKind, &'static str, String, String);
 
 fn commands(robot: &Robot, columns: &[usize]) -> Words {
     let moved: Vec<usize> = (0..columns.len()).filter(|&k| columns[k] != k).collect();
@@ -241,7 +228,7 @@ fn commands(robot: &Robot, columns: &[usize]) -> Words {
             "name the columns in the order in which the description declares the drives".to_owned(),
         )
     };
-    ("commands", TCP_POSES, what, mend)
+    (MistakeKind::Commands, TCP_POSES, what, mend)
 }
 
 fn sign(robot: &Robot, command: usize) -> Words {
@@ -253,7 +240,7 @@ fn sign(robot: &Robot, command: usize) -> Words {
         _ => "the length",
     };
     (
-        "command_sign",
+        MistakeKind::CommandSign,
         TCP_POSES,
         format!("`{column}` counts the other way"),
         format!("change its sign, or that of {driven} that it drives"),
@@ -289,7 +276,7 @@ fn axes(columns: [usize; 3], signs: [f64; 3], turned: bool) -> Words {
             format!("exchange {}{too}", quoted(names.iter().map(String::as_str))),
         )
     };
-    ("axes", TCP_POSES, what, mend)
+    (MistakeKind::Axes, TCP_POSES, what, mend)
 }
 
 fn angles(axes: [usize; 3], fixed: bool, transposed: bool) -> Words {
@@ -322,7 +309,7 @@ fn angles(axes: [usize; 3], fixed: bool, transposed: bool) -> Words {
         "compute R = ({}){inverse} and write its ZYZ Euler angles, R = Rz(alpha_rad)·Ry(beta_rad)·Rz(gamma_rad)",
         ordered.join("·")
     );
-    ("angles", TCP_POSES, what, mend)
+    (MistakeKind::Angles, TCP_POSES, what, mend)
 }
 
 fn noise(case: &Case<'_>, position: f64, rotation: f64) -> Words {
@@ -346,7 +333,7 @@ fn noise(case: &Case<'_>, position: f64, rotation: f64) -> Words {
         .map(|(name, value, factor)| format!("{name} = {:e}", value * factor))
         .collect();
     (
-        "noise",
+        MistakeKind::Noise,
         ROBOT,
         format!("{names} of `[noise]` is {size}"),
         format!("write metres and radians: {}", mended.join(", ")),
@@ -370,7 +357,7 @@ fn tolerances(factor: f64, lengths_only: bool) -> Words {
             format!("write one standard deviation in metres: multiply `tol` by {THOUSAND}"),
         )
     };
-    ("tolerances", ROBOT, what, mend)
+    (MistakeKind::Tolerances, ROBOT, what, mend)
 }
 
 /// One dimension far off, which measurements ask to be another.
@@ -383,7 +370,7 @@ pub(crate) fn dimension(described: &Parameter, stated: &Nominal, value: f64) -> 
     };
     let tolerances = stated.tolerances_to(value).abs();
     Mistake {
-        kind: "dimension",
+        kind: MistakeKind::Dimension,
         file: ROBOT,
         what: format!(
             "`{name}` is {} tolerances off: {} {unit} is stated, the measurements ask for {} {unit}",

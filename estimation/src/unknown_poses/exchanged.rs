@@ -7,7 +7,7 @@ use super::dense::dot;
 use super::elimination::{ProjectedRow, Reduced};
 use super::fit::Fit;
 use crate::numerics::distribution::{chi2_quantile_above, chi2_survival, f_quantile_above};
-use crate::trust::{LEVEL as NOISE_LEVEL, Mistake, NEARER};
+use crate::trust::{LEVEL as NOISE_LEVEL, Mistake, MistakeKind, NEARER};
 
 /// Chance that two distances in their places are taken for exchanged ones: a hundredth of the usual level, since an answer
 /// is refused for it.
@@ -47,7 +47,7 @@ impl Fit<'_> {
             return vec![];
         }
         let named = found.into_iter().map(|[one, other]| Mistake {
-            kind: "distances",
+            kind: MistakeKind::Distances,
             file: DISTANCES,
             what: format!(
                 "the distances of lines {} and {} are exchanged",

@@ -278,7 +278,7 @@ impl<'a> Case<'a> {
         let limit = least + 2.0 * ODDS.ln() * scale(best);
         let rivals = fitted.iter().take_while(|own| own.0 < limit);
         let rivals: Vec<Mistake> = rivals
-            .map(|(_, found, trial)| self.described(trial, dimensions, found))
+            .filter_map(|(_, found, trial)| self.described(trial, dimensions, found))
             .collect();
         words::beside(rivals)
     }
@@ -421,11 +421,12 @@ impl<'a> Case<'a> {
         trial: &Trial<'_>,
         dimensions: &Dimensions,
         found: &UnknownPoses,
-    ) -> Mistake {
+    ) -> Option<Mistake> {
         if let Some(parameter) = trial.freed() {
             let value = found.calibration.machine.values[parameter];
             let described = &self.variant.parameters[parameter];
-            return words::dimension(described, &dimensions.nominal[parameter], value);
+            let nominal = &dimensions.nominal[parameter];
+            return Some(words::dimension(described, nominal, value));
         }
         let first = self.folder.plate_rows.first().map(|row| row.kind.file());
         let file = trial.file.or(first).unwrap_or(TCP_POSES);
@@ -444,7 +445,7 @@ impl<'a> Case<'a> {
             let own = files.iter().filter(|own| own.0 == name);
             let command = negative_length(machine, own.map(|own| own.1))?;
             let hypothesis = Hypothesis::Sign(command);
-            Some(words::of_measurements(self.robot, &hypothesis, name))
+            words::of_measurements(self.robot, &hypothesis, name)
         })
     }
 }

@@ -1,7 +1,7 @@
 //! The first page: its sentences follow from verdict, search and check.
 
 use tau::measurements::{Folder, Split};
-use tau::trust::{Check, Gap, Mistake, PoseFit, Status, Verdict};
+use tau::trust::{Check, Gap, Mistake, MistakeKind, PoseFit, Status, Verdict};
 use tau::unknown_poses::RowDivision;
 
 use super::{next, of_study};
@@ -75,7 +75,7 @@ fn an_absurd_one_asks_for_the_mend_and_nothing_else() {
         .unwrap()
         .mistakes
         .push(Mistake {
-            kind: "axes",
+            kind: MistakeKind::Axes,
             file: "tcp_poses.csv",
             what: "the z axis is mirrored".to_owned(),
             mend: "change the sign of `z_m`".to_owned(),

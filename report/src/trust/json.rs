@@ -90,7 +90,7 @@ fn reach(reach: Reach) -> Value {
 
 fn mistake(mistake: &Mistake) -> Value {
     json!({
-        "kind": mistake.kind,
+        "kind": mistake.kind.name(),
         "file": mistake.file,
         "what": mistake.what,
         "mend": mistake.mend,
