@@ -286,8 +286,10 @@ fn fitted(mut fit: Fit<'_>, options: &calibration::Options) -> Result<UnknownPos
         (&settled.solution, settled.iterations),
         options,
     )?;
+    // About a rough drawing, what bends more than the noise looks like a mistake to first order: the fit decides.
+    let is_met = found.gross.is_empty() && recognised::is_met(&found);
     Ok(UnknownPoses {
-        mistakes,
+        mistakes: if is_met { vec![] } else { mistakes },
         loss,
         widened: fit.widened,
         is_settled: settled.has_converged,

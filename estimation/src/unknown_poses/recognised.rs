@@ -102,11 +102,22 @@ pub fn mistakes(
     folder: &Folder,
     division: &RowDivision,
 ) -> Result<Vec<Mistake>, Error> {
-    let completed = &file.completed(robot);
-    match Fit::new(robot, variant, completed, folder, division) {
+    let case = Case {
+        robot,
+        variant,
+        file,
+        folder,
+        division,
+        options: &calibration::Options::default(),
+    };
+    match Fit::new(robot, variant, &file.completed(robot), folder, division) {
         Ok(fit) => {
             let exchanged = fit.exchanged_distances();
-            if !exchanged.is_empty() {
+            let is_one = || {
+                let found = case.fitted(file, folder, None);
+                found.map_or(true, |found| !found.mistakes.is_empty())
+            };
+            if !exchanged.is_empty() && is_one() {
                 return Ok(exchanged);
             }
         }
@@ -116,12 +127,8 @@ pub fn mistakes(
     }
     let thinned = division.thinned(folder, POSES);
     let case = Case {
-        robot,
-        variant,
-        file,
-        folder,
         division: thinned.as_ref().unwrap_or(division),
-        options: &calibration::Options::default(),
+        ..case
     };
     let (found, mut mistakes) = recognising(&case, None, Some(case.at_first_sight()))?;
     mistakes.extend(found.into_iter().flat_map(|found| found.mistakes));
