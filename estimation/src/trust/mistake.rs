@@ -3,7 +3,7 @@
 /// Something wrong with the input.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mistake {
-    /// What is wrong, in a word.
+    /// Its kind.
     pub kind: MistakeKind,
     /// The file that holds it.
     pub file: &'static str,

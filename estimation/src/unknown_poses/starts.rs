@@ -243,7 +243,7 @@ mod tests {
 
     use super::*;
     use crate::calibration::Options;
-    use crate::unknown_poses::{RowDivision, calibrate};
+    use crate::unknown_poses::{RowDivision, calibrate, mirror};
 
     const ANCHORS: [[f64; 2]; 4] = [[0.02, 1.93], [3.35, 1.92], [0.0, 0.0], [3.36, 0.0]];
     const NOISE_M: f64 = 2e-4;
@@ -434,6 +434,30 @@ mod tests {
             let found = [0, 1, 2, 3].map(|link| ["x", "y", "z"].map(|axis| value(link, axis)));
             let share = volume(found) / volume(anchors);
             assert!((share - 1.0).abs() < 0.05, "{share}");
+        }
+    }
+
+    /// Of the machine in a mirror, the drawn one is the image, but for the centimetres by which it misses its reference; of
+    /// the drawn one, none is.
+    #[test]
+    fn the_image_of_a_mirrored_machine_is_as_drawn() {
+        let (robot, folder) = cables(FIRST, FIRST, [2.3728, 2.1215, 1.4303, 1.2298]);
+        let text = "robot = \"Belts\"\n[noise]\nposition_m = 1e-4\nrotation_rad = 1e-4\n";
+        let file = RobotFile::parse(text, "robot.toml").unwrap();
+        let file = file.completed(&robot);
+        let variant = robot.variant("Full").unwrap();
+        let prepared = Prepared::new(&robot, variant, &file, Some(&folder), &[]).unwrap();
+        let drawn = &prepared.machine;
+        assert!(mirror::image(&prepared, drawn).is_none());
+        let parameters = drawn.variant.parameters.iter().zip(&drawn.values);
+        let mirrored = parameters.map(|(parameter, value)| {
+            let is_across = parameter.name.ends_with("track_offset.x");
+            if is_across { 3.06 - value } else { *value }
+        });
+        let mirrored = drawn.with_values(mirrored.collect());
+        let image = mirror::image(&prepared, &mirrored).unwrap();
+        for (value, drawn) in image.values.iter().zip(&drawn.values) {
+            assert!((value - drawn).abs() < 0.1, "{value} {drawn}");
         }
     }
 
