@@ -113,9 +113,15 @@ pub(super) fn link(
             }
             _ => {
                 let found = vector(one, value.dimension(), scope, diagnostics);
-                if value == Value::TrackDirection && found.value == Some([0.0; 3]) {
-                    let message = "the track direction is zero";
-                    diagnostics.error(&one.name, message, "write a vector along the track");
+                if value == Value::TrackDirection {
+                    let help = "write a vector along the track";
+                    moves_plate(
+                        one,
+                        ("track direction", help),
+                        of.plate,
+                        &found,
+                        diagnostics,
+                    );
                 }
                 let formula = found.formula.clone();
                 match value {
@@ -161,9 +167,10 @@ fn initial(value: Value, of: OfLink) -> Other {
     }
 }
 
-/// The values of a crank.
+/// The values of a crank of a machine with such a plate.
 pub(super) fn crank(
     given: &[syntax::NamedValue],
+    plate: Plate,
     scope: &mut Scope<'_>,
     diagnostics: &mut Diagnostics,
 ) -> Crank {
@@ -183,15 +190,59 @@ pub(super) fn crank(
         });
         *slot = vector(one, dimension, scope, diagnostics);
     }
-    if crank.axis.value == Some([0.0; 3]) {
-        let axis = given.iter().find(|one| one.name == "axis");
-        let message = "the axis of the crank is zero";
+    if let Some(axis) = given.iter().find(|one| one.name == "axis") {
         let help = "write a vector along the axis, about which it turns as a right-hand screw";
-        if let Some(axis) = axis {
-            diagnostics.error(&axis.name, message, help);
-        }
+        moves_plate(
+            axis,
+            ("axis of the crank", help),
+            plate,
+            &crank.axis,
+            diagnostics,
+        );
     }
     crank
+}
+
+/// Reports a direction or an axis that is nowhere, or that moves no plate in its plane.
+fn moves_plate(
+    given: &syntax::NamedValue,
+    (what, help): (&str, &str),
+    plate: Plate,
+    found: &Quantity<3>,
+    diagnostics: &mut Diagnostics,
+) {
+    let components = match &found.formula {
+        Some(Formula::Vector(components)) => {
+            let constant = components.each_ref().map(Formula::constant);
+            let [Some(x), Some(y), Some(z)] = constant else {
+                return;
+            };
+            [x, y, z]
+        }
+        _ => match found.value {
+            Some(value) => value,
+            None => return,
+        },
+    };
+    let is_axis = given.name == "axis";
+    if components == [0.0; 3] {
+        diagnostics.error(&given.name, format!("the {what} is zero"), help);
+    } else if plate.is_in_plane() && is_axis && components[2] == 0.0 {
+        let message =
+            format!("the {what} lies in the plane of the plate, out of which it would turn links");
+        diagnostics.error(
+            &given.name,
+            message,
+            "write an axis across the plane: `axis = (0, 0, 1) exact;`",
+        );
+    } else if plate.is_in_plane() && !is_axis && components[..2] == [0.0; 2] {
+        let message = format!("the {what} leads out of the plane of the plate");
+        diagnostics.error(
+            &given.name,
+            message,
+            "write a vector in the plane, such as `(1, 0, 0)`",
+        );
+    }
 }
 
 /// A value that is one number.

@@ -2,30 +2,72 @@
 
 use super::variant::Context;
 use crate::diagnostics::{Diagnostics, Location};
-use crate::model::{Arm, CrankValue, Held, TrackModel, Value};
+use crate::model::{Arm, CrankValue, Formula, Held, TrackModel, Value};
 use crate::names::suggest;
 use crate::syntax;
 
 impl Context<'_> {
-    /// Values that several names after `hold` stand for, each with its place.
+    /// Values that several names after `hold` stand for, by name, each with its place.
     pub(super) fn all_held(
         &self,
         names: &[syntax::Held],
         diagnostics: &mut Diagnostics,
-    ) -> Vec<(Held, Location)> {
-        let mut all: Vec<(Held, Location)> = Vec::new();
+    ) -> Vec<(Vec<Held>, Location)> {
+        let mut all: Vec<(Vec<Held>, Location)> = Vec::new();
         for named in names {
             let found = self.held(named, diagnostics);
-            if found
-                .iter()
-                .any(|one| all.iter().any(|(known, _)| known == one))
-            {
+            let mut known = all.iter().flat_map(|(known, _)| known);
+            if known.any(|one| found.contains(one)) {
                 let message = "this is held already";
                 diagnostics.error(named.location, message, "name it once");
             }
-            all.extend(found.into_iter().map(|one| (one, named.location)));
+            all.push((found, named.location));
         }
         all
+    }
+
+    /// The values that a name after `hold` holds in a variant of such an arm and such tracks, which holds all of `held`.
+    /// Of several, those that follow from what is held stay at their values without being held themselves.
+    ///
+    /// # Errors
+    /// Why it can't hold one of them, with the remedy.
+    pub(super) fn holding(
+        &self,
+        named: &[Held],
+        held: &[Held],
+        arm: Arm,
+        tracks: &[TrackModel],
+    ) -> Result<Vec<Held>, (String, &'static str)> {
+        let own: Vec<Held> = (named.iter().copied())
+            .filter(|&one| !self.follows_from(one, held))
+            .collect();
+        // A name that holds nothing is a mistake.
+        let asked = if own.is_empty() { named } else { &own };
+        let refused = asked
+            .iter()
+            .find_map(|&one| self.cannot_hold(one, arm, tracks));
+        refused.map_or(Ok(own), Err)
+    }
+
+    /// True of a value whose formula reads no parameters but those that are held.
+    fn follows_from(&self, value: Held, held: &[Held]) -> bool {
+        let formula = match value {
+            Held::Parameter(_) => None,
+            Held::Crank(track, value) => (self.geometry.tracks.get(track))
+                .and_then(|track| track.crank.as_ref()?.formula(value)),
+            Held::Link(link, value) => {
+                (self.geometry.links.get(link)).and_then(|link| link.defaults.formula(value))
+            }
+        };
+        formula.is_some_and(|formula| {
+            formula.parts().all(|part| match (part, value) {
+                (Formula::OfRobot(index, _), _) => held.contains(&Held::Parameter(*index)),
+                (Formula::OfLink(read, _), Held::Link(link, _)) => {
+                    held.contains(&Held::Link(link, *read))
+                }
+                _ => true,
+            })
+        })
     }
 
     /// Values that a name after `hold` stands for: one parameter, or a value of one link or several.
@@ -63,7 +105,12 @@ impl Context<'_> {
                 .iter()
                 .enumerate()
                 .filter(|(_, own)| own.crank.is_some());
-            return cranks.map(|(index, _)| Held::Crank(index, found)).collect();
+            let held: Vec<Held> = cranks.map(|(index, _)| Held::Crank(index, found)).collect();
+            if held.is_empty() {
+                let message = format!("there is no crank whose `{value}` could be held");
+                diagnostics.error(named.location, message, "leave it out");
+            }
+            return held;
         }
         let crank = tracks
             .iter()
@@ -108,7 +155,7 @@ impl Context<'_> {
     }
 
     /// Why a variant of such an arm and such tracks can't hold something, with the remedy.
-    pub(super) fn cannot_hold(
+    fn cannot_hold(
         &self,
         held: Held,
         arm: Arm,

@@ -40,7 +40,9 @@ pub(super) fn parameters<'a>(
                         format!("a vector has 3 components, found {number}"),
                         format!("write `{name}[3]`, or `{name}` for a scalar"),
                     );
-                    3
+                    // Its value shows which of the two is meant.
+                    let given = declaration.nominal.as_ref();
+                    given.map_or(3, |quantity| quantity.numbers.len())
                 }
             };
             let of = format!("`{name}`");

@@ -21,6 +21,9 @@ pub(super) fn dimension(
     product(expression, true, diagnostics).map(|(_, dimension)| dimension)
 }
 
+/// Names of the degree Celsius, which is no unit here: units have no zero of their own.
+const DEGREES_CELSIUS: [&str; 4] = ["degC", "deg_C", "celsius", "Celsius"];
+
 fn product(
     expression: &UnitExpression,
     dimensions: bool,
@@ -67,6 +70,9 @@ pub(super) fn unit_factor(
         (format!("unknown unit `{name}`"), nearest(&name, units))
     };
     let help = match near {
+        _ if DEGREES_CELSIUS.contains(&name.as_str()) => {
+            "write `K`: temperatures count kelvins above 0 °C, so that 20 °C are `20 K`".to_owned()
+        }
         Some(near) => format!("did you mean `{near}`?"),
         None if dimensions => {
             let names: Vec<_> = DIMENSIONS.iter().map(|(name, _)| *name).collect();

@@ -59,10 +59,11 @@ pub(super) fn reference(
         };
         let Ok(numbers) = <[f64; 3]>::try_from(numbers.as_slice()) else {
             let message = format!("{what} must be 3 numbers, found {}", numbers.len());
-            let help = if is_position {
-                "write `(x, y, z)`"
-            } else {
-                "write the ZYZ Euler angles `(alpha, beta, gamma)`"
+            let help = match (is_position, geometry.plate.is_in_plane()) {
+                (true, false) => "write `(x, y, z)`",
+                (true, true) => "write `(x, y, 0)`",
+                (false, false) => "write the ZYZ Euler angles `(alpha, beta, gamma)`",
+                (false, true) => "write the turn about z as `(angle, 0, 0)`",
             };
             diagnostics.error(location, message, help);
             continue;
@@ -89,11 +90,11 @@ pub(super) fn reference(
         }
     }
     if !first.values.iter().any(|(name, _)| name == "position") {
-        diagnostics.error(
-            first.location,
-            "the reference lacks `position`",
-            "write where the TCP stands at these commands: `position = (x, y, z) m;`",
+        let height = if geometry.plate.is_in_plane() { "0" } else { "z" };
+        let help = format!(
+            "write where the TCP stands at these commands: `position = (x, y, {height}) m;`"
         );
+        diagnostics.error(first.location, "the reference lacks `position`", help);
     }
     Some(reference)
 }

@@ -21,11 +21,12 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
     let before = diagnostics.count();
     let mut names = Declared::default();
     let (parameters, mut scope) = parameter::parameters(robot, &mut names, diagnostics);
+    let plate = plate(robot, diagnostics);
     let mut geometry = Geometry {
-        plate: plate(robot, diagnostics),
+        plate,
         parameters,
         drives: Vec::new(),
-        tracks: tracks(robot, &mut scope, diagnostics),
+        tracks: tracks(robot, plate, &mut scope, diagnostics),
         clusters: Vec::new(),
         links: Vec::new(),
         names,
@@ -137,9 +138,10 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
     geometry
 }
 
-/// Tracks and cranks.
+/// Tracks and cranks of a machine with such a plate.
 fn tracks(
     robot: &syntax::Robot,
+    plate: Plate,
     scope: &mut Scope<'_>,
     diagnostics: &mut Diagnostics,
 ) -> Vec<Track> {
@@ -149,7 +151,7 @@ fn tracks(
         let crank = track.crank.as_ref().map(|values| match &known {
             Some((same, crank)) if Rc::ptr_eq(same, values) => crank.clone(),
             _ => {
-                let crank = geometry::crank(values, scope, diagnostics);
+                let crank = geometry::crank(values, plate, scope, diagnostics);
                 known = Some((values, crank.clone()));
                 crank
             }

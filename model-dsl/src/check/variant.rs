@@ -29,14 +29,14 @@ enum Own {
     Structure {
         arm: Arm,
         tracks: Vec<TrackModel>,
-        holds: Vec<(Held, Location)>,
+        holds: Vec<(Vec<Held>, Location)>,
     },
     /// Index of the base, and the effects added to it.
     Derived {
         base: usize,
         effects: Vec<(EffectUse, Location)>,
         /// With the place where each is named.
-        holds: Vec<(Held, Location)>,
+        holds: Vec<(Vec<Held>, Location)>,
     },
     /// An error has been reported.
     Poisoned,
@@ -362,14 +362,19 @@ impl Context<'_> {
                 Some(Own::Structure { holds, .. }) => (&[], holds),
                 _ => continue,
             };
-            for (one, location) in held {
-                if member == index
-                    && let Some((message, help)) = self.cannot_hold(*one, arm, &tracks)
-                {
-                    diagnostics.error(*location, message, help);
-                }
-                if !holds.contains(one) {
-                    holds.push(*one);
+            let named = held.iter().flat_map(|(named, _)| named);
+            let all: Vec<Held> = holds.iter().chain(named).copied().collect();
+            for (named, location) in held {
+                match self.holding(named, &all, arm, &tracks) {
+                    Ok(added) => {
+                        let is_new = |one: &Held| !holds.contains(one);
+                        let added: Vec<Held> = added.into_iter().filter(is_new).collect();
+                        holds.extend(added);
+                    }
+                    Err((message, help)) if member == index => {
+                        diagnostics.error(*location, message, help);
+                    }
+                    Err(_) => {}
                 }
             }
             for (used, location) in added {

@@ -280,3 +280,29 @@ fn mobility_is_counted() {
         }
     }
 }
+
+/// `all` holds what there is: values that follow from held parameters stay where they are.
+#[test]
+fn all_of_a_value_holds_what_is_not_held_already() {
+    let model = model(
+        "robot Lines {
+    plate point;
+    param height: length = 2 m;
+    cluster lines on base {
+        link a actuated length { track_offset = (0 m, 1 m, height); }
+        link b actuated length { track_offset = (1, 0, 2) m exact; }
+        link c actuated length;
+    }
+    variant Full { arm full; }
+    variant Anchors = Full hold all.track_offset, height;
+    variant Later = Anchors hold all.length;
+}",
+    );
+    let holds = |name: &str| model.variant(name).unwrap().holds.clone();
+    let anchors = [Held::Parameter(0), Held::Link(2, Value::TrackOffset)];
+    assert_eq!(holds("Anchors"), anchors);
+    let lengths = (0..3).map(|link| Held::Link(link, Value::Length));
+    let later: Vec<Held> = holds("Later");
+    assert_eq!(later.len(), anchors.len() + 3);
+    assert!(lengths.chain(anchors).all(|one| later.contains(&one)));
+}
