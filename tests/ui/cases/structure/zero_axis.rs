@@ -1,0 +1,14 @@
+//! A crank whose exact axis is nowhere.
+
+tau_macro::tau_model! {
+    robot FiveBar {
+        plate point in plane;
+        crank left { axis = (0, 0, 0) exact; centre = (-100, 0, 0) mm exact; }
+        crank right { axis = (0, 0, 1) exact; centre = (100, 0, 0) mm exact; }
+        cluster on_left on left { link l1; }
+        cluster on_right on right { link l2; }
+        variant Full { arm full; }
+    }
+}
+
+fn main() {}
