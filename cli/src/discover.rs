@@ -72,7 +72,7 @@ pub(super) fn run(
             let (calibrated, layout) = state(&session, &found, arguments.refit)?;
             let unknown = found.unknown.as_ref();
             let placed = unknown.map_or(folder, |unknown| &unknown.folder);
-            let counts = known.or(unknown.map(|unknown| unknown.counts));
+            let counts = unknown.map(|unknown| unknown.counts).or(known);
             let setting = report::Setting {
                 poses: counts.map_or_else(|| session.poses().map(|poses| poses.counts), Ok)?,
                 has_cart_poses: !folder.cart_poses.is_empty(),
@@ -130,8 +130,12 @@ fn state(
             Refit::Calibration => session.clone(),
             Refit::All => session.clone().split(Split::All),
         };
+        let Some(calibrated) = &unknown.fitted else {
+            let (file, calibrated) = session.file_of_search(found, &stamp())?;
+            return Ok((file, study::layout(&calibrated, &unknown.folder)));
+        };
         let fitted = match refit {
-            Refit::Calibration => unknown.fitted.clone(),
+            Refit::Calibration => calibrated.clone(),
             Refit::All => session.refitted_of_unknown_poses(found)?,
         };
         let file = session.file_of_unknown_poses(&fitted, &stamp());

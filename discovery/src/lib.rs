@@ -20,6 +20,7 @@ mod floor;
 mod generic;
 mod held_out;
 mod linear_model;
+mod measured;
 mod misfit;
 mod p_value;
 mod probes;
@@ -286,10 +287,10 @@ fn discovered(
     }
     let completed = file.completed(robot);
     let model = &language::check_text(&robot.description).map_err(|errors| not_sound(&errors))?;
-    if folder.tcp_poses.is_empty() {
+    if let Some(folder) = measured::with_unknown_poses(folder, &completed, robot) {
         progress("estimating the poses");
         let described = (robot, model, base);
-        return unknown_poses::search(described, &completed, folder, options, progress);
+        return unknown_poses::search(described, &completed, &folder, options, progress);
     }
     let Poses { mut division, .. } = Poses::select(robot, file, folder, options.split)?;
     check_poses(robot, variant, &completed, folder, &division.calibration)?;

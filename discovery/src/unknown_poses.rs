@@ -1,4 +1,4 @@
-//! Discovery where no pose was measured: from redundant drives, heights, distances, a ball bar.
+//! Discovery where true poses are unknown: from redundant drives, heights, distances, a ball bar, and poses beside them.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -7,12 +7,13 @@ use tau_codegen::language::Model;
 use tau_estimation::calibration;
 use tau_estimation::unknown_poses::{self, EstimatedPoses, RowDivision, UnknownPoses};
 use tau_kinematics::Statics;
-use tau_robot::measurements::{Division, Folder, PlateRow, PoseCounts};
+use tau_robot::measurements::{Division, Folder, PoseCounts};
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::keys::effect_key;
 use tau_robot::robot_file::{RobotFile, Value};
 
 use super::constants::count;
+use super::measured::hides_tracker;
 use super::results::GrossRow;
 use super::{DISCOVERED, Error, Input, Options, Outcome, remark_on_part, searched, variant_of};
 
@@ -27,8 +28,8 @@ pub struct OfUnknownPoses {
     pub rows: RowDivision,
     /// Numbers of poses by whether their own measurements calibrate.
     pub counts: PoseCounts,
-    /// The calibration of the discovered variant.
-    pub fitted: UnknownPoses,
+    /// The calibration of the discovered variant; `None` where there is none, of which a remark says why.
+    pub fitted: Option<UnknownPoses>,
 }
 
 impl fmt::Debug for OfUnknownPoses {
@@ -98,7 +99,7 @@ pub(super) fn search(
         let unknown = Unknown {
             values: values.clone(),
             is_held_out: rows.is_disjoint(),
-            hides_tracker: folder.hides_tracker(robot.plate),
+            hides_tracker: hides_tracker(folder),
             poses,
         };
         let (estimated, division) = unknown.poses.folder();
@@ -114,18 +115,30 @@ pub(super) fn search(
         };
         let mut outcome = searched(&input, progress)?;
         progress("calibrating what was found");
-        let fitted = outcome.calibration_of_unknown_poses(&file, folder, &rows)?;
+        let fitted = outcome.calibration_of_unknown_poses(&file, folder, &rows);
         // Effects that a base lacks may look like gross measurements or like noise, and may hide some.
-        let is_other = fitted.left_out() != *unknown.poses.left_out()
-            || unknown.poses.change_of_noise(&fitted) > options.constants.other_noise;
-        if is_other && round < count(options.constants.searches) {
-            known = Some(fitted);
-            continue;
-        }
+        let is_other = |fitted: &UnknownPoses| {
+            fitted.left_out() != *unknown.poses.left_out()
+                || unknown.poses.change_of_noise(fitted) > options.constants.other_noise
+        };
+        let fitted = match fitted {
+            Ok(fitted) if is_other(&fitted) && round < count(options.constants.searches) => {
+                known = Some(fitted);
+                continue;
+            }
+            fitted => fitted,
+        };
         let found = &mut outcome.discovery;
         found.remarks.extend(remark.into_iter().chain(part));
-        let machine = &fitted.calibration.machine;
-        let gross = fitted.gross.iter().map(|row| GrossRow::of(row, machine));
+        let gross = match &fitted {
+            Ok(fitted) => gross_rows(fitted),
+            Err(error) => {
+                found.remarks.push(not_calibrated(error));
+                known
+                    .as_ref()
+                    .map_or_else(|| gross_rows(&of_base), gross_rows)
+            }
+        };
         found.gross_rows.extend(gross);
         (found.gross_rows)
             .sort_by(|a, b| (&a.file, a.line, &a.drive).cmp(&(&b.file, b.line, &b.drive)));
@@ -134,10 +147,23 @@ pub(super) fn search(
             division,
             rows,
             counts,
-            fitted,
+            fitted: fitted.ok(),
         });
         return Ok(outcome);
     }
+}
+
+/// Rows that a calibration left out.
+fn gross_rows(fitted: &UnknownPoses) -> Vec<GrossRow> {
+    let machine = &fitted.calibration.machine;
+    let rows = fitted.gross.iter();
+    rows.map(|row| GrossRow::of(row, machine)).collect()
+}
+
+/// What is said where no calibration of what was found succeeds.
+fn not_calibrated(error: &Error) -> String {
+    let what = "what was found could not be calibrated anew";
+    format!("{what}, and the robot file holds the values at which the search ended: {error}")
 }
 
 /// The folder without rows that lack a tension which others have, where statics can't stand in for it; with a remark on
@@ -151,20 +177,28 @@ fn with_known_tensions(
     if !folder.has_measured_tensions() || Statics::new(robot, file).is_some() {
         return (folder, None);
     }
-    let is_known = |row: &PlateRow, link: usize| {
-        let tensions_n = row.tensions_n.as_ref();
+    let is_known = |tensions_n: &Option<Vec<f64>>, link: usize| {
+        let tensions_n = tensions_n.as_ref();
         tensions_n.is_some_and(|all| all.get(link).is_some_and(|tension| !tension.is_nan()))
     };
+    let of_rows = folder.plate_rows.iter().map(|row| &row.tensions_n);
+    let of_poses = folder.tcp_poses.iter().map(|pose| &pose.tensions_n);
+    let all: Vec<&Option<Vec<f64>>> = of_rows.chain(of_poses).collect();
     let measured: Vec<usize> = (0..robot.links.len())
-        .filter(|&link| folder.plate_rows.iter().any(|row| is_known(row, link)))
+        .filter(|&link| all.iter().any(|tensions_n| is_known(tensions_n, link)))
         .collect();
-    let count = folder.plate_rows.len();
-    folder
-        .plate_rows
-        .retain(|row| measured.iter().all(|&link| is_known(row, link)));
-    let poses: BTreeSet<u32> = folder.plate_rows.iter().map(|row| row.pose).collect();
+    let count = all.len();
+    let has_all = |tensions_n: &Option<Vec<f64>>| {
+        let mut measured = measured.iter();
+        measured.all(|&link| is_known(tensions_n, link))
+    };
+    folder.plate_rows.retain(|row| has_all(&row.tensions_n));
+    folder.tcp_poses.retain(|pose| has_all(&pose.tensions_n));
+    let of_rows = folder.plate_rows.iter().map(|row| row.pose);
+    let of_poses = folder.tcp_poses.iter().map(|pose| pose.pose);
+    let poses: BTreeSet<u32> = of_rows.chain(of_poses).collect();
     (folder.distances).retain(|row| row.poses.iter().all(|pose| poses.contains(pose)));
-    let left = count - folder.plate_rows.len();
+    let left = count - folder.plate_rows.len() - folder.tcp_poses.len();
     let remark = (left > 0).then(|| {
         format!(
             "{left} of {count} rows have no measured forces, and took no part: effects that follow tensions could not \

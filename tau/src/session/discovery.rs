@@ -9,8 +9,9 @@ use tau_model_dsl::{self as language, Model};
 use tau_robot::effects::CATALOGUE;
 use tau_robot::input_error::{self, InputError, Source, both};
 use tau_robot::robot::{Robot, Variant};
+use tau_robot::robot_file::RobotFile;
 
-use super::{Calibrated, Described, Session, VariantKey};
+use super::{Calibrated, Described, Session, Stamp, VariantKey};
 
 /// Effects to search for.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -74,8 +75,36 @@ impl<R> Session<R> {
     /// # Errors
     /// As [`Self::calibrate`].
     pub fn state_found(&self, found: &Outcome) -> Result<Calibrated, Error> {
-        let calibration = found.calibration(&found.robot(), &self.robot_file, &self.folder)?;
+        let unknown = found.unknown.as_ref();
+        let folder = unknown.map_or(&self.folder, |unknown| &unknown.folder);
+        let calibration = found.calibration(&found.robot(), &self.robot_file, folder)?;
         Ok(Calibrated::<Described>::new(calibration))
+    }
+
+    /// The robot file of the variant as the search left it, and its calibration: where poses are unknown and what was found
+    /// could not be calibrated anew, this is what there is.
+    ///
+    /// # Errors
+    /// As [`Self::state_found`].
+    pub fn file_of_search(
+        &self,
+        found: &Outcome,
+        stamp: &Stamp,
+    ) -> Result<(RobotFile, Calibrated), Error>
+    where
+        Self: Clone,
+    {
+        let calibrated = self.state_found(found)?;
+        let mut placed = self.clone();
+        if let Some(unknown) = &found.unknown {
+            placed.folder = unknown.folder.clone();
+        }
+        let mut file = placed.calibrated_file(&calibrated, &found.poses, 1.0, stamp);
+        if let Some(record) = &mut file.calibration {
+            // Where poses stand is estimated; which rows calibrated is as ever.
+            record.rows = self.calibrating_rows();
+        }
+        Ok((file, calibrated))
     }
 
     /// The variant that was found fitted to all rows of a folder whose poses are unknown that the session's split has

@@ -104,7 +104,7 @@ impl<R> Session<R> {
     }
 
     /// Fingerprints of the measurements of the plate that calibrate, outliers among them.
-    fn calibrating_rows(&self) -> BTreeSet<String> {
+    pub(super) fn calibrating_rows(&self) -> BTreeSet<String> {
         let rows = if self.has_unknown_poses() {
             self.row_division()
         } else {
