@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::{DMatrix, DVector, Vector3};
 use tau_kinematics::Machine;
 use tau_robot::measurements::{Division, Folder, PoseSigmas, TcpPose};
-use tau_robot::robot::ResidualKind;
+use tau_robot::robot::{Instance, ResidualKind};
 use tau_robot::robot_file::RobotFile;
 
 use super::assembly::{Assembly, Chosen};
@@ -314,7 +314,7 @@ impl Grouped<'_> {
         own.dedup();
         let of_samples: Vec<usize> = own.iter().map(|&reading| self.index[reading]).collect();
         let outside = raw.complement();
-        let origins = self.origins(samples, &of_samples);
+        let mut origins = self.origins(samples, &of_samples);
         let reference = known.get(of_samples.as_slice());
         let is_closure = |row: usize| raw.rows[row].0 == 0;
         let are_exact = self.assembly.kinds.iter().any(Kind::is_exact);
@@ -330,6 +330,7 @@ impl Grouped<'_> {
                 (basis, owners.collect(), if are_exact { rest } else { 0 })
             });
         let shares = self.closure_shares(machine, samples, &own)?;
+        self.angles_to_lengths(machine, samples, (&own, &shares), &mut origins)?;
         let measured = DVector::from_fn(raw.rows.len(), |row, _| {
             if is_closure(row) {
                 0.0
@@ -380,6 +381,35 @@ impl Grouped<'_> {
         .collect()
     }
 
+    /// Tells rows of drives whose noise is an angle as what it makes of the lengths of their links, so that they compare
+    /// with everything else that was measured.
+    fn angles_to_lengths(
+        &self,
+        machine: &Machine,
+        samples: &[Sample],
+        (readings, shares): (&[usize], &DMatrix<f64>),
+        origins: &mut [Origin],
+    ) -> Result<(), Error> {
+        let kinds = &self.blocks[0].kinds;
+        let kind = &self.assembly.kinds[kinds[0]];
+        if kind.unit_on(&machine.robot) == kind.unit {
+            return Ok(());
+        }
+        let closures = closures_of(machine);
+        for (row, &(block, reading, residual)) in self.raw.rows.iter().enumerate() {
+            if block > 0 {
+                continue;
+            }
+            let place = readings.binary_search(&reading).unwrap_or_default();
+            let by_length = shares[(row, place * kinds.len() + residual)]
+                * slope(machine, closures[residual], &samples[self.index[reading]])?;
+            if by_length > 0.0 {
+                origins[row].sigma = by_length.recip();
+            }
+        }
+        Ok(())
+    }
+
     /// Share of each closure (m²) of the readings in each row.
     fn closure_shares(
         &self,
@@ -391,10 +421,7 @@ impl Grouped<'_> {
         let (count, width) = (of.kinds.len(), of.family.shape().data);
         let are_coupled = drive_sigmas(self.assembly.file, machine.robot.commands).is_some();
         let are_lengths = self.assembly.file.noise_of_links().is_some();
-        let closures = machine.variant.instances_of(ResidualKind::Closure);
-        let closures: Vec<_> = closures
-            .filter_map(|closure| by_pose(machine, closure))
-            .collect();
+        let closures = closures_of(machine);
         let mut shares = DMatrix::zeros(self.raw.rows.len(), readings.len() * count);
         for (row, &(block, reading, residual)) in self.raw.rows.iter().enumerate() {
             if block > 0 {
@@ -412,9 +439,7 @@ impl Grouped<'_> {
                 continue;
             }
             let slope = if are_lengths {
-                let sample = &samples[self.index[reading]];
-                let [x, y, z, ..] = gradient(machine, closures[residual], sample)?;
-                (x * x + y * y + z * z).sqrt()
+                slope(machine, closures[residual], &samples[self.index[reading]])?
             } else {
                 1.0
             };
@@ -422,6 +447,20 @@ impl Grouped<'_> {
         }
         Ok(shares)
     }
+}
+
+/// Derivatives of the closures of a variant by the pose.
+fn closures_of(machine: &Machine) -> Vec<&Instance> {
+    let closures = machine.variant.instances_of(ResidualKind::Closure);
+    closures
+        .filter_map(|closure| by_pose(machine, closure))
+        .collect()
+}
+
+/// Derivative of a closure (m²) by the length of its link (m).
+fn slope(machine: &Machine, closure: &Instance, sample: &Sample) -> Result<f64, Error> {
+    let [x, y, z, ..] = gradient(machine, closure, sample)?;
+    Ok((x * x + y * y + z * z).sqrt())
 }
 
 /// Orthonormal directions in the image of a projection, so many of them, each with the row that it says most of: those of
