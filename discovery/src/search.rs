@@ -230,17 +230,22 @@ impl<'a> Search<'a> {
             let effects: Vec<String> = effects.iter().map(UsedEffect::to_string).collect();
             progress(&format!("trying {}", effects.join(" + ")));
             let start = self.start(change);
-            let context = self.context();
-            (self
-                .state
-                .refitted(&context, &change.members, start.as_deref()))
-            .ok()?
+            self.refitted(&change.members, start.as_deref()).ok()?
         };
         Some(State {
             fit,
             members: change.members.clone(),
             unnamed: change.unnamed.clone(),
         })
+    }
+
+    /// The fit with some effects from where the model stands; without any it is that of the base, of which values that
+    /// went with an effect may lead to another minimum.
+    pub(crate) fn refitted(&self, members: &[Member], last: Option<&[f64]>) -> Result<Fit, Error> {
+        if members.is_empty() {
+            return Ok(self.base.fit.clone());
+        }
+        self.state.refitted(&self.context(), members, last)
     }
 
     /// Start values of the newest effect.

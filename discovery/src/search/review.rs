@@ -170,7 +170,7 @@ impl Search<'_> {
         let mut members = self.state.members.clone();
         members.remove(member);
         members.push(Member::plain(candidate));
-        let refitted = self.state.refitted(&self.context(), &members, None);
+        let refitted = self.refitted(&members, None);
         let Ok(fit) = refitted.and_then(Fit::settled) else {
             return false;
         };

@@ -126,6 +126,19 @@ fn predicted_changes_are_those_of_refits() {
     }
 }
 
+/// A model that has lost its last effect is the base, to the bit: what went with the effect leads nowhere else.
+#[test]
+fn without_effects_the_fit_is_that_of_the_base() {
+    let case = Case::prototype();
+    let input = case.input();
+    let (mut search, _) = begun(&input, None, &mut |_| {}).unwrap();
+    search.run(&mut |_| {}).unwrap();
+    let fit = search.refitted(&[], None).unwrap();
+    assert_eq!(fit.fitted, search.base.fit.fitted);
+    let again = search.state.refitted(&search.context(), &[], None).unwrap();
+    assert_ne!(again.fitted, search.base.fit.fitted);
+}
+
 /// Without any effect, the misfit is that of each component's estimated noise, and the priors'; an outlier counts as a
 /// sample that is just none.
 #[test]
