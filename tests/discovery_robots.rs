@@ -288,3 +288,67 @@ fn misfit_of_lengths_is_in_micrometres_of_the_length() {
         assert!((rms / expected - 1.0).abs() < 0.3, "{misfit}");
     }
 }
+
+/// Where no pose was measured, targets on carts still tell that a cart yields: its load follows from where the machine
+/// stands, which drives say.
+#[test]
+fn a_cart_that_yields_is_calibrated_without_poses() {
+    let folder = tempfile::tempdir().unwrap();
+    let line = "tau simulate --model linear_delta --measure heights,distances --poses 120 --random \
+                --random-approach --warming 6 --payload 20 --seed 1 --out DIR/measured \
+                --effect cart_compliance(a):along_compliance=2.59e-7";
+    tau_in(folder.path(), line).done();
+    assert!(folder.path().join("measured/cart_positions.csv").is_file());
+    let line = "tau discover DIR/measured --out DIR/out --json -";
+    let found = tau_in(folder.path(), line).json();
+    assert_eq!(effects(&found), ["cart_compliance(a)"]);
+    let line = "tau calibrate DIR/measured --model DIR/out/discovered.tau --variant Discovered \
+                --out DIR/cal --json -";
+    let fitted = tau_in(folder.path(), line).json();
+    assert_eq!(fitted["fit"]["status"], "consistent");
+}
+
+/// Distances and heights beside a few poses count: they tell a backlash from the waves of a rack, which the poses alone
+/// don't, and know nothing of the tracker.
+#[test]
+fn what_was_measured_beside_poses_takes_part() {
+    let folder = tempfile::tempdir().unwrap();
+    let line = "tau simulate --model linear_delta --measure poses,heights,distances --poses 120 --random \
+                --random-approach --warming 6 --payload 20 --seed 5 --out DIR/measured \
+                --effect backlash(a):gap=6e-5";
+    tau_in(folder.path(), line).done();
+    for file in ["cart_poses.csv", "cart_positions.csv"] {
+        fs::remove_file(folder.path().join("measured").join(file)).unwrap();
+    }
+    let poses = folder.path().join("measured/tcp_poses.csv");
+    let text = fs::read_to_string(&poses).unwrap();
+    let few: Vec<&str> = text.lines().take(17).collect();
+    fs::write(&poses, few.join("\n") + "\n").unwrap();
+    let line = "tau discover DIR/measured --out DIR/out --json -";
+    let found = tau_in(folder.path(), line).json();
+    assert_eq!(effects(&found), ["backlash(a)"]);
+    assert_eq!(found["effects"][0]["rivals"].to_string(), "[]");
+    assert_eq!(found["validation"]["of"], "measurements");
+    let unseen = found["cannot_see"].as_array().unwrap().iter();
+    let of_tracker = unseen.filter(|unseen| unseen["name"] == "tracker_scale");
+    let why: Vec<String> = of_tracker.map(|own| own["why"].to_string()).collect();
+    assert!(
+        why.len() == 1 && why[0].contains("know nothing of the tracker"),
+        "{why:?}"
+    );
+}
+
+/// Drives that turn have noise in radians, which makes errors of lengths: on a clean folder these are what noise alone leaves.
+#[test]
+fn errors_of_drives_that_turn_are_lengths() {
+    let folder = tempfile::tempdir().unwrap();
+    let line = "tau simulate --model rotary_delta --measure heights,distances --poses 120 --random \
+                --noise-drives 1e-4 --seed 1 --out DIR/measured";
+    tau_in(folder.path(), line).done();
+    let line = "tau discover DIR/measured --out DIR/out --json -";
+    let found = tau_in(folder.path(), line).json();
+    let floor = number(&found["noise_floor_um"]);
+    let before = number(&found["validation"]["before"]["mean_um"]);
+    assert!((5.0..40.0).contains(&floor), "{floor}");
+    assert!((before / floor - 1.0).abs() < 0.3, "{before} {floor}");
+}
