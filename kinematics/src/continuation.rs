@@ -53,7 +53,11 @@ impl Machine {
         let off_m = (found.pose.position - sample.pose.position).norm();
         let off_rad = sample.pose.turn_to(&found.pose.rotation).norm();
         if off_m > REFERENCE_OFF.0 * length_m || off_rad > REFERENCE_OFF.1 {
-            return Err(Error::Reference { off_m, off_rad });
+            return Err(Error::Reference {
+                off_m,
+                off_rad,
+                found: found.pose,
+            });
         }
         Ok(found)
     }

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use super::Pose;
 use super::inputs::Missing;
 
 /// Why a pose or commands could not be found.
@@ -76,6 +77,8 @@ pub enum Error {
         off_m: f64,
         /// Turn to it (rad).
         off_rad: f64,
+        /// That pose.
+        found: Pose,
     },
     /// The way from a known pose ends at a singular one, so that what lies behind may be assembled either way.
     Way {
@@ -84,6 +87,11 @@ pub enum Error {
     },
     /// No way of assembling the arm was found at these commands.
     NoAssembly,
+    /// The drives leave the plate fewer freedoms than it has, and a position does not say which pose is meant.
+    Partial {
+        /// Freedoms that they leave it.
+        freedoms: usize,
+    },
     /// The arm can't be positioned as asked.
     Target(&'static str),
 }
@@ -149,7 +157,7 @@ impl fmt::Display for Error {
                 length(*allowed_m)
             ),
             Self::NoReference => f.write_str("nothing says how the arm is assembled"),
-            Self::Reference { off_m, off_rad } => write!(
+            Self::Reference { off_m, off_rad, .. } => write!(
                 f,
                 "the reference is not a pose of this machine: with the links' lengths, the plate stands {} from it, \
                  turned by {off_rad:.2} rad",
@@ -167,6 +175,11 @@ impl fmt::Display for Error {
                     "the arm can't be assembled at these commands: no start led to a pose"
                 )
             }
+            Self::Partial { freedoms } => write!(
+                f,
+                "the plate has {freedoms} freedoms: at this position it can turn, but not into any orientation: give a full \
+                 pose, and the nearest one that it can take is found"
+            ),
             Self::Target(why) => f.write_str(why),
         }
     }

@@ -177,15 +177,19 @@ impl Machine {
     fn stiffness(&self, closures: &Closures) -> DMatrix<f64> {
         let unknowns = self.pose_unknowns();
         let mut jacobian = closures.jacobian.select_columns(unknowns);
-        let rows = jacobian.nrows() as f64;
-        let turning = self.turning_unknowns().len();
-        let shifts = unknowns.len() - turning;
-        let lever = (jacobian.columns(shifts, turning).norm_squared() / rows).sqrt();
-        let lever = if lever > 0.0 { lever } else { 1.0 };
+        let shifts = unknowns.len() - self.turning_unknowns().len();
+        let lever = self.lever_m(closures);
         for column in shifts..unknowns.len() {
             jacobian.column_mut(column).scale_mut(lever.recip());
         }
         jacobian.tr_mul(&jacobian)
+    }
+
+    /// Root mean square of the changes of length with the plate's rotation (m/rad), over the closures; 1 where none changes.
+    pub(crate) fn lever_m(&self, closures: &Closures) -> f64 {
+        let turning = closures.jacobian.select_columns(self.turning_unknowns());
+        let lever = (turning.norm_squared() / turning.nrows() as f64).sqrt();
+        if lever > 0.0 { lever } else { 1.0 }
     }
 
     fn check_regular(&self, closures: &Closures) -> Result<(), Error> {

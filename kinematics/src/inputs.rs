@@ -4,8 +4,8 @@ use std::cell::LazyCell;
 use std::fmt;
 
 use nalgebra::DMatrix;
-use tau_robot::measurements::{Conditions, TcpPose};
-use tau_robot::robot::Input;
+use tau_robot::measurements::{Conditions, TcpPose, force_name};
+use tau_robot::robot::{Input, Robot};
 use tau_robot::robot_file::Reference;
 
 use super::paths::{Path, Segment};
@@ -19,12 +19,48 @@ pub struct Surroundings {
     pub paths: Vec<Option<Path>>,
     /// The arm under its load, where the robot file states one.
     pub statics: Option<Statics>,
+    /// The first link that pulls with a tension that nothing states, so that no tension follows from statics.
+    pub unknown_pull: Option<UnknownPull>,
     /// Pose of the machine at some commands, where the file or the description states one.
     pub reference: Option<Reference>,
     /// Nominal value of each of the variant's parameters; those that it holds are taken from here.
     pub held: Vec<f64>,
     /// Noise of the links' lengths.
     pub length_noise: LengthNoise,
+}
+
+/// A link that pulls with a tension that nothing states.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct UnknownPull {
+    /// Name of the link.
+    pub link: String,
+    /// Column that would hold its measured tension.
+    pub column: String,
+}
+
+impl UnknownPull {
+    /// The first one of a robot.
+    pub fn of(robot: &Robot) -> Option<Self> {
+        let links = &robot.model.as_ref()?.links;
+        let mut links = links.iter();
+        let link =
+            links.find(|link| link.pull.as_ref().is_some_and(|pull| pull.value.is_none()))?;
+        Some(Self {
+            link: link.name.clone(),
+            column: force_name(link.actuated_by?),
+        })
+    }
+}
+
+impl fmt::Display for UnknownPull {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { link, column } = self;
+        write!(
+            f,
+            "the tension of `{link}`, which is `pulled` by an unknown one: write `pulled = … N` in the description, or \
+             measure it (`{column}`)"
+        )
+    }
 }
 
 /// Standard deviations of what makes the links' lengths scatter; none where drives are exact and links rigid.
@@ -119,7 +155,7 @@ impl<'a> From<&'a TcpPose> for Sample<'a> {
 }
 
 /// A quantity that a family takes and nothing gives.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Missing {
     /// A command.
     Command,
@@ -131,6 +167,8 @@ pub enum Missing {
     Temperature,
     /// Forces of the arm.
     Forces,
+    /// Forces of the arm, which follow from a pull that is not known.
+    Pull(UnknownPull),
     /// The path of a cart.
     Path,
     /// The value of a parameter that the variant holds.
@@ -139,7 +177,7 @@ pub enum Missing {
 
 impl Missing {
     /// True for a column of the table that the samples come from.
-    pub fn is_column(self) -> bool {
+    pub fn is_column(&self) -> bool {
         matches!(self, Self::Direction | Self::Time | Self::Temperature)
     }
 }
@@ -154,6 +192,7 @@ impl fmt::Display for Missing {
             Self::Forces => {
                 "measured forces (`force1_N`, …), or `[payload]` and all dimensions of the links in the robot file"
             }
+            Self::Pull(pull) => return pull.fmt(f),
             Self::Held => "the value of a parameter that the variant holds",
             Self::Path => "the path of the cart (set 2, `cart_poses.csv`)",
         })
@@ -189,11 +228,13 @@ impl Surroundings {
             let (statics, plate) = self.statics.as_ref().zip(sample.plate)?;
             Some(statics.forces(&plate, sample.commands_m))
         });
+        let unknown = || match &self.unknown_pull {
+            Some(pull) => Missing::Pull(pull.clone()),
+            None => Missing::Forces,
+        };
         let forces = || {
-            sample
-                .forces
-                .or_else(|| computed.as_ref())
-                .ok_or(Missing::Forces)
+            let forces = sample.forces.or_else(|| computed.as_ref());
+            forces.ok_or_else(unknown)
         };
         let mut last: Option<(usize, Segment)> = None;
         let mut segment = |track: usize| {

@@ -153,6 +153,9 @@ impl Machine {
         if !self.turns() {
             return self.inverse(pose, options);
         }
+        if let Some(freedoms) = self.partial_freedoms() {
+            return Err(Error::Partial { freedoms });
+        }
         if !self.orientation_follows() {
             return Err(Error::Target(
                 "the arm holds the plate in any orientation at this position: give a full pose",

@@ -9,6 +9,7 @@ mod inverse;
 mod layout;
 mod least_norm;
 mod machine;
+mod nearest;
 mod newton;
 mod paths;
 mod pose;
@@ -16,7 +17,7 @@ mod statics;
 
 pub use error::Error;
 pub use forward::{AssemblyMode, LARGEST_MISMATCH_M};
-pub use inputs::{LengthNoise, Missing, Sample, Surroundings};
+pub use inputs::{LengthNoise, Missing, Sample, Surroundings, UnknownPull};
 pub use inverse::{InverseOptions, Reached};
 pub use layout::{Layout, Rail, Rod};
 pub use least_norm::least_norm;

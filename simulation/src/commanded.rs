@@ -12,6 +12,8 @@ use super::parts::Pose;
 const ROUGH: f64 = 0.1;
 /// Smallest change of the rods' lengths, over a motion of the plate, at which they hold it.
 const FIRM: f64 = 1e-4;
+/// Share of a motion of length one that is not worth naming.
+const FAINT: f64 = 0.2;
 /// Length of the steps on the way to a target, as a share of the size of the workspace: long ones would
 /// jump from one side of a cart to the other. Turns (rad) take steps as long.
 const WAY: f64 = 0.05;
@@ -30,13 +32,7 @@ impl Commanded {
     /// The machine at the commands of its reference; where redundant drives do not agree with each other there, at its
     /// position. `None` where the rods do not meet near it, or do not hold the plate.
     pub(super) fn reference(machine: &Machine, reference: &Reference) -> Option<Self> {
-        let stated = Self {
-            pose: Pose {
-                position_m: reference.position_m.into(),
-                rotation: zyz(reference.orientation_rad),
-            },
-            commands_m: reference.commands_m.clone(),
-        };
+        let stated = Self::stated(reference);
         let state = machine.unloaded(&stated.commands_m, stated.pose);
         let found = if machine.is_redundant() {
             stated.near(machine, stated.pose.position_m)?
@@ -57,9 +53,50 @@ impl Commanded {
         (is_near && found.firmness(machine) > FIRM).then_some(found)
     }
 
+    /// The motion of the plate, in words, that no rod holds at the reference of a machine; `None` where all are held.
+    pub(super) fn free_at(machine: &Machine, reference: &Reference) -> Option<String> {
+        let stated = Self::stated(reference);
+        if stated.firmness(machine) > FIRM {
+            return None;
+        }
+        let matrix = stated.held(machine);
+        let eigen = matrix.tr_mul(&matrix).symmetric_eigen();
+        let weakest = eigen.eigenvectors.column(eigen.eigenvalues.imin());
+        let (mut shift, mut turn) = (Vector3::zeros(), Vector3::zeros());
+        for (&motion, &amount) in machine.plate.freedoms().iter().zip(&weakest) {
+            if motion < 3 {
+                shift[motion] = amount;
+            } else {
+                turn[motion - 3] = amount;
+            }
+        }
+        Some(motion_in_words(shift, turn))
+    }
+
+    /// The state that a reference says.
+    fn stated(reference: &Reference) -> Self {
+        Self {
+            pose: Pose {
+                position_m: reference.position_m.into(),
+                rotation: zyz(reference.orientation_rad),
+            },
+            commands_m: reference.commands_m.clone(),
+        }
+    }
+
     /// Smallest singular value of the change of the rods' lengths with the plate's freedoms, rotation counted
     /// at the plate joints.
     fn firmness(&self, machine: &Machine) -> f64 {
+        let matrix = self.held(machine);
+        if matrix.nrows() < matrix.ncols() {
+            0.0
+        } else {
+            matrix.singular_values().min()
+        }
+    }
+
+    /// Change of the rods' lengths with the plate's freedoms, rotation counted at the plate joints.
+    fn held(&self, machine: &Machine) -> DMatrix<f64> {
         let joints = machine.unloaded(&self.commands_m, self.pose).joints_m;
         let levers: Vec<Vector3<f64>> = machine
             .rods
@@ -68,21 +105,17 @@ impl Commanded {
             .collect();
         let lever =
             (levers.iter().map(Vector3::norm_squared).sum::<f64>() / levers.len() as f64).sqrt();
+        let lever = lever.max(1e-9);
         let freedoms = machine.plate.freedoms();
-        let matrix = DMatrix::from_fn(levers.len(), freedoms.len(), |k, column| {
+        DMatrix::from_fn(levers.len(), freedoms.len(), |k, column| {
             let along = (self.pose.position_m + levers[k] - joints[k]).normalize();
             let motion = freedoms[column];
             if motion < 3 {
                 along[motion]
             } else {
-                levers[k].cross(&along)[motion - 3] / lever.max(1e-9)
+                levers[k].cross(&along)[motion - 3] / lever
             }
-        });
-        if matrix.nrows() < matrix.ncols() {
-            0.0
-        } else {
-            matrix.singular_values().min()
-        }
+        })
     }
 
     /// Commands that bring the TCP of the machine, without load and errors, to a position (m); `None`
@@ -183,5 +216,27 @@ impl Commanded {
         let state = machine.unloaded(&self.commands_m, pose);
         let (pose, commands_m) = closing::commands(machine, &state, &self.commands_m)?;
         Some(Self { pose, commands_m })
+    }
+}
+
+/// A motion of the plate: translation, and rotation counted at its joints.
+fn motion_in_words(shift: Vector3<f64>, turn: Vector3<f64>) -> String {
+    let axis = |vector: Vector3<f64>| {
+        let unit = vector.normalize();
+        let sign = if unit[unit.iamax()] < 0.0 { -1.0 } else { 1.0 };
+        // Adding zero turns -0 into 0.
+        let [x, y, z]: [f64; 3] = unit
+            .map(|v| (sign * v * 100.0).round() / 100.0 + 0.0)
+            .into();
+        format!("({x:.2}, {y:.2}, {z:.2})")
+    };
+    match (shift.norm() > FAINT, turn.norm() > FAINT) {
+        (true, true) => format!(
+            "turn about {} while it moves along {}",
+            axis(turn),
+            axis(shift)
+        ),
+        (false, true) => format!("turn about {}", axis(turn)),
+        _ => format!("move along {}", axis(shift)),
     }
 }

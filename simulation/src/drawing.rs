@@ -3,8 +3,10 @@
 use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
-use tau_codegen::language::model::{CrankValue, Formula, Held, Model, Quantity, Value as Geometry};
-use tau_robot::input_error::{Errors, InputError};
+use tau_codegen::language::model::{
+    CrankValue, Formula, Held, Link, Model, Quantity, Value as Geometry,
+};
+use tau_robot::input_error::{Errors, InputError, quoted};
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::keys::{crank_key, quantity_of};
 use tau_robot::robot_file::{LinkValues, Reference, RobotFile, Value};
@@ -56,6 +58,9 @@ impl<'a> Drawing<'a> {
             let message = format!("the virtual robot needs {what}");
             errors.add(InputError::whole(&file.source, message));
         };
+        if let Some(pulls) = unknown_pulls(robot) {
+            lacks(pulls);
+        }
         let (rods, links) = links(robot, file, &mut lacks);
         let (cranks, of_cranks) = cranks(robot, file, &mut lacks);
         let (parameters, of_parameters) = parameters(robot, file, &mut lacks);
@@ -260,6 +265,23 @@ fn bound(formula: &Formula, of: &dyn Fn(&Formula) -> Option<f64>) -> Formula {
     }
 }
 
+/// Tensions of links that pull by ones which the description leaves unknown, with the remedy.
+fn unknown_pulls(robot: &Robot) -> Option<String> {
+    let links = &robot.model.as_ref()?.links;
+    let is_unknown = |link: &&Link| link.pull.as_ref().is_some_and(|pull| pull.value.is_none());
+    let names: Vec<&str> = links
+        .iter()
+        .filter(is_unknown)
+        .map(|link| link.name.as_str())
+        .collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "the tension of {}, which `pulled;` leaves unknown: write `pulled = … N;` in the description",
+            quoted(names)
+        )
+    })
+}
+
 /// Rods with the numbers of their own, and their tolerances.
 fn links(
     robot: &Robot,
@@ -310,7 +332,8 @@ fn links(
             track,
             actuated_by: link.actuated_by,
             transmission: None,
-            pull_n: pull.map(|pull| pull.value.map_or(0.0, |[value]| value)),
+            // What has none was refused.
+            pull_n: pull.and_then(|pull| pull.value).map(|[value]| value),
         });
         tolerances.push(OfLink {
             length: of_length,

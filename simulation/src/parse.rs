@@ -142,6 +142,21 @@ impl Text<'_> {
         };
         let Some(listed) = LISTED.iter().find(|listed| listed.name == name.text) else {
             let known = LISTED.iter().map(|listed| listed.name);
+            let model = robot.model.as_ref();
+            let is_own =
+                model.is_some_and(|model| model.effects.iter().any(|own| own.name == name.text));
+            if is_own {
+                let message = format!(
+                    "`{}` is an effect of the description, whose formulas the simulation does not compute: that would only \
+                     check them against themselves",
+                    name.text
+                );
+                let known: Vec<&str> = known.collect();
+                return Err(self.error(name, message).help(format!(
+                    "its physics is written out for those of the catalogue: {}",
+                    quoted(known)
+                )));
+            }
             return Err(self
                 .error(name, format!("unknown effect `{}`", name.text))
                 .help(suggestion(name.text, known)));

@@ -62,6 +62,15 @@ impl<'a> Session<'a> {
         };
         let mut drawing = Drawing::new(robot, file, &reference)?;
         let Some(home) = Commanded::reference(&drawing.nominal, &reference) else {
+            if let Some(free) = Commanded::free_at(&drawing.nominal, &reference) {
+                let message = format!(
+                    "the machine is singular at its `[reference]`: the plate is free to {free}"
+                );
+                return Err(InputError::whole(&file.source, message).help(
+                    "links whose lines meet, are parallel or lie in one plane hold the plate too loosely: compare joints and \
+                     the reference with the drawing",
+                ));
+            }
             let message =
                 "the arm can't be assembled near `[reference]` so that the links hold the plate";
             return Err(InputError::whole(&file.source, message).help(

@@ -1,5 +1,6 @@
 //! `tau kinematics`.
 
+mod failure;
 mod targets;
 mod trust;
 
@@ -44,13 +45,13 @@ pub(super) fn forward(arguments: &arguments::Forward) -> Result<Outcome, Failure
             .transpose(),
     )?;
     setup.remarks.extend(unknown);
+    setup.check_turns(&rows)?;
     let mut reached: Vec<Reached> = Vec::with_capacity(rows.len());
     for row in &rows {
-        let next = setup
-            .predict(row, reached.last(), start)
-            .map_err(|error| setup.fail(row, &error))?;
-        reached.push(next);
+        let next = setup.predict(row, reached.last(), start);
+        reached.push(next.map_err(|error| setup.fail_forward(row, &error, start))?);
     }
+    setup.remarks.extend(setup.half_turns(&rows));
     setup.remarks.extend(misfits(&rows, &reached));
     setup.outcome(&rows, &reached, Asked::Poses)
 }
@@ -73,8 +74,14 @@ pub(super) fn inverse(arguments: &arguments::Inverse) -> Result<Outcome, Failure
             .map_err(|error| setup.fail(row, &error))?;
         reached.push(next);
     }
+    setup
+        .remarks
+        .extend(misses(&setup.machine, &rows, &reached));
     setup.outcome(&rows, &reached, Asked::Commands)
 }
+
+/// A way and a turn (m, rad) off what was asked for, below which a pose is that one.
+const SMALLEST_MISS: f64 = 1e-6;
 
 /// A machine, and what settles how its arm is assembled.
 struct Setup<'a> {
@@ -245,12 +252,13 @@ impl<'a> Setup<'a> {
             ..InverseOptions::default()
         };
         let by_position = self.machine.is_given_by_position();
+        let is_partial = self.machine.partial_freedoms().is_some();
         let asked = match row.start {
             None if !by_position => {
                 return self.machine.inverse_position(row.position_m, &options);
             }
             // A driven length is the distance of its joints, however the arm is assembled.
-            Some(pose) if !by_position && self.machine.robot.tracks.is_empty() => {
+            Some(pose) if !by_position && !is_partial && self.machine.robot.tracks.is_empty() => {
                 return self.machine.inverse(pose, &options);
             }
             asked => asked,
@@ -272,6 +280,14 @@ impl<'a> Setup<'a> {
             let known = self.known(row)?;
             let again = self.machine.inverse_along(&known, to, &options);
             along = again.or(along);
+        }
+        // What the drives can't turn the plate into, they come near to.
+        let is_missed = |error: &kinematics::Error| {
+            use kinematics::Error::{Missing, NotFinite};
+            !matches!(error, Missing { .. } | NotFinite { .. })
+        };
+        if is_partial && along.as_ref().is_err_and(is_missed) {
+            return self.machine.inverse_nearest(&from, to, &options);
         }
         // Angles beside a position from which they follow choose between the ways of assembling the arm.
         match asked {
@@ -323,57 +339,6 @@ impl<'a> Setup<'a> {
             format!("pose {} of {}", measured.pose, self.folder),
             reached,
         ))
-    }
-
-    /// An error of a row; what the input lacks is the input's fault.
-    fn fail(&self, row: &Row, error: &kinematics::Error) -> Failure {
-        use kinematics::Error::{Commands, Missing, NoReference, Reference, Target, Unassembled};
-        let of_input = || InputError::whole(&row.source, format!("pose {}: {error}", row.pose));
-        match error {
-            Missing { what, .. } if what.is_column() => {
-                let is_option = row.source.starts_with("--");
-                of_input()
-                    .help(if is_option {
-                        "give them, with the commands or poses, in a CSV with `--poses`"
-                    } else {
-                        "add them to the CSV"
-                    })
-                    .into()
-            }
-            NoReference => {
-                let message = "found no `[reference]`, expected the pose at which the machine stands at some \
-                               commands: an arm can be assembled in several ways, and nothing says in which";
-                InputError::whole(&self.file, message)
-                    .help(format!(
-                        "{}, or name a measurement FOLDER{}",
-                        self.reference_advice,
-                        if row.commands_m.is_empty() {
-                            ""
-                        } else {
-                            ", or give a pose nearby with `--start`"
-                        }
-                    ))
-                    .into()
-            }
-            Reference { .. } => InputError::whole(&self.reference, error.to_string())
-                .help("correct `[reference]` of the robot file; it counts before that of the description")
-                .into(),
-            Unassembled { .. } => InputError::whole(&self.reference, error.to_string())
-                .help(
-                    "compare lengths, joints and the reference with the drawing: in metres, and of the assembly that \
-                     was built",
-                )
-                .into(),
-            Missing { .. } | Commands { .. } | Target(_) => of_input().into(),
-            error => {
-                let pose = row
-                    .start
-                    .unwrap_or_else(|| Pose::from_zyz(row.position_m, [0.0; 3]));
-                let sample = row.sample(&row.commands_m, pose);
-                let error = self.machine.explained(error.clone(), &sample);
-                Failure::Failed(format!("{}: pose {}: {error}", row.source, row.pose))
-            }
-        }
     }
 
     /// Adds commands under the key that a robot file has where some are angles.
@@ -539,6 +504,23 @@ fn misfits(rows: &[Row], reached: &[Reached]) -> Option<String> {
          they differ by {:.1} µm at pose {}, where it is most",
         worst.mismatch_m * 1e6,
         row.pose
+    ))
+}
+
+/// A remark on poses that the drives can't give, in place of which the nearest ones were taken.
+fn misses(machine: &Machine, rows: &[Row], reached: &[Reached]) -> Option<String> {
+    let freedoms = machine.partial_freedoms()?;
+    let off = rows.iter().zip(reached).filter_map(|(row, reached)| {
+        let asked = row.start?;
+        let off_m = (reached.pose.position - asked.position).norm();
+        let off_rad = asked.turn_to(&reached.pose.rotation).norm();
+        (off_m > SMALLEST_MISS || off_rad > SMALLEST_MISS).then_some((row.pose, off_m, off_rad))
+    });
+    let (pose, off_m, off_rad) = off.max_by(|a, b| (a.1 + a.2).total_cmp(&(b.1 + b.2)))?;
+    Some(format!(
+        "the plate has {freedoms} freedoms and can't take all poses that were asked for: the nearest ones were taken, at \
+         pose {pose}, where most is missed, {:.3} mm and {off_rad:.6} rad away",
+        1e3 * off_m
     ))
 }
 

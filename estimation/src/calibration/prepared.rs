@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Rotation3};
-use tau_kinematics::{LengthNoise, Machine, Statics, Surroundings, nearest_rotation, xyz, zyz};
+use tau_kinematics::{
+    LengthNoise, Machine, Statics, Surroundings, UnknownPull, nearest_rotation, xyz, zyz,
+};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::Folder;
 use tau_robot::robot::{Robot, Variant};
@@ -110,6 +112,7 @@ impl Prepared {
         let surroundings = Surroundings {
             paths: paths::registered(robot, variant, file, folder, registration.as_ref())?,
             statics: Statics::new(robot, file),
+            unknown_pull: UnknownPull::of(robot),
             reference: file.reference.clone(),
             held: nominal.iter().map(|nominal| nominal.value).collect(),
             length_noise: length_noise(robot, file),

@@ -48,7 +48,7 @@ pub struct Sample {
 }
 
 /// That something is missing, whichever set it is missing in.
-fn in_words(missing: Missing) -> &'static str {
+fn in_words(missing: &Missing) -> &'static str {
     match missing {
         Missing::Held => "the value of a parameter that the variant holds is missing",
         Missing::Command => "a command is missing",
@@ -57,6 +57,9 @@ fn in_words(missing: Missing) -> &'static str {
         Missing::Temperature => "the column `temperature_c` is missing",
         Missing::Forces => {
             "neither measured (`force1_N`, …) nor computable: `[payload]` or dimensions of the links are missing in the robot file"
+        }
+        Missing::Pull(_) => {
+            "neither measured (`force1_N`, …) nor computable: a link is `pulled` by an unknown tension, which `pulled = … N` states"
         }
         Missing::Path => "set 2 (`cart_poses.csv`) is missing",
     }
@@ -255,7 +258,9 @@ impl Sample {
     pub fn input(&self, input: Input, surroundings: &Surroundings) -> Result<f64, &'static str> {
         let mut data = Vec::with_capacity(1);
         let filled = surroundings.fill(&[input], &self.view(), &mut data);
-        filled.map(|()| data[0]).map_err(in_words)
+        filled
+            .map(|()| data[0])
+            .map_err(|missing| in_words(&missing))
     }
 
     /// Appends the data that a residual takes.
@@ -297,7 +302,10 @@ impl Sample {
 
     /// The same of a sample that a file is known of.
     pub(crate) fn lacks_in(&self, file: &str, missing: Missing) -> Error {
-        let what = format!("sample {}: {}", self.number, in_words(missing));
+        let what = match &missing {
+            Missing::Pull(pull) => format!("pose {} needs {pull}", self.number),
+            missing => format!("sample {}: {}", self.number, in_words(missing)),
+        };
         InputError::whole(file, what).into()
     }
 

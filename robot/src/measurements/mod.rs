@@ -15,7 +15,7 @@ mod visits;
 
 pub use plate::{DISTANCES, Distance, PlateKind, PlateRow};
 pub use selection::{Division, PoseCounts, Poses, Split};
-pub use shape::{Actuator, Shape};
+pub use shape::{Actuator, Shape, force_name};
 pub use texts::{CART_POSES, CART_POSITIONS, FILES, TCP_POSES, Texts};
 pub use visits::visits;
 

@@ -30,7 +30,7 @@ impl Actuator {
 }
 
 /// Name of the column of a drive's measured force.
-pub(super) fn force_name(drive: usize) -> String {
+pub fn force_name(drive: usize) -> String {
     format!("force{}_N", drive + 1)
 }
 

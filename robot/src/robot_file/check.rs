@@ -2,17 +2,20 @@
 
 use std::collections::BTreeMap;
 
+use tau_codegen::language::model::Formula;
 use tau_model_dsl::nearest;
+use tau_model_dsl::units::Dimension;
 use toml::Spanned;
-use toml::de::{DeString, DeTable};
+use toml::de::{DeString, DeTable, DeValue};
 
 use super::keys::{
     crank_values, described_links, effect_key, key_place, machine_parameters, quantity_of,
 };
 use super::{LinkValues, RobotFile};
 use crate::input_error::{Mistakes, quoted, suggestion};
-use crate::measurements::Shape;
+use crate::measurements::plausible::LARGEST_ANGLE_RAD;
 use crate::measurements::set::{ANGLES, NO_MOTION, POSITION, stays};
+use crate::measurements::{Actuator, Shape};
 use crate::robot::{Owner, Robot};
 
 /// Names in the file are names of the robot. Returns those that misspelt ones probably mean.
@@ -56,6 +59,7 @@ pub(super) fn names<'r>(
         }
     }
     reference(mistakes, root, file, robot);
+    drives(mistakes, root, robot);
     let places = [&["all", "tcp"], &tracks[..], &links[..]].concat();
     for key in keys_of(root, "effects") {
         let form = key
@@ -109,6 +113,7 @@ fn reference(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, file: &RobotFile, 
         return;
     };
     let shape = Shape::from(robot);
+    turns(mistakes, given.map(Spanned::get_ref), file, &shape);
     for (key, names, values) in [
         ("position_m", POSITION, reference.position_m),
         ("orientation_rad", ANGLES, reference.orientation_rad),
@@ -122,6 +127,54 @@ fn reference(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, file: &RobotFile, 
             );
             mistakes.push_with_help(given.span(), message, "write zeros there");
         }
+    }
+}
+
+/// Commands of cranks in the reference are radians; a calibration may have written those of an encoder that counts turns.
+fn turns(
+    mistakes: &mut Mistakes<'_>,
+    given: Option<&DeValue<'_>>,
+    file: &RobotFile,
+    shape: &Shape,
+) {
+    let calibrated = file
+        .calibration
+        .as_ref()
+        .map_or(&[][..], |own| &own.commands_m);
+    let each = given.and_then(DeValue::as_array).into_iter().flatten();
+    let reference = file.reference.iter().flat_map(|own| &own.commands_m);
+    for ((k, command), place) in reference.enumerate().zip(each) {
+        let is_known = calibrated
+            .get(k)
+            .is_some_and(|[low, high]| (*low..=*high).contains(command));
+        if shape.drives.get(k) == Some(&Actuator::Crank)
+            && command.abs() > LARGEST_ANGLE_RAD
+            && !is_known
+        {
+            let message = format!(
+                "found the command {command} of a crank, expected radians between -2*pi and 2*pi"
+            );
+            let help = "are these degrees? multiply by pi/180, and leave out whole turns";
+            mistakes.push_with_help(place.span(), message, help);
+        }
+    }
+}
+
+/// The noise of the drives is one number, or one for each command.
+fn drives(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, robot: &Robot) {
+    let table = root.get("drives").and_then(|own| own.get_ref().as_table());
+    let given = table.and_then(|table| table.get("noise_m"));
+    if let Some(given) = given
+        && let DeValue::Array(each) = given.get_ref()
+        && each.len() != robot.commands
+    {
+        let message = format!(
+            "found {} numbers, expected {}, one for each command of robot `{}`, or a single one for all",
+            each.len(),
+            robot.commands,
+            robot.name
+        );
+        mistakes.push(given.span(), message);
     }
 }
 
@@ -278,6 +331,9 @@ fn of_machine(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, robot: &Robot, mi
             let message = format!("expected {expected} as the value of `{name}`");
             mistakes.push(given.span(), message);
         }
+        if parameter.dimension == Dimension::ANGLE && !winds(robot, name) {
+            angles(mistakes, &given, name);
+        }
     }
     for (crank, value) in crank_values(robot) {
         let given = entry("cranks", &crank);
@@ -287,6 +343,59 @@ fn of_machine(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, robot: &Robot, mi
             mistakes.push(key_place(root, "cranks"), message);
         }
     }
+}
+
+/// True if a parameter stands in the length of a link that a drum winds up, whose angle may be of many turns.
+fn winds(robot: &Robot, parameter: &str) -> bool {
+    let Some(model) = &robot.model else {
+        return false;
+    };
+    let reads = |part: &Formula| match part {
+        Formula::OfRobot(index, _) => {
+            let read = model.parameters.get(*index);
+            read.is_some_and(|own| own.name == parameter)
+        }
+        _ => false,
+    };
+    let wound = model.links.iter().filter(|link| link.is_driven_by_angle);
+    let mut lengths = wound.filter_map(|link| link.defaults.length.formula.as_ref());
+    lengths.any(|length| length.parts().any(reads))
+}
+
+/// Value and tolerance of a parameter that is an angle are radians.
+fn angles(mistakes: &mut Mistakes<'_>, given: &Spanned<DeValue<'_>>, name: &str) {
+    for (key, largest, expected) in [
+        ("value", LARGEST_ANGLE_RAD, "radians between -2*pi and 2*pi"),
+        ("tol", std::f64::consts::PI, "radians, at most pi"),
+    ] {
+        let Some(stated) = given.get_ref().get(key) else {
+            continue;
+        };
+        let numbers = match stated.get_ref() {
+            DeValue::Array(numbers) => numbers.iter().collect(),
+            _ => vec![stated],
+        };
+        for number in numbers {
+            let found = as_number(number.get_ref()).filter(|found| found.abs() > largest);
+            if let Some(found) = found {
+                let message = format!(
+                    "found {found} as the `{key}` of `{name}`, an angle, expected {expected}"
+                );
+                let help = "are these degrees? multiply by pi/180";
+                mistakes.push_with_help(number.span(), message, help);
+            }
+        }
+    }
+}
+
+/// A number of the file; what is none is reported where it is read.
+fn as_number(value: &DeValue<'_>) -> Option<f64> {
+    let text = match value {
+        DeValue::Integer(number) => number.as_str(),
+        DeValue::Float(number) => number.as_str(),
+        _ => return None,
+    };
+    text.parse().ok()
 }
 
 fn keys_of<'t, 'i>(

@@ -8,7 +8,7 @@ use super::keys::{
     crank_values, described_links, described_reference, machine_parameters, quantity_of,
 };
 use super::write::{key, string};
-use super::{Noise, Origin, RobotFile};
+use super::{Noise, Origin, Reference, RobotFile};
 use crate::input_error::{InputError, quoted};
 use crate::robot::{Link, Robot};
 
@@ -123,7 +123,9 @@ const PAYLOAD: &str = "
 # mass_kg = 5.0
 # centre_m = [0.0, 0.0, 0.0]
 # gravity_m_s2 = [0.0, 0.0, -9.81]
+";
 
+const RANGE: &str = "
 # Commands that measurements cover, where no cart poses (set 2) say so: lowest and highest (m).
 # [range]
 # q_m = [-0.5, 0.5]
@@ -145,6 +147,10 @@ fn write_template(out: &mut String, robot: &Robot) -> fmt::Result {
         "{HEAD}robot = {}\n{NOISE}{PAYLOAD}",
         string(&robot.name)
     )?;
+    // Angles have no such range.
+    if (0..robot.commands).any(|command| !robot.is_angle(command)) {
+        write!(out, "{RANGE}")?;
+    }
     write!(out, "{REFERENCE}")?;
     match described_reference(robot) {
         Some(reference) => {
@@ -160,8 +166,17 @@ fn write_template(out: &mut String, robot: &Robot) -> fmt::Result {
         }
         None => {
             let commands = vec!["0.0"; robot.commands].join(", ");
-            writeln!(out, "# [reference]\n# commands_m = [{commands}]")?;
-            writeln!(out, "# position_m = [x, y, z]")?;
+            let has_angles = (0..robot.commands).any(|command| robot.is_angle(command));
+            let (commands_key, height) = (
+                Reference::key_of(has_angles),
+                if robot.plate.is_in_plane() {
+                    "0.0"
+                } else {
+                    "z"
+                },
+            );
+            writeln!(out, "# [reference]\n# {commands_key} = [{commands}]")?;
+            writeln!(out, "# position_m = [x, y, {height}]")?;
             if !robot.plate.is_point() {
                 writeln!(out, "# orientation_rad = [0.0, 0.0, 0.0]")?;
             }

@@ -10,6 +10,7 @@ mod measuring;
 mod provenance;
 mod read;
 mod write;
+mod written;
 
 use std::collections::BTreeMap;
 
@@ -78,31 +79,23 @@ pub struct RobotFile {
 impl RobotFile {
     /// Remedy where nothing says at which pose the machine stands at some commands.
     pub fn reference_advice(&self, robot: &Robot) -> String {
-        let zeros = vec!["0"; robot.commands].join(", ");
-        let turns = !robot.plate.turning_axes().is_empty();
-        if self.source.0 == robot.source {
-            let angles = if turns {
-                " orientation = (alpha, beta, gamma) rad;"
-            } else {
-                ""
-            };
-            let units = if (0..robot.commands).all(|command| robot.is_angle(command)) {
-                "rad"
-            } else {
-                "m"
-            };
-            return format!(
-                "add `reference {{ commands = ({zeros}) {units}; position = (x, y, z) m;{angles} }}` to the description"
-            );
-        }
-        let has_angles = (0..robot.commands).any(|command| robot.is_angle(command));
-        let key = Reference::key_of(has_angles);
-        let angles = if turns {
-            ", `position_m = [x, y, z]` and `orientation_rad = [alpha, beta, gamma]`"
+        let commands = vec!["0".to_owned(); robot.commands];
+        let position = if robot.plate.is_in_plane() {
+            ["x", "y", "0"]
         } else {
-            " and `position_m = [x, y, z]`"
+            ["x", "y", "z"]
         };
-        format!("add `[reference]` with `{key} = [{zeros}]`{angles} to the robot file")
+        let angles = match robot.plate.turning_axes() {
+            [_] => ["alpha", "0", "0"],
+            _ => ["alpha", "beta", "gamma"],
+        };
+        let [position, angles] = [position, angles].map(|names| names.map(str::to_owned));
+        if self.source.0 == robot.source {
+            let written = written::in_description(robot, &commands, &position, &angles);
+            return format!("add `{written}` to the description");
+        }
+        let written = written::in_robot_file(robot, &commands, &position, &angles);
+        format!("add {written} to the robot file")
     }
 
     /// A remark where the file is for another robot than a description.
@@ -201,6 +194,26 @@ impl Reference {
     /// Key of the commands in the file: where some are angles, it names no unit.
     pub fn key(&self) -> &'static str {
         Self::key_of(self.has_angles)
+    }
+
+    /// As a description of a robot writes it, to a tenth of a millimetre and of a milliradian.
+    pub fn in_description(&self, robot: &Robot) -> String {
+        let [commands, position, angles] = self.rounded();
+        written::in_description(robot, &commands, &position, &angles)
+    }
+
+    /// The same as a robot file writes it.
+    pub fn in_robot_file(&self, robot: &Robot) -> String {
+        let [commands, position, angles] = self.rounded();
+        written::in_robot_file(robot, &commands, &position, &angles)
+    }
+
+    /// Commands, position and angles; commands are those that the pose belongs to, and not rounded.
+    fn rounded(&self) -> [Vec<String>; 3] {
+        let commands = self.commands_m.iter().map(ToString::to_string);
+        let pose = [self.position_m, self.orientation_rad];
+        let [position, angles] = pose.map(|own| own.into_iter().map(written::rounded).collect());
+        [commands.collect(), position, angles]
     }
 
     fn key_of(has_angles: bool) -> &'static str {

@@ -1,0 +1,192 @@
+//! Why kinematics failed, with what would mend it.
+
+use std::f64::consts::PI;
+
+use tau::input_error::InputError;
+use tau::kinematics::{self, Pose};
+use tau::robot_file::Reference as Stated;
+use tau_robot::measurements::plausible::LARGEST_ANGLE_RAD;
+use tau_robot::measurements::{Actuator, Shape};
+use tau_robot::number::shortest;
+
+use super::super::Failure;
+use super::Setup;
+use super::targets::Row;
+
+impl Setup<'_> {
+    /// Commands of cranks are radians: farther than a turn from where the machine is known to stand they are none.
+    ///
+    /// # Errors
+    /// The first one that is, with the remedy.
+    pub(super) fn check_turns(&self, rows: &[Row]) -> Result<(), InputError> {
+        let Some((row, k)) = self.turned_by(rows, LARGEST_ANGLE_RAD) else {
+            return Ok(());
+        };
+        let message = format!(
+            "pose {}: found the command {} of {}, expected radians within a turn of {}, where the machine is known to stand",
+            row.pose,
+            row.commands_m[k],
+            self.machine.robot.command_columns()[k],
+            shortest(self.known_turn(k))
+        );
+        let help = "are these degrees? multiply by pi/180";
+        Err(InputError::whole(&row.source, message).help(help))
+    }
+
+    /// A remark where a crank turns by more than half a turn from where the machine is known to stand, as degrees do.
+    pub(super) fn half_turns(&self, rows: &[Row]) -> Option<String> {
+        let (row, k) = self.turned_by(rows, PI)?;
+        Some(format!(
+            "{} of pose {} is {} rad, more than half a turn from {} rad, where the machine is known to stand: if these are \
+             degrees, multiply by pi/180",
+            self.machine.robot.command_columns()[k],
+            row.pose,
+            row.commands_m[k],
+            shortest(self.known_turn(k))
+        ))
+    }
+
+    /// The first command of a crank that is farther than an angle (rad) from where the machine is known to stand.
+    fn turned_by<'r>(&self, rows: &'r [Row], angle: f64) -> Option<(&'r Row, usize)> {
+        let drives = Shape::from(&self.machine.robot).drives;
+        rows.iter().find_map(|row| {
+            let mut commands = row.commands_m.iter().zip(&drives).enumerate();
+            let beyond = commands.find(|&(k, (command, drive))| {
+                *drive == Actuator::Crank && (command - self.known_turn(k)).abs() > angle
+            });
+            beyond.map(|(k, _)| (row, k))
+        })
+    }
+
+    /// Command about which a crank is known to stand: of measured poses, the reference, or zero.
+    fn known_turn(&self, command: usize) -> f64 {
+        let measured = self
+            .measured
+            .iter()
+            .filter_map(|pose| pose.commands_m.get(command));
+        let (low, high) = measured.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), q| {
+            (low.min(*q), high.max(*q))
+        });
+        let range = (low <= high).then_some((low, high));
+        let range = range.or_else(|| self.range_m.get(command).copied().flatten());
+        let stated = self.machine.surroundings.reference.as_ref();
+        match range {
+            Some((low, high)) => f64::midpoint(low, high),
+            None => stated
+                .and_then(|stated| stated.commands_m.get(command).copied())
+                .unwrap_or(0.0),
+        }
+    }
+
+    /// An error of a row of commands: those that the machine reaches as degrees probably are.
+    pub(super) fn fail_forward(
+        &mut self,
+        row: &Row,
+        error: &kinematics::Error,
+        start: Option<Pose>,
+    ) -> Failure {
+        let failure = self.fail(row, error);
+        let Failure::Failed(message) = failure else {
+            return failure;
+        };
+        let robot = &self.machine.robot;
+        let mut commands_m = row.commands_m.clone();
+        for (k, command) in commands_m.iter_mut().enumerate() {
+            if robot.is_angle(k) {
+                *command = command.to_radians();
+            }
+        }
+        let as_degrees = Row {
+            commands_m,
+            ..row.clone()
+        };
+        if as_degrees.commands_m == row.commands_m
+            || self.predict(&as_degrees, None, start).is_err()
+        {
+            return Failure::Failed(message);
+        }
+        let radians = as_degrees.commands_m.iter().copied().map(shortest);
+        let radians: Vec<String> = radians.collect();
+        Failure::Failed(format!(
+            "{message}; as degrees they are reached: multiply by pi/180, `{}`",
+            radians.join(",")
+        ))
+    }
+
+    /// What to write in place of a reference that is far from the pose which the links give.
+    fn corrected(&self, found: Pose) -> String {
+        let robot = &self.machine.robot;
+        let advice = match &self.machine.surroundings.reference {
+            Some(stated) => {
+                let found = Stated {
+                    position_m: found.position_m(),
+                    orientation_rad: found.angles_rad(),
+                    ..stated.clone()
+                };
+                if self.reference == self.file && self.file != robot.source {
+                    format!("{} in the robot file", found.in_robot_file(robot))
+                } else {
+                    format!("`{}` in the description", found.in_description(robot))
+                }
+            }
+            None => self.reference_advice.clone(),
+        };
+        format!(
+            "if the machine is assembled as at the pose found, write {advice}; otherwise compare commands and pose with \
+             the drawing"
+        )
+    }
+
+    /// An error of a row; what the input lacks is the input's fault.
+    pub(super) fn fail(&self, row: &Row, error: &kinematics::Error) -> Failure {
+        use kinematics::Error::{
+            Commands, Missing, NoReference, Partial, Reference, Target, Unassembled,
+        };
+        let of_input = || InputError::whole(&row.source, format!("pose {}: {error}", row.pose));
+        match error {
+            Missing { what, .. } if what.is_column() => {
+                let is_option = row.source.starts_with("--");
+                of_input()
+                    .help(if is_option {
+                        "give them, with the commands or poses, in a CSV with `--poses`"
+                    } else {
+                        "add them to the CSV"
+                    })
+                    .into()
+            }
+            NoReference => {
+                let message = "found no `[reference]`, expected the pose at which the machine stands at some \
+                               commands: an arm can be assembled in several ways, and nothing says in which";
+                InputError::whole(&self.file, message)
+                    .help(format!(
+                        "{}, or name a measurement FOLDER{}",
+                        self.reference_advice,
+                        if row.commands_m.is_empty() {
+                            ""
+                        } else {
+                            ", or give a pose nearby with `--start`"
+                        }
+                    ))
+                    .into()
+            }
+            Reference { found, .. } => InputError::whole(&self.reference, error.to_string())
+                .help(self.corrected(*found))
+                .into(),
+            Unassembled { .. } => InputError::whole(&self.reference, error.to_string())
+                .help(
+                    "compare lengths, joints and the reference with the drawing: in metres, and of the assembly that \
+                     was built",
+                )
+                .into(),
+            Missing { .. } | Commands { .. } | Partial { .. } | Target(_) => of_input().into(),
+            error => {
+                let pose = row
+                    .start
+                    .unwrap_or_else(|| Pose::from_zyz(row.position_m, [0.0; 3]));
+                let sample = row.sample(&row.commands_m, pose);
+                let error = self.machine.explained(error.clone(), &sample);
+                Failure::Failed(format!("{}: pose {}: {error}", row.source, row.pose))
+            }
+        }
+    }
+}
