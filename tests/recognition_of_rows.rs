@@ -100,3 +100,22 @@ fn heights_of_the_wrong_sign_are_named() {
         all_name(folder.path(), "", wanted);
     }
 }
+
+/// Positions in the frame of a tracker that stands a way off and turned, of machines in space and in a plane, with drives that
+/// are exact and redundant ones.
+#[test]
+fn positions_in_another_frame_are_named() {
+    let (sine, cosine) = 0.5_f64.sin_cos();
+    for robot in ["linear_delta", "five_bar", "four_lines", "hexapod"] {
+        let folder = simulated(&format!("--model {robot} --measure positions"));
+        change_rows(folder.path(), "tcp_positions.csv", |header, row| {
+            let place = |name: &str| header.iter().position(|own| own == name).unwrap();
+            let [x, y] = ["x_m", "y_m"].map(place);
+            let [from_x, from_y] = [x, y].map(|k| row[k].parse::<f64>().unwrap());
+            row[x] = (cosine * from_x - sine * from_y + 1.5).to_string();
+            row[y] = (sine * from_x + cosine * from_y - 0.7).to_string();
+        });
+        let wanted = ["frame", "tcp_positions.csv", "of another frame"];
+        all_name(folder.path(), "", wanted);
+    }
+}

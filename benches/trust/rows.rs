@@ -28,7 +28,7 @@ type Wrong = (
     fn(&mut Folder, &mut RobotFile),
 );
 
-const WRONG: [Wrong; 6] = [
+const WRONG: [Wrong; 7] = [
     ("q1 and q2 exchanged", Some("commands"), |folder, _| {
         each_command(folder, |commands| commands.swap(0, 1));
     }),
@@ -39,6 +39,16 @@ const WRONG: [Wrong; 6] = [
         let rows = folder.plate_rows.iter_mut();
         for row in rows.filter(|row| row.kind == PlateKind::Position) {
             row.values[1] = row.values[1].map(|y| -y);
+        }
+    }),
+    ("frame of a tracker", Some("frame"), |folder, _| {
+        let (sine, cosine) = 0.5_f64.sin_cos();
+        let rows = folder.plate_rows.iter_mut();
+        for row in rows.filter(|row| row.kind == PlateKind::Position) {
+            if let [Some(x), Some(y), _] = row.values {
+                row.values[0] = Some(cosine * x - sine * y + 1.5);
+                row.values[1] = Some(sine * x + cosine * y - 0.7);
+            }
         }
     }),
     ("noise in mm", Some("noise"), |_, file| {
@@ -78,7 +88,7 @@ pub(crate) fn print(machines: u64) {
         };
         let has_positions = measures == POSITIONS;
         for (what, kind, change) in WRONG {
-            if kind == Some("axes") && !has_positions {
+            if [Some("axes"), Some("frame")].contains(&kind) && !has_positions {
                 continue;
             }
             let is_right = |seed: &u64| {

@@ -171,6 +171,18 @@ impl InputError {
         self
     }
 
+    /// Every mistake with its mend, where one is known.
+    pub fn with_help(&self) -> String {
+        let helps = self
+            .problems
+            .iter()
+            .filter_map(|problem| problem.help.as_deref());
+        std::iter::once(self.to_string().as_str())
+            .chain(helps)
+            .collect::<Vec<_>>()
+            .join("; ")
+    }
+
     /// The mistakes of both; of many, the first ones are listed.
     #[must_use]
     pub fn and(mut self, other: Self) -> Self {

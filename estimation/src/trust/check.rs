@@ -328,7 +328,10 @@ fn checked(
         None => determine(&mut checked, robot, variant, file, folder, poses),
     };
     if let Err(error) = found {
-        checked.why_not = Some(error.to_string());
+        checked.why_not = Some(match error {
+            Error::Input(error) => error.with_help(),
+            error => error.to_string(),
+        });
     }
     checked
 }
@@ -342,7 +345,8 @@ fn by_rows(
     folder: &Folder,
     rows: &RowDivision,
 ) -> Result<(), Error> {
-    let rank = unknown_poses::rank(robot, variant, file, folder, rows)?;
+    let (rank, weak) = unknown_poses::observability((robot, variant), file, folder, rows)?;
+    checked.undetermined = weak;
     checked.rows = rank.rows;
     checked.parameters = rank.unknowns;
     checked.rank = rank.unknowns - rank.open.len().min(rank.unknowns);

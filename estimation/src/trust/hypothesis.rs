@@ -37,6 +37,8 @@ pub(crate) enum Hypothesis {
     Commands(Vec<usize>),
     /// A command counts the other way.
     Sign(usize),
+    /// Commands of these drives, which turn, are in degrees.
+    CommandsInDegrees(Vec<usize>),
     /// What was measured in a row belongs so many rows below it, or above.
     Shifted(isize),
     /// Heights count the other way.
@@ -199,6 +201,11 @@ impl Hypothesis {
                 }
             }
             Self::Sign(command) => commands_m[*command] = -commands_m[*command],
+            Self::CommandsInDegrees(commands) => {
+                for &command in commands {
+                    commands_m[command] = commands_m[command].to_radians();
+                }
+            }
             _ => {}
         }
     }
@@ -358,6 +365,13 @@ pub(crate) fn axes(plate: Plate) -> Vec<Hypothesis> {
         }
     }
     all
+}
+
+/// Commands in degrees, where drives turn.
+pub(crate) fn commands_in_degrees(robot: &Robot) -> Option<Hypothesis> {
+    let turning = (0..robot.commands).filter(|&command| robot.is_angle(command));
+    let turning: Vec<usize> = turning.collect();
+    (!turning.is_empty()).then_some(Hypothesis::CommandsInDegrees(turning))
 }
 
 /// The twelve sequences of axes, about fixed and about turning ones, and their inverses, but for what is asked for; a plate

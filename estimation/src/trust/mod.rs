@@ -11,7 +11,7 @@ mod check;
 pub(crate) mod dimensions;
 pub(crate) mod exchanged;
 mod first_look;
-mod frame;
+pub(crate) mod frame;
 pub(crate) mod hypothesis;
 pub(crate) mod judged;
 mod mistake;

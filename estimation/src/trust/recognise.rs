@@ -311,8 +311,7 @@ fn prior(case: &Case<'_>, hypothesis: Option<&Hypothesis>) -> f64 {
         Some(Hypothesis::Dimension { .. }) => case.variant.parameters.len(),
         Some(Hypothesis::Angles { .. }) => hypothesis::angles(case.robot.plate).len(),
         Some(Hypothesis::Axes { .. }) => hypothesis::axes(case.robot.plate).len(),
-        // Tolerances tell each of six numbers to a thousandth of the machine's size or so.
-        Some(Hypothesis::Frame { .. }) => return 6.0 * 2.0 * THOUSAND.ln(),
+        Some(Hypothesis::Frame { .. }) => return frame::room(),
         Some(_) => case.robot.commands,
     };
     2.0 * (count.max(1) as f64).ln()
@@ -332,6 +331,7 @@ fn candidates(case: &Case<'_>, given: Option<&Judged>) -> Vec<Hypothesis> {
     };
     let signs = (0..case.robot.commands).filter(has_sign);
     all.extend(signs.map(Hypothesis::Sign));
+    all.extend(hypothesis::commands_in_degrees(case.robot));
     all.extend(hypothesis::axes(case.robot.plate));
     all.extend(hypothesis::angles(case.robot.plate));
     all.extend([Hypothesis::Shifted(1), Hypothesis::Shifted(-1)]);

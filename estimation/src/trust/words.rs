@@ -47,6 +47,18 @@ pub(crate) fn of_measurements(
     let (kind, _, what, mend) = match hypothesis {
         Hypothesis::Commands(columns) => commands(robot, columns),
         Hypothesis::Sign(command) => sign(robot, *command),
+        Hypothesis::CommandsInDegrees(commands) => {
+            let columns: Vec<String> = commands.iter().map(|&k| robot.command_column(k)).collect();
+            (
+                MistakeKind::Degrees,
+                TCP_POSES,
+                "the commands are in degrees".to_owned(),
+                format!(
+                    "multiply {} by π/180",
+                    quoted(columns.iter().map(String::as_str))
+                ),
+            )
+        }
         Hypothesis::Shifted(by) => (
             MistakeKind::Rows,
             TCP_POSES,
@@ -79,7 +91,7 @@ pub(crate) fn of_measurements(
             "`alpha_rad` counts the other way".to_owned(),
             "change its sign: it is the turn of the plate against the measurement frame".to_owned(),
         ),
-        Hypothesis::Frame { rotation, shift } => frame(rotation, shift),
+        Hypothesis::Frame { rotation, shift } => frame(rotation, shift, file == TCP_POSES),
         Hypothesis::Millimetres => (
             MistakeKind::Millimetres,
             TCP_POSES,
@@ -152,7 +164,7 @@ pub(super) fn carts(robot: &Robot, file: &'static str, numbering: &[usize]) -> M
     }
 }
 
-fn frame(rotation: &Rotation3<f64>, shift: &Vector3<f64>) -> Words {
+fn frame(rotation: &Rotation3<f64>, shift: &Vector3<f64>, of_poses: bool) -> Words {
     let vector = |of: &Vector3<f64>| {
         let components = of.iter().map(|&own| general(own, 3));
         format!("({})", components.collect::<Vec<_>>().join(", "))
@@ -161,7 +173,10 @@ fn frame(rotation: &Rotation3<f64>, shift: &Vector3<f64>) -> Words {
     (
         MistakeKind::Frame,
         TCP_POSES,
-        "the poses are those of another frame than that of the drawing".to_owned(),
+        format!(
+            "the {} are those of another frame than that of the drawing",
+            if of_poses { "poses" } else { "positions" }
+        ),
         format!(
             "turn them by the rotation vector {turn} rad, then shift them by {shift} m, or state the places of the drawing in \
              the frame of the measurements"

@@ -420,7 +420,7 @@ impl<'a> Assembly<'a> {
         self.kinds.iter().position(|kind| kind.file == file)
     }
 
-    fn object_of(&self, kind: PlateKind, name: &str) -> Option<&Object> {
+    pub(super) fn object_of(&self, kind: PlateKind, name: &str) -> Option<&Object> {
         let section = kind.object()?.1;
         let mut objects = self.objects.iter();
         objects.find(|object| object.section == section && object.name == name)

@@ -25,7 +25,7 @@ use crate::weighing::Loss;
 
 /// Knowledge of a combination, in units of that of its tolerance, that is none: it takes less than a millionth off the
 /// variance.
-const UNSEEN: f64 = 1e-3;
+pub(super) const UNSEEN: f64 = 1e-3;
 
 /// A calibration on its way.
 #[derive(Debug)]
@@ -340,12 +340,11 @@ impl<'a> Fit<'a> {
             scale: &scales,
             poses: &self.assembly.poses,
         };
-        // All three coordinates of a point tell left from right.
+        // All coordinates along which a point moves tell left from right.
+        let free = self.assembly.free.iter().filter(|axis| **axis < 3);
         let has_all = |rows: &Rows| {
-            let weights = rows.weights.chunks_exact(rows.kinds.len());
-            weights
-                .into_iter()
-                .any(|own| own[..3].iter().all(|weight| *weight > 0.0))
+            let mut weights = rows.weights.chunks_exact(rows.kinds.len());
+            weights.any(|own| free.clone().all(|&axis| own[axis] > 0.0))
         };
         let of_positions = self
             .blocks

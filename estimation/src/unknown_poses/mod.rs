@@ -21,6 +21,7 @@ mod evaluation;
 mod exchanged;
 mod finish;
 mod fit;
+mod frames;
 mod gauge;
 mod heldout;
 mod kinds;
@@ -53,12 +54,12 @@ use tau_robot::robot_file::RobotFile;
 use tau_solver::{Solution, solve};
 
 use crate::calibration::prepared::Prepared;
-use crate::calibration::{self, EXACT_COST, Error};
+use crate::calibration::{self, Combination, EXACT_COST, Error};
 use crate::problem::CLOSURE_SHARE;
 use crate::trust::Mistake;
 use crate::weighing::Loss;
 use elimination::Reduced;
-use fit::Fit;
+use fit::{Fit, UNSEEN};
 use refusals::{refuse_commands, refuse_tracker_effects};
 use starts::Search;
 
@@ -107,12 +108,43 @@ pub fn rank(
     folder: &Folder,
     division: &RowDivision,
 ) -> Result<Rank, Error> {
+    let of = (robot, variant);
+    observed(of, file, folder, division, |fit, reduced| {
+        Ok(fit.rank(reduced, &fit.machine))
+    })
+}
+
+/// The same, and the combinations of which the tolerances say more than the measurements, but for what these leave open.
+///
+/// # Errors
+/// As [`rank`].
+pub fn observability(
+    of: (&Robot, &Variant),
+    file: &RobotFile,
+    folder: &Folder,
+    division: &RowDivision,
+) -> Result<(Rank, Vec<Combination>), Error> {
+    observed(of, file, folder, division, |fit, reduced| {
+        let mut weak = fit.undetermined(&reduced.triangle, &fit.start)?;
+        weak.retain(|combination| combination.data_over_prior < 1.0 / UNSEEN);
+        Ok((fit.rank(reduced, &fit.machine), weak))
+    })
+}
+
+/// What a fit from the nominal values says before its first step.
+fn observed<T>(
+    (robot, variant): (&Robot, &Variant),
+    file: &RobotFile,
+    folder: &Folder,
+    division: &RowDivision,
+    of: impl FnOnce(&Fit<'_>, &Reduced) -> Result<T, Error>,
+) -> Result<T, Error> {
     let file = &file.completed(robot);
     refuse_tracker_effects(variant, folder)?;
     let fit = Fit::new(robot, variant, file, folder, division)?;
     refuse_commands(&fit.prepared.machine, folder)?;
     let reduced = fit.elimination(&fit.start).reduce();
-    Ok(fit.rank(&reduced, &fit.machine))
+    of(&fit, &reduced)
 }
 
 /// True if a scale of the whole machine is free, whatever the number of rows: no fit means anything then.

@@ -3,11 +3,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
-use tau_robot::input_error::{InputError, quoted};
+use tau_robot::input_error::{InputError, suggestion};
 use tau_robot::measurements::{Folder, PlateKind};
 use tau_robot::robot_file::{Measuring, Value};
 
 use crate::calibration::error::Error;
+use crate::numerics::order::smallest_first;
 
 /// Places of a target, a surface or a ball among the shared unknowns, behind the parameters of the variant.
 #[derive(Debug, Clone, PartialEq)]
@@ -65,10 +66,15 @@ pub(super) fn collect_objects(
                 continue;
             };
             if !known.is_empty() && !known.contains(&name) {
+                let mut rows = folder.rows_of(kind);
+                let first = rows.find(|row| row.of.as_deref() == Some(name));
+                let place = first.map_or(kind.file().to_owned(), |row| {
+                    format!("{}:{}", kind.file(), row.line)
+                });
                 let message =
                     format!("{column} `{name}` is in no `[{section}.NAME]` of the robot file");
-                let help = format!("known are {}", quoted(known));
-                return Err(InputError::whole(kind.file(), message).help(help).into());
+                let help = suggestion(name, known);
+                return Err(InputError::whole(place, message).help(help).into());
             }
             let first = objects.iter().map(|object| object.unknowns.len()).sum();
             let rows: Vec<(Vector3<f64>, f64)> = (folder.rows_of(kind))
@@ -109,9 +115,10 @@ fn unknowns(
     match kind {
         PlateKind::Height => {
             let stated = measuring.surfaces.get(name);
-            let normal = stated.map_or(Vector3::z(), |surface| {
-                Vector3::from_column_slice(&surface.normal.value).normalize()
-            });
+            let normal = match stated {
+                Some(surface) => Vector3::from_column_slice(&surface.normal.value).normalize(),
+                None => normal_of_surface(rows),
+            };
             let tilt = |axis: &str| ObjectUnknown {
                 name: format!("{called}.tilt.{axis}"),
                 unit: "rad",
@@ -144,6 +151,92 @@ fn unknowns(
     }
 }
 
+/// Normal of a plane, to start from, whose distances from points are nearest to those of `rows`.
+///
+/// The gradient of the distances is the normal. Points that hardly spread along one direction tell little of that coordinate;
+/// there its length may tell more, but for the side. Of these the one is taken that misses the least, up where none does.
+fn normal_of_surface(rows: &[(Vector3<f64>, f64)]) -> Vector3<f64> {
+    let cloud = Cloud::new(rows);
+    let mut by_differences = cloud.gradient(|(_, height)| *height);
+    let whole = cloud.axes * by_differences;
+    by_differences[cloud.least] = 0.0;
+    let across = cloud.axes * by_differences;
+    let along = cloud.axes.column(cloud.least);
+    let rest = (1.0 - across.norm_squared()).max(0.0).sqrt();
+    let up = rest.copysign(along.z);
+    let mean = cloud.mean_of(|(_, height)| *height);
+    let missed = |normal: &Vector3<f64>| {
+        cloud.mean_of(|(at, height)| (height - mean - normal.dot(&(at - cloud.mean))).powi(2))
+    };
+    let all = [whole, across + along * up, across - along * up];
+    let mut normals: Vec<Vector3<f64>> = (all
+        .iter()
+        .filter_map(|normal| normal.try_normalize(f64::EPSILON)))
+    .collect();
+    smallest_first(&mut normals, missed);
+    normals.first().copied().unwrap_or(Vector3::z())
+}
+
+/// Places of the TCP with what was measured there, and how they spread.
+struct Cloud<'a> {
+    rows: &'a [(Vector3<f64>, f64)],
+    mean: Vector3<f64>,
+    /// Principal axes, and the sum of squares along each.
+    axes: Matrix3<f64>,
+    spreads: Vector3<f64>,
+    /// The axis along which they spread least.
+    least: usize,
+}
+
+impl<'a> Cloud<'a> {
+    fn new(rows: &'a [(Vector3<f64>, f64)]) -> Self {
+        let count = rows.len().max(1) as f64;
+        let mean = rows.iter().map(|(at, _)| at).sum::<Vector3<f64>>() / count;
+        let scatter = rows.iter().fold(Matrix3::zeros(), |sum, (at, _)| {
+            sum + (at - mean) * (at - mean).transpose()
+        });
+        let SymmetricEigen {
+            mut eigenvectors,
+            eigenvalues,
+        } = scatter.symmetric_eigen();
+        // An axis of either sign is one; here its largest coordinate is positive.
+        for mut axis in eigenvectors.column_iter_mut() {
+            if axis[axis.iamax()] < 0.0 {
+                axis.neg_mut();
+            }
+        }
+        Self {
+            rows,
+            mean,
+            axes: eigenvectors,
+            least: eigenvalues.imin(),
+            spreads: eigenvalues,
+        }
+    }
+
+    fn mean_of(&self, of: impl Fn(&(Vector3<f64>, f64)) -> f64) -> f64 {
+        self.rows.iter().map(of).sum::<f64>() / self.rows.len().max(1) as f64
+    }
+
+    /// Slopes of a quantity along the axes, by least squares; zero along those that tell nothing.
+    fn gradient(&self, of: impl Fn(&(Vector3<f64>, f64)) -> f64) -> Vector3<f64> {
+        let mean = self.mean_of(&of);
+        let products = self
+            .rows
+            .iter()
+            .map(|row| (row.0 - self.mean) * (of(row) - mean));
+        let products = self.axes.transpose() * products.sum::<Vector3<f64>>();
+        Vector3::from_fn(|axis, _| {
+            let is_told = self.spreads[axis] > f64::EPSILON * self.spreads.max();
+            if is_told {
+                products[axis] / self.spreads[axis]
+            } else {
+                0.0
+            }
+        })
+    }
+}
+
 fn stated_place(stated: &Value) -> Vector3<f64> {
     Vector3::from_column_slice(&stated.value)
 }
@@ -154,37 +247,23 @@ fn stated_place(stated: &Value) -> Vector3<f64> {
 /// These tell little along the direction in which the points spread least, nothing where a plate moves in a plane. The mean
 /// of the squares tells how far the ball is off in all, and so how far along that direction, but for the side. There the
 /// distances depend on the square of its height alone, and a fit that starts in the plane is blind to it: none starts
-/// nearer than the squares are uncertain.
+/// nearer than the squares are uncertain. Of a plane z = 0 it is taken to be above.
 fn place_of_ball(rows: &[(Vector3<f64>, f64)], stated: Option<&Value>) -> Vector3<f64> {
-    let count = rows.len().max(1) as f64;
-    let mean = rows.iter().map(|(at, _)| at).sum::<Vector3<f64>>() / count;
+    let cloud = Cloud::new(rows);
+    let Cloud {
+        mean, axes, least, ..
+    } = cloud;
     let square =
         |(at, distance): &(Vector3<f64>, f64)| (at - mean).norm_squared() - distance * distance;
-    let average = rows.iter().map(square).sum::<f64>() / count;
-    let (mut scatter, mut right) = (Matrix3::zeros(), Vector3::zeros());
-    for row in rows {
-        let off = row.0 - mean;
-        scatter += off * off.transpose();
-        right += off * (0.5 * (square(row) - average));
-    }
-    let SymmetricEigen {
-        eigenvectors: axes,
-        eigenvalues: spreads,
-    } = scatter.symmetric_eigen();
-    let least = spreads.imin();
-    let by_differences = |axis: usize| {
-        let is_told = spreads[axis] > f64::EPSILON * spreads.max();
-        let found = axes.column(axis).dot(&right) / spreads[axis];
-        if is_told { found } else { 0.0 }
-    };
-    let mut found = Vector3::from_fn(|axis, _| by_differences(axis));
+    let average = cloud.mean_of(square);
+    let mut found = cloud.gradient(|row| 0.5 * square(row));
     let told = std::mem::take(&mut found[least]);
     let in_plane = axes * found;
     let misfit = |row: &(Vector3<f64>, f64)| {
         (square(row) - average - 2.0 * in_plane.dot(&(row.0 - mean))).powi(2)
     };
-    let uncertain = (rows.iter().map(misfit).sum::<f64>() / count).sqrt();
-    let spread = (spreads[least] / count).max(0.0);
+    let uncertain = cloud.mean_of(misfit).sqrt();
+    let spread = (cloud.spreads[least] / rows.len().max(1) as f64).max(0.0);
     if let Some(stated) = stated {
         let place = stated_place(stated);
         let height_m = axes.column(least).dot(&(place - mean));

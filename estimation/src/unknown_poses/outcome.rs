@@ -337,20 +337,30 @@ impl UnknownPoses {
     /// Squares of the residuals whose noise is stated, and what is left of their number: noise that was estimated from residuals
     /// makes these what is expected, whatever the model.
     pub(super) fn of_stated(&self) -> (f64, f64) {
-        let is_tested = |fit: &&KindFit| {
-            let has_noise = !fit.kind.is_exact() || fit.is_missed();
-            has_noise && !fit.kind.is_of_carts() && !fit.kind.is_estimated()
-        };
-        let stated = self.kinds.iter().filter(is_tested);
+        let stated = self.kinds.iter().filter(|fit| fit.is_tested());
         stated.fold((0.0, 0.0), |(chi2, dof), fit| {
             (chi2 + fit.chi2(), dof + fit.dof())
         })
     }
 
-    /// True if residuals are no larger than the stated noise lets expect.
+    /// True if residuals are no larger than the stated noise lets expect, all together and those of each kind.
     pub fn is_consistent(&self) -> bool {
         let (chi2, dof) = self.of_stated();
-        chi2_survival(chi2, dof.max(1e-9)) > SIGNIFICANT
+        chi2_survival(chi2, dof.max(1e-9)) > SIGNIFICANT && self.beyond_noise().is_empty()
+    }
+
+    /// Kinds whose residuals exceed their stated noise by more than chance allows, of all kinds that are tested (Bonferroni).
+    ///
+    /// Squares of a kind are a quadratic form of which the expectation is known; it scatters no more than χ² of as many degrees
+    /// of freedom.
+    pub(super) fn beyond_noise(&self) -> Vec<&KindFit> {
+        let tested = self.kinds.iter().filter(|fit| fit.is_tested());
+        let tested: Vec<&KindFit> = tested
+            .filter(|fit| fit.residual_over_noise().is_some())
+            .collect();
+        let level = SIGNIFICANT / tested.len().max(1) as f64;
+        let is_beyond = |fit: &&KindFit| chi2_survival(fit.squares, fit.redundancy) < level;
+        tested.into_iter().filter(is_beyond).collect()
     }
 }
 

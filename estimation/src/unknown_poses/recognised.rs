@@ -8,12 +8,14 @@
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 
+use nalgebra::Vector3;
 use tau_kinematics::Machine;
 use tau_robot::measurements::{Folder, PlateKind, PlateRow, TCP_POSES};
 use tau_robot::robot::{Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 
 use super::fit::Fit;
+use super::frames::{self, files_of_places};
 use super::starts;
 use super::{ROUGH_COST, RowDivision, UnknownPoses, recognising};
 use crate::calibration::{self, Error, Nominal, Prepared};
@@ -24,7 +26,10 @@ use crate::samples::Sample;
 use crate::samples::frames::Frames;
 use crate::trust::dimensions;
 use crate::trust::exchanged::orders;
-use crate::trust::hypothesis::{Hypothesis, THOUSAND, angles, axes, neighbour};
+use crate::trust::frame;
+use crate::trust::hypothesis::{
+    Hypothesis, THOUSAND, angles, axes, commands_in_degrees, neighbour,
+};
 use crate::trust::negative::negative_length;
 use crate::trust::recognise::{CLOSER, FEW_ITERATIONS, FEW_POSES, POSES, differ, has_sign};
 use crate::trust::{ABSURD_TOLERANCES, LEVEL, Mistake, NEARER, ODDS, words};
@@ -130,9 +135,15 @@ pub fn mistakes(
         division: thinned.as_ref().unwrap_or(division),
         ..case
     };
-    let (found, mut mistakes) = recognising(&case, None, Some(case.at_first_sight()))?;
-    mistakes.extend(found.into_iter().flat_map(|found| found.mistakes));
-    Ok(mistakes)
+    let (seen, look) = case.at_first_sight();
+    match recognising(&case, None, Some((seen.clone(), look))) {
+        Ok((found, mut mistakes)) => {
+            mistakes.extend(found.into_iter().flat_map(|found| found.mistakes));
+            Ok(mistakes)
+        }
+        // What is refused before a fit may be why.
+        Err(error) => seen.map(|seen| vec![seen]).ok_or(error),
+    }
 }
 
 impl<'a> Case<'a> {
@@ -263,11 +274,17 @@ impl<'a> Case<'a> {
         let fitted = parallel::map(&trials, |trial| {
             let freed = dimensions.freed(trial);
             let found = self.fitted(self.file, &trial.folder, freed).ok()?;
-            let is_near = found.is_consistent()
-                || ratio.is_none_or(|given| NEARER * found.residual_over_noise() < given);
-            let room = match trial.freed() {
-                Some(parameter) => dimensions.room(parameter, &found, given)?,
-                None => 0.0,
+            let is_near = match ratio {
+                Some(given) => NEARER * found.residual_over_noise() < given,
+                None => found.missed_m().is_none(),
+            };
+            let is_near = is_near || found.is_consistent();
+            let room = match trial.hypothesis {
+                Hypothesis::Dimension { parameter, .. } => {
+                    dimensions.room(parameter, &found, given)?
+                }
+                Hypothesis::Frame { .. } => scale(&found) * frame::room(),
+                _ => 0.0,
             };
             (is_near && is_plausible(&found)).then_some((total(&found) + room, found, *trial))
         });
@@ -371,7 +388,10 @@ impl<'a> Case<'a> {
                 has_sign(&fit.machine, samples, command, length_m)
             })
         });
-        let of_commands: Vec<Hypothesis> = commands.chain(signs.map(Hypothesis::Sign)).collect();
+        let of_commands: Vec<Hypothesis> = commands
+            .chain(signs.map(Hypothesis::Sign))
+            .chain(commands_in_degrees(robot))
+            .collect();
         let turns_in_degrees = fit.as_ref().map_or(true, |fit| {
             let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
             let of = |folder: &Folder| Sample::all(robot, folder, &all, &Frames::default());
@@ -385,8 +405,7 @@ impl<'a> Case<'a> {
             let own = shifted.chain(is_height.then_some(Hypothesis::Heights));
             own.map(move |own| (own, Some(file)))
         });
-        let places = [PlateKind::Position.file(), TCP_POSES];
-        let of_places = files.iter().filter(|file| places.contains(file));
+        let of_places = files.iter().filter(|file| files_of_places().contains(file));
         let of_places = of_places.flat_map(|file| {
             let turns = *file == TCP_POSES;
             let is_told = move |own: &Hypothesis| match own {
@@ -406,12 +425,29 @@ impl<'a> Case<'a> {
             let own = of_commands.iter().cloned();
             own.map(move |own| (own, file))
         });
-        let of_rows =
-            (of_commands.chain(of_files).chain(of_places)).map(|(hypothesis, file)| Trial {
-                folder: Cow::Owned(mended(folder, &hypothesis, file)),
-                hypothesis,
-                file,
-            });
+        let mut frames: Vec<Option<&'static str>> = (files
+            .iter()
+            .copied()
+            .filter(|file| files_of_places().contains(file)))
+        .map(Some)
+        .collect();
+        if frames.len() > 1 {
+            frames.push(None);
+        }
+        let is_whole = frames::are_whole(folder, robot.plate.freedoms_of_tcp());
+        let drawn = fit.as_ref().ok().filter(|_| is_whole);
+        let of_frames = frames
+            .into_iter()
+            .filter_map(|file| Some((drawn?.frame(file)?, file)));
+        let of_rows = of_commands
+            .chain(of_files)
+            .chain(of_places)
+            .chain(of_frames);
+        let of_rows = of_rows.map(|(hypothesis, file)| Trial {
+            folder: Cow::Owned(mended(folder, &hypothesis, file)),
+            hypothesis,
+            file,
+        });
         let freed = dimensions.seen.iter().map(|&parameter| Trial {
             folder: Cow::Borrowed(folder),
             hypothesis: Hypothesis::Dimension {
@@ -545,6 +581,11 @@ fn mended(folder: &Folder, hypothesis: &Hypothesis, file: Option<&str>) -> Folde
                 row.values = [0, 1, 2].map(|axis| Some(signs[axis] * given[columns[axis]]?));
             }
             Hypothesis::Millimetres => row.values = row.values.map(|value| Some(value? / THOUSAND)),
+            Hypothesis::Frame { rotation, shift } if row.kind == PlateKind::Position => {
+                let given = row.values;
+                let at = rotation * Vector3::from(given.map(Option::unwrap_or_default)) + shift;
+                row.values = [0, 1, 2].map(|axis| given[axis].map(|_| at[axis]));
+            }
             own => own.mend_commands(&mut row.commands_m, row.directions.as_mut()),
         }
     }

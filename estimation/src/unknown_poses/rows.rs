@@ -147,6 +147,28 @@ impl KindFit {
         }
     }
 
+    /// True if it has rows, and noise that these are judged by.
+    pub(super) fn is_listed(&self) -> bool {
+        self.rows > 0 && self.kind.stated.is_some()
+    }
+
+    /// Root mean square of the residuals, in the unit of the kind.
+    pub(super) fn rms(&self) -> f64 {
+        self.noise * (self.squares / self.rows as f64).sqrt()
+    }
+
+    /// Root mean square that the stated noise lets expect, in the unit of the kind.
+    pub(super) fn expected_rms(&self) -> f64 {
+        let left = (self.redundancy / self.rows as f64).max(0.0);
+        self.noise / self.kind.excess() * left.sqrt()
+    }
+
+    /// True if its squares are a test of the model: those of noise that was estimated are what is expected, whatever the model.
+    pub(super) fn is_tested(&self) -> bool {
+        let has_noise = !self.kind.is_exact() || self.is_missed();
+        has_noise && !self.kind.is_of_carts() && !self.kind.is_estimated()
+    }
+
     /// Root mean square of the residuals over the noise, by what the fit leaves of them; `None` where it leaves nothing.
     pub fn residual_over_noise(&self) -> Option<f64> {
         let left = self.redundancy > (1.0 - ABSORBED) * self.rows as f64;

@@ -31,6 +31,17 @@ impl UnknownPoses {
         length_m.unwrap_or(f64::INFINITY)
     }
 
+    /// Largest rms (m) of what a kind of lengths is missed by, of those that are missed by more than noise and than another
+    /// machine would miss them by; `None` where none is.
+    pub(super) fn missed_m(&self) -> Option<f64> {
+        let judged = self.kinds.iter().filter(|fit| fit.is_listed());
+        let lengths = judged.filter(|fit| fit.kind.unit == "m");
+        let limit_m = LARGEST_MISFIT * self.length_m();
+        let beyond = lengths.filter(|fit| fit.rms() > limit_m.max(fit.expected_rms()));
+        let missed = beyond.map(KindFit::rms).reduce(f64::max);
+        missed.filter(|_| !self.is_consistent())
+    }
+
     /// Repeated readings of a kind.
     fn repeatability(&self, fit: &KindFit) -> Option<String> {
         let repeats = fit.repeats?;
@@ -153,6 +164,7 @@ impl UnknownPoses {
             }
         } else {
             status = Status::Inconsistent;
+            let noisy_kinds = self.kinds.iter().filter(|fit| fit.is_tested()).count();
             let causes = self.causes(|_| true);
             why.push(if causes.is_empty() {
                 format!(
@@ -162,6 +174,15 @@ impl UnknownPoses {
             } else {
                 format!("Residuals are {} times the stated noise.", general(ratio, 3))
             });
+            let beyond: Vec<String> = (self.beyond_noise().into_iter())
+                .filter_map(|fit| {
+                    let ratio = general(fit.residual_over_noise()?, 3);
+                    Some(format!("{} {ratio} times", fit.kind.words()))
+                })
+                .collect();
+            if noisy_kinds > 1 && !beyond.is_empty() {
+                why.push(format!("Beyond chance are those of {}.", beyond.join(", ")));
+            }
             why.extend(causes);
             if self.widened > 1.0 {
                 why.push(format!(
@@ -232,10 +253,7 @@ impl UnknownPoses {
             .iter()
             .filter_map(|kind| self.repeatability(kind));
         why.extend(repeatability);
-        let kinds = self
-            .kinds
-            .iter()
-            .filter(|kind| kind.rows > 0 && kind.kind.stated.is_some());
+        let kinds = self.kinds.iter().filter(|kind| kind.is_listed());
         let mut verdict = Verdict {
             status,
             chi2: self.chi2,
@@ -246,9 +264,8 @@ impl UnknownPoses {
                     file: fit.kind.file,
                     kind: fit.kind.quantity,
                     rows: fit.rows,
-                    rms: fit.noise * (fit.squares / fit.rows as f64).sqrt(),
-                    expected_rms: fit.noise / fit.kind.excess()
-                        * (fit.redundancy / fit.rows as f64).max(0.0).sqrt(),
+                    rms: fit.rms(),
+                    expected_rms: fit.expected_rms(),
                     unit: fit.kind.unit,
                 })
                 .collect(),
@@ -266,14 +283,14 @@ impl UnknownPoses {
         };
         verdict.blame_rows(&self.mistakes);
         verdict.refuse_pulls();
-        let off = (verdict.by_file.iter()).filter(|fit| fit.unit == "m");
-        let off_m = off.map(|fit| fit.rms).fold(0.0, f64::max);
-        if verdict.mistakes.is_empty() && off_m > LARGEST_MISFIT * self.length_m() {
+        if verdict.mistakes.is_empty()
+            && let Some(missed_m) = self.missed_m()
+        {
             verdict.status = Status::Absurd;
             verdict.why.push(format!(
                 "Measurements are missed by {} mm: this is another machine, or commands and measurements do not belong \
                  together.",
-                general(1e3 * off_m, 3)
+                general(1e3 * missed_m, 3)
             ));
         }
         verdict

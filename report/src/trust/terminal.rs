@@ -6,6 +6,7 @@ use tau::trust::{Check, Checked, FileFacts, Status, Verdict};
 use crate::number::general;
 use crate::screen::Screen;
 use crate::{gauge, tables};
+use tau::calibration::Combination;
 
 /// Combinations of a variant that are shown.
 const SHOWN: usize = 3;
@@ -144,6 +145,7 @@ fn variant(screen: &mut Screen, checked: &Checked) {
             "{variant}: {rows} residuals, {spent} of them for {poses} poses; of {parameters} unknowns the data know {determined} combinations better than the tolerances"
         );
         screen.say_within("  ", &sentence);
+        weak(screen, undetermined);
         return gauge::open(screen, rank, "    ");
     }
     let open = parameters.saturating_sub(*rank);
@@ -155,6 +157,14 @@ fn variant(screen: &mut Screen, checked: &Checked) {
         "  ",
         &format!("{variant}: {rows} residuals for {parameters} parameters, {gauge}"),
     );
+    weak(screen, undetermined);
+    if let Some(warning) = reach.and_then(|reach| reach.warning()) {
+        screen.say_within("    ", &warning);
+    }
+}
+
+/// Combinations that the data leave to the tolerances.
+fn weak(screen: &mut Screen, undetermined: &[Combination]) {
     if !undetermined.is_empty() {
         let count = undetermined.len();
         screen.say_within(
@@ -164,8 +174,5 @@ fn variant(screen: &mut Screen, checked: &Checked) {
     }
     for combination in undetermined.iter().take(SHOWN) {
         screen.say_within("      ", &tables::combination(combination, SHOWN));
-    }
-    if let Some(warning) = reach.and_then(|reach| reach.warning()) {
-        screen.say_within("    ", &warning);
     }
 }

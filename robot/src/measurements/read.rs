@@ -297,7 +297,8 @@ fn read_tcp_poses(
     let known = [&optional[..], &sigmas, &known, &shape.force_names()].concat();
     let required = shape.pose_names().into_iter().map(str::to_owned);
     let required: Vec<String> = required.chain(shape.command_names()).collect();
-    let set = Set::open(Source::new(name, text), ["pose"], &required, &known)?;
+    let mut set = Set::open(Source::new(name, text), ["pose"], &required, &known)?;
+    set.refuse_unknown_noise(&sigmas);
     remark(&set, name, &optional, remarks);
     let Set {
         table,

@@ -39,12 +39,13 @@ pub(super) fn read_rows(
         .chain(object.clone())
         .chain(shape.force_names())
         .collect();
-    let set = Set::open(
+    let mut set = Set::open(
         Source::new(name, text),
         ["pose"],
         &shape.command_names(),
         &optional,
     )?;
+    set.refuse_unknown_noise(&sigma_names);
     let Set {
         table,
         mut mistakes,
@@ -184,12 +185,13 @@ pub(super) fn read_distances(
 ) -> Result<Vec<Placed<Distance>>, InputError> {
     let sigma = sigma_name("distance_m");
     let names = ["pose_a", "pose_b", "distance_m"];
-    let set = Set::open(
+    let mut set = Set::open(
         Source::new(name, text),
         names,
         &[],
         std::slice::from_ref(&sigma),
     )?;
+    set.refuse_unknown_noise(std::slice::from_ref(&sigma));
     let Set {
         table,
         mut mistakes,

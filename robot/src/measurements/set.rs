@@ -6,13 +6,15 @@ pub use super::shape::{ANGLES, POSITION};
 use super::shape::{Shape, force_name};
 use super::table::{Column, Table};
 use super::{Conditions, plausible};
-use crate::input_error::{InputError, Mistakes, Source, quoted};
+use crate::input_error::{InputError, Mistakes, Source, quoted, suggestion};
 use tau_model_dsl::model::Plate;
 
 /// Column of the time since the start.
 pub const TIME: &str = "time_s";
 /// Column of the temperature.
 pub const TEMPERATURE: &str = "temperature_c";
+/// Beginning of the names of columns that hold the noise of others.
+pub(crate) const SIGMA: &str = "sigma_";
 /// Column of the side of approach.
 pub const DIRECTION: &str = "dir";
 
@@ -65,6 +67,23 @@ impl<'a, const N: usize> Set<'a, N> {
             commands: commands_at,
             unknown,
         })
+    }
+
+    /// Refuses columns of noise that a file of measurements does not take: rows would silently have that of all. `known` are
+    /// those that it takes.
+    pub(crate) fn refuse_unknown_noise(&mut self, known: &[String]) {
+        let names = self.table.names().enumerate();
+        let unknown = names.filter(|(_, name)| name.starts_with(SIGMA));
+        for (index, name) in unknown.filter(|(_, name)| known.iter().all(|known| known != name)) {
+            let message =
+                format!("column `{name}` states the noise of nothing that this file holds");
+            let help = match known {
+                [] => "leave it out".to_owned(),
+                known => suggestion(name, known.iter().map(String::as_str)),
+            };
+            let place = self.table.name_place(index);
+            self.mistakes.push_with_help(place, message, help);
+        }
     }
 
     /// Optional columns that are missing, where there are any.

@@ -1,0 +1,80 @@
+//! Frames in which places of the plate may be measured, where poses are unknown: those of instruments, not of the drawing.
+
+use nalgebra::Vector3;
+use tau_kinematics::Pose;
+use tau_robot::measurements::{Folder, PlateKind, PlateRow, TCP_POSES};
+
+use super::assembly::UnknownPose;
+use super::fit::Fit;
+use crate::numerics::spread::spread;
+use crate::trust::frame::{Place, as_drawn, carrying};
+use crate::trust::hypothesis::Hypothesis;
+use crate::trust::recognise::POSES;
+
+/// Files of places of the plate in a common frame.
+pub(super) fn files_of_places() -> [&'static str; 2] {
+    [PlateKind::Position.file(), TCP_POSES]
+}
+
+impl Fit<'_> {
+    /// The motion that carries what was measured, in a file or in all that hold places, to where the machine as drawn stands
+    /// at its commands.
+    pub(super) fn frame(&self, file: Option<&str>) -> Option<Hypothesis> {
+        let poses = &self.assembly.poses;
+        let places = spread(poses.len(), POSES).into_iter().flat_map(|index| {
+            let pose = &poses[index];
+            let sample = pose.first_sample();
+            let drawn = sample.and_then(|sample| as_drawn(&self.machine, &sample));
+            drawn.map_or(vec![], |drawn| self.places(pose, drawn, file))
+        });
+        carrying(&places.collect::<Vec<_>>(), self.machine.robot.plate)
+    }
+
+    /// What was measured of a pose, in a file or in all, and where the drawing has it.
+    fn places(&self, pose: &UnknownPose, drawn: Pose, file: Option<&str>) -> Vec<Place> {
+        let is_meant = |own: &str| file.is_none_or(|file| file == own);
+        let lever_m = if self.machine.turns() {
+            self.mean_length_m()
+        } else {
+            0.0
+        };
+        let of_poses = self.folder.tcp_poses.iter();
+        let of_poses = of_poses.filter(|row| row.pose == pose.number && is_meant(TCP_POSES));
+        let of_poses = of_poses.map(|row| Place {
+            measured: Pose::from_zyz(row.position_m, row.angles_rad),
+            drawn,
+            lever_m,
+        });
+        let of_positions = self.folder.rows_of(PlateKind::Position);
+        let of_positions =
+            of_positions.filter(|row| row.pose == pose.number && is_meant(row.kind.file()));
+        let of_positions = of_positions.map(|row| {
+            let target = self.drawn_target(row);
+            let position = drawn.position + drawn.rotation * target;
+            Place {
+                measured: Pose {
+                    position: row.values.map(Option::unwrap_or_default).into(),
+                    ..drawn
+                },
+                drawn: Pose { position, ..drawn },
+                lever_m: 0.0,
+            }
+        });
+        of_poses.chain(of_positions).collect()
+    }
+
+    /// Place on the plate (m) of what a row was measured of.
+    fn drawn_target(&self, row: &PlateRow) -> Vector3<f64> {
+        let object = self
+            .assembly
+            .object_of(row.kind, row.of.as_deref().unwrap_or(""));
+        let unknowns = object.map_or(&[][..], |object| &object.unknowns);
+        Vector3::from_iterator(unknowns.iter().map(|own| own.start).chain([0.0; 3]).take(3))
+    }
+}
+
+/// True if all places of a folder have all coordinates along which the plate moves: a turned frame mixes them.
+pub(super) fn are_whole(folder: &Folder, freedoms: &[usize]) -> bool {
+    let mut rows = folder.rows_of(PlateKind::Position);
+    rows.all(|row| freedoms.iter().all(|&axis| row.values[axis].is_some()))
+}
