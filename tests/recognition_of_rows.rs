@@ -1,10 +1,13 @@
 //! Mistakes of rows, and of the noise that is stated of them, that others hide.
 
 use std::fs;
+use std::path::Path;
 
+use serde_json::Value;
 use tau::kinematics::zyz;
 
 use crate::recognition::{all_name, change_column, change_rows, named, scale_noise, simulated};
+use crate::support::tau_in;
 
 /// Positions of the Gantry-Tau, which its first variant can't follow, those beside noise of the drives, and lengths whose
 /// residuals tolerances hold up.
@@ -117,5 +120,159 @@ fn positions_in_another_frame_are_named() {
         });
         let wanted = ["frame", "tcp_positions.csv", "of another frame"];
         all_name(folder.path(), "", wanted);
+    }
+}
+
+/// Angles of turning drives in degrees, about zero, so that none is beyond a turn.
+#[test]
+fn commands_in_degrees_are_named() {
+    for (line, file) in [
+        (
+            "--model servo_hexapod --grid-step 0.001,0.001,0.001 --poses 60",
+            "tcp_poses.csv",
+        ),
+        (
+            "--model rotary_delta --grid-step 0.005,0.005,0.005 --poses 60",
+            "tcp_poses.csv",
+        ),
+    ] {
+        let folder = simulated(line);
+        change_rows(folder.path(), file, |header, row| {
+            let of_commands = (header.iter().zip(row)).filter(|(name, _)| name.ends_with("_rad"));
+            for (_, cell) in of_commands.filter(|(name, _)| name.starts_with('q')) {
+                *cell = cell.parse::<f64>().unwrap().to_degrees().to_string();
+            }
+        });
+        let wanted = ["degrees", file, "the commands are in degrees"];
+        all_name(folder.path(), "", wanted);
+    }
+}
+
+/// Distances whose poses are counted from another one.
+#[test]
+fn numbers_of_other_poses_are_named() {
+    let folder = simulated("--model linear_delta --measure heights,distances --poses 60");
+    let numbers = |column: &str| {
+        let path = folder.path().join("measured/heights.csv");
+        let text = fs::read_to_string(path).unwrap();
+        let mut rows = text.lines().map(|row| row.split(',').collect::<Vec<_>>());
+        let header = rows.next().unwrap();
+        let place = header.iter().position(|name| *name == column).unwrap();
+        rows.map(|row| row[place].parse::<f64>().unwrap())
+            .collect::<Vec<_>>()
+    };
+    let poses = numbers("pose");
+    let last = poses.iter().copied().fold(0.0, f64::max);
+    for column in ["pose_a", "pose_b"] {
+        let next = |pose: f64| if pose < last { pose + 1.0 } else { 1.0 };
+        change_column(folder.path(), "distances.csv", column, next);
+    }
+    let wanted = ["rows", "distances.csv", "the numbers of the poses"];
+    all_name(folder.path(), "", wanted);
+}
+
+/// Lengths of two lines in each other's place: a machine whose anchors are far off meets the noise as well.
+#[test]
+fn commands_that_only_tolerances_tell_apart_are_named() {
+    let folder = simulated("--model four_lines --measure heights,distances --poses 60");
+    change_rows(folder.path(), "heights.csv", |header, row| {
+        let place = |name: &str| header.iter().position(|own| own == name).unwrap();
+        row.swap(place("q1_rad"), place("q2_rad"));
+    });
+    let wanted = ["commands", "heights.csv", "are exchanged"];
+    all_name(folder.path(), "", wanted);
+}
+
+/// The verdict of a calibration: its status and reasons.
+fn verdict(folder: &Path) -> (String, String) {
+    let line = "tau calibrate DIR/measured --variant Full --split all --out DIR/out -q --json -";
+    let ran = tau_in(folder, line);
+    let found: Value = serde_json::from_str(&ran.out).unwrap_or_default();
+    let status = found["fit"]["status"].as_str().unwrap_or(&ran.err);
+    (status.to_owned(), found["fit"]["why"].to_string())
+}
+
+/// Writes the noise of each distance beside it, and so much more of it, of either sign in turn.
+fn state_noise(folder: &Path, stated_m: f64, more_m: f64) {
+    let path = folder.join("measured/distances.csv");
+    let text = fs::read_to_string(&path).unwrap();
+    let rows = text.lines().enumerate().map(|(row, line)| {
+        let Some((ends, distance)) = line.rsplit_once(',').filter(|_| row > 0) else {
+            return format!("{line},sigma_distance_m");
+        };
+        let more_m = [more_m, -more_m][row / 2 % 2];
+        let distance_m = distance.parse::<f64>().unwrap() + more_m;
+        format!("{ends},{distance_m},{stated_m}")
+    });
+    let rows: Vec<String> = rows.collect();
+    fs::write(path, rows.join("\n") + "\n").unwrap();
+}
+
+/// Distances by a ruler miss a machine's by more than another machine's would, and that is what they state.
+#[test]
+fn rough_rows_that_say_so_are_no_other_machine() {
+    let folder = simulated("--model linear_delta --measure heights,distances --poses 80");
+    state_noise(folder.path(), 5e-3, 5e-3);
+    let (status, why) = verdict(folder.path());
+    assert_eq!(status, "consistent", "{why}");
+}
+
+/// Noise of a few rows that is stated too small hides among many others.
+#[test]
+fn each_file_must_meet_its_noise() {
+    let folder = simulated("--model linear_delta --measure positions,distances --poses 120");
+    state_noise(folder.path(), 1e-5, 3e-5);
+    let path = folder.path().join("measured/distances.csv");
+    let text = fs::read_to_string(&path).unwrap();
+    let few: Vec<&str> = text.lines().take(13).collect();
+    fs::write(&path, few.join("\n") + "\n").unwrap();
+    let (status, why) = verdict(folder.path());
+    assert_eq!(status, "inconsistent", "{why}");
+    assert!(why.contains("distances.csv"), "{why}");
+}
+
+/// Drives without noise stand still at a pose, whatever was measured there.
+#[test]
+fn exact_drives_at_two_places_are_refused() {
+    let folder = simulated("--model linear_delta --measure positions,heights --poses 40");
+    let heights = "heights.csv";
+    change_rows(folder.path(), heights, |header, row| {
+        let place = |name: &str| header.iter().position(|own| own == name).unwrap();
+        let q = place("q1_m");
+        if row[place("pose")] == "4" {
+            row[q] = (row[q].parse::<f64>().unwrap() + 0.03).to_string();
+        }
+    });
+    let line = "tau calibrate DIR/measured --variant Full --out DIR/out -q";
+    let ran = tau_in(folder.path(), line);
+    assert_eq!(ran.code, 2, "{}", ran.err);
+    for words in ["heights.csv:5", "`q1_m` at pose 4", "[drives]"] {
+        assert!(ran.err.contains(words), "{words}: {}", ran.err);
+    }
+}
+
+/// A wall of which the robot file says nothing.
+#[test]
+fn surfaces_of_unknown_place_may_stand_upright() {
+    let wall = "[surfaces.wall]\nnormal = { value = [1.0, 0.0, 0.0], tol = 0.01 }\noffset_m = { value = -1.5, tol = 0.001 }\n";
+    for (model, name) in [("hexapod", "Hexapod"), ("linear_delta", "LinearDelta")] {
+        let folder = tempfile::tempdir().unwrap();
+        let noise = "[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n";
+        let drawing = format!("robot = \"{name}\"\n{noise}{wall}");
+        fs::write(folder.path().join("drawing.toml"), drawing).unwrap();
+        let line = format!(
+            "tau simulate --model {model} --robot DIR/drawing.toml --measure positions,heights --poses 60 --random --tilt 0.1 \
+             --out DIR/measured -q"
+        );
+        tau_in(folder.path(), &line).done();
+        let path = folder.path().join("measured/robot.toml");
+        let stated = fs::read_to_string(&path).unwrap();
+        let place = stated.find("[surfaces.wall]").unwrap();
+        let end = stated[place + 1..]
+            .find("\n[")
+            .map_or(stated.len(), |end| place + 1 + end);
+        fs::write(&path, format!("{}{}", &stated[..place], &stated[end..])).unwrap();
+        let (status, why) = verdict(folder.path());
+        assert_eq!(status, "consistent", "{model}: {why}");
     }
 }

@@ -101,6 +101,11 @@ fn other_measurements() {
     );
     let positions = |old: &str, new: &str| replaced(POSITIONS, old, new);
     case(
+        "noise of nothing that the file holds",
+        "tcp_positions.csv",
+        &positions("sigma_x_m", "sigma_height_m"),
+    );
+    case(
         "negative noise of a row",
         "tcp_positions.csv",
         &positions("1e-5", "-1e-5"),

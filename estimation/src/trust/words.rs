@@ -2,7 +2,7 @@
 
 use nalgebra::{Rotation3, Vector3};
 use tau_robot::input_error::quoted;
-use tau_robot::measurements::{Actuator, CART_POSES, Shape, TCP_POSES};
+use tau_robot::measurements::{Actuator, CART_POSES, DISTANCES, Shape, TCP_POSES};
 use tau_robot::robot::{Parameter, Plate, Robot};
 
 use crate::calibration::Nominal;
@@ -59,6 +59,16 @@ pub(crate) fn of_measurements(
                 ),
             )
         }
+        Hypothesis::Shifted(by) if file == DISTANCES => (
+            MistakeKind::Rows,
+            DISTANCES,
+            "the numbers of the poses are those of others".to_owned(),
+            format!(
+                "{} 1 {} each of `pose_a` and `pose_b`",
+                if *by > 0 { "subtract" } else { "add" },
+                if *by > 0 { "from" } else { "to" },
+            ),
+        ),
         Hypothesis::Shifted(by) => (
             MistakeKind::Rows,
             TCP_POSES,

@@ -27,7 +27,7 @@ pub(super) const CHUNK: usize = 512;
 /// Readings of the drives at a pose.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct DriveReading {
-    commands_m: Vec<f64>,
+    pub(super) commands_m: Vec<f64>,
     directions: Option<Vec<f64>>,
     tensions_n: Option<Vec<f64>>,
     conditions: Conditions,

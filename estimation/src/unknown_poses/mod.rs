@@ -41,6 +41,7 @@ mod starts;
 mod stated_noise;
 #[cfg(test)]
 mod tests;
+mod trials;
 mod unsolved;
 mod verdict;
 mod widened;
@@ -60,7 +61,7 @@ use crate::trust::Mistake;
 use crate::weighing::Loss;
 use elimination::Reduced;
 use fit::{Fit, UNSEEN};
-use refusals::{refuse_commands, refuse_tracker_effects};
+use refusals::{refuse_commands, refuse_contradictions, refuse_tracker_effects};
 use starts::Search;
 
 pub use estimated::{EstimatedPoses, Placed, Side};
@@ -143,6 +144,7 @@ fn observed<T>(
     refuse_tracker_effects(variant, folder)?;
     let fit = Fit::new(robot, variant, file, folder, division)?;
     refuse_commands(&fit.prepared.machine, folder)?;
+    refuse_contradictions(&fit)?;
     let reduced = fit.elimination(&fit.start).reduce();
     of(&fit, &reduced)
 }
@@ -292,6 +294,7 @@ fn recognising<'a>(
 
 /// The fit from a start to its end, with the noise of kinds that ask for it and without gross rows.
 fn fitted(mut fit: Fit<'_>, options: &calibration::Options) -> Result<UnknownPoses, Error> {
+    refuse_contradictions(&fit)?;
     let reduced = fit.elimination(&fit.start).reduce();
     fit.refuse_units(&reduced)?;
     let rank = fit.rank(&reduced, &fit.machine);

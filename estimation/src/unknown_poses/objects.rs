@@ -279,3 +279,60 @@ fn place_of_ball(rows: &[(Vector3<f64>, f64)], stated: Option<&Value>) -> Vector
     };
     mean + axes * found
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Points of a box, by its sides (m), with their distances from a plane.
+    fn rows(sides: [f64; 3], normal: Vector3<f64>) -> Vec<(Vector3<f64>, f64)> {
+        let at = |k: u32| {
+            let share = |axis: u32| f64::from((k * (3 + 2 * axis)) % 11) / 11.0 - 0.5;
+            Vector3::new(
+                sides[0] * share(0),
+                sides[1] * share(1),
+                sides[2] * share(2),
+            )
+        };
+        let at = (0..40).map(|k| at(k) + Vector3::new(0.3, -0.2, 0.5));
+        at.map(|at| (at, normal.dot(&at) + 0.7)).collect()
+    }
+
+    /// Machines in space, one whose plate stays at a height, and one in a plane; planes that lie, stand and lean.
+    #[test]
+    fn normals_of_planes_are_told_by_distances() {
+        for sides in [[0.4, 0.5, 0.3], [0.4, 0.5, 0.0]] {
+            for normal in [
+                [0.0, 0.0, 1.0],
+                [1.0, 0.0, 0.0],
+                [-0.3, 0.8, 0.5],
+                [0.0, -1.0, 0.0],
+            ] {
+                let normal = Vector3::from(normal).normalize();
+                let found = normal_of_surface(&rows(sides, normal));
+                assert!(
+                    (found - normal).norm() < 1e-6,
+                    "{sides:?} {normal}: {found}"
+                );
+            }
+        }
+        assert_eq!(normal_of_surface(&[]), Vector3::z());
+    }
+
+    /// A ball beside the plane of a machine is taken to be above.
+    #[test]
+    fn a_ball_beside_a_plane_is_above_it() {
+        for height_m in [0.4, -0.4] {
+            let ball = Vector3::new(0.5, 0.1, height_m);
+            let rows: Vec<(Vector3<f64>, f64)> = (rows([0.4, 0.5, 0.0], Vector3::z()).iter())
+                .map(|(at, _)| Vector3::new(at.x, at.y, 0.0))
+                .map(|at| (at, (at - ball).norm()))
+                .collect();
+            let found = place_of_ball(&rows, None);
+            assert!(
+                (found - Vector3::new(0.5, 0.1, 0.4)).norm() < 1e-6,
+                "{found}"
+            );
+        }
+    }
+}

@@ -5,33 +5,26 @@
 //! (`trust/recognise.rs`): any change of rows lowers somewhat what a model lacks. A dimension set free pays for the room
 //! that it leaves.
 
-use std::borrow::Cow;
 use std::collections::BTreeSet;
 
-use nalgebra::Vector3;
 use tau_kinematics::Machine;
-use tau_robot::measurements::{Folder, PlateKind, PlateRow, TCP_POSES};
+use tau_robot::measurements::{Folder, TCP_POSES};
 use tau_robot::robot::{Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 
 use super::fit::Fit;
-use super::frames::{self, files_of_places};
 use super::starts;
-use super::{ROUGH_COST, RowDivision, UnknownPoses, recognising};
+use super::trials::Trial;
+use super::{KindFit, ROUGH_COST, RowDivision, UnknownPoses, recognising};
 use crate::calibration::{self, Error, Nominal, Prepared};
 use crate::numerics::distribution::chi2_survival;
 use crate::numerics::order::smallest_first;
 use crate::numerics::parallel;
-use crate::samples::Sample;
-use crate::samples::frames::Frames;
 use crate::trust::dimensions;
-use crate::trust::exchanged::orders;
 use crate::trust::frame;
-use crate::trust::hypothesis::{
-    Hypothesis, THOUSAND, angles, axes, commands_in_degrees, neighbour,
-};
+use crate::trust::hypothesis::Hypothesis;
 use crate::trust::negative::negative_length;
-use crate::trust::recognise::{CLOSER, FEW_ITERATIONS, FEW_POSES, POSES, differ, has_sign};
+use crate::trust::recognise::{CLOSER, FEW_ITERATIONS, FEW_POSES, POSES};
 use crate::trust::{ABSURD_TOLERANCES, LEVEL, Mistake, NEARER, ODDS, words};
 
 /// Measurements and the robot that they are of.
@@ -45,27 +38,11 @@ pub(super) struct Case<'a> {
     pub(super) options: &'a calibration::Options,
 }
 
-/// A mistake of rows, in one file or in all that have what it is about, or a dimension far off.
-struct Trial<'a> {
-    hypothesis: Hypothesis,
-    /// The file; `None` for all.
-    file: Option<&'static str>,
-    folder: Cow<'a, Folder>,
-}
-
-impl Trial<'_> {
-    /// The parameter that it sets free.
-    fn freed(&self) -> Option<usize> {
-        match self.hypothesis {
-            Hypothesis::Dimension { parameter, .. } => Some(parameter),
-            _ => None,
-        }
-    }
-}
-
 /// A first look at all hypotheses.
 pub(super) struct Look<'a> {
     dimensions: Dimensions,
+    /// Of the rows as given.
+    given: Squares,
     /// Hypotheses that leave less at a few poses than the rows as given, the best first.
     ranked: Vec<(Squares, Trial<'a>)>,
 }
@@ -89,9 +66,9 @@ impl Squares {
 }
 
 /// Parameters that may be far off, of a machine with links of some length.
-struct Dimensions {
-    nominal: Vec<Nominal>,
-    seen: Vec<usize>,
+pub(super) struct Dimensions {
+    pub(super) nominal: Vec<Nominal>,
+    pub(super) seen: Vec<usize>,
     length_m: f64,
 }
 
@@ -198,7 +175,11 @@ impl<'a> Case<'a> {
         // Others leave residuals that are so many times as large.
         let least = ranked.first().map_or(0.0, |own| own.0.sum);
         ranked.retain(|own| own.0.sum < NEARER.powi(2) * least);
-        Look { dimensions, ranked }
+        Look {
+            dimensions,
+            given: as_given,
+            ranked,
+        }
     }
 
     pub(super) fn fitted(
@@ -236,7 +217,9 @@ impl<'a> Case<'a> {
             division: thinned.as_ref().unwrap_or(self.division),
             ..*self
         };
-        let is_met = given.is_some_and(is_met);
+        let is_met = given.is_some_and(|given| {
+            is_met(given) && !given.has_far_pull() && !is_doubtful(given, look)
+        });
         // Squares are compared with those of the same rows.
         let of_few =
             (thinned.is_some() && !is_met).then(|| case.fitted(self.file, self.folder, None));
@@ -269,16 +252,15 @@ impl<'a> Case<'a> {
         dimensions: &Dimensions,
         given: Option<&UnknownPoses>,
     ) -> Vec<(f64, UnknownPoses, &'t Trial<'t>)> {
-        let ratio = given.map(UnknownPoses::residual_over_noise);
         let trials: Vec<&Trial<'_>> = trials.map(|(_, trial)| trial).collect();
         let fitted = parallel::map(&trials, |trial| {
             let freed = dimensions.freed(trial);
             let found = self.fitted(self.file, &trial.folder, freed).ok()?;
-            let is_near = match ratio {
-                Some(given) => NEARER * found.residual_over_noise() < given,
+            let is_near = match given {
+                Some(given) => NEARER * misfit(&found, given) < given.residual_over_noise(),
                 None => found.missed_m().is_none(),
             };
-            let is_near = is_near || found.is_consistent();
+            let is_near = is_near || (found.is_consistent() && !has_estimated_noise(&found));
             let room = match trial.hypothesis {
                 Hypothesis::Dimension { parameter, .. } => {
                     dimensions.room(parameter, &found, given)?
@@ -286,7 +268,13 @@ impl<'a> Case<'a> {
                 Hypothesis::Frame { .. } => scale(&found) * frame::room(),
                 _ => 0.0,
             };
-            (is_near && is_plausible(&found)).then_some((total(&found) + room, found, *trial))
+            let total = total_beside(&found, given.unwrap_or(&found)) + room;
+            // Rows that meet the noise as given, with parameters far off, must speak for it by these.
+            let is_likelier = given.is_none_or(|given| {
+                let decisive = scale(&found) * 2.0 * ODDS.ln();
+                !given.is_consistent() || self::total(given) - total > decisive
+            });
+            (is_near && is_likelier && is_plausible(&found)).then_some((total, found, *trial))
         });
         fitted.into_iter().flatten().collect()
     }
@@ -359,104 +347,6 @@ impl<'a> Case<'a> {
             expected: expected.max(1) as f64,
         };
         Some(squares).filter(|squares| squares.sum.is_finite())
-    }
-
-    /// All hypotheses.
-    fn trials(&self, dimensions: &Dimensions) -> Vec<Trial<'a>> {
-        let (robot, folder) = (self.robot, self.folder);
-        let of_rows: BTreeSet<&str> = folder
-            .plate_rows
-            .iter()
-            .map(|row| row.kind.file())
-            .collect();
-        let of_poses = (!folder.tcp_poses.is_empty()).then_some(TCP_POSES);
-        let files: Vec<&'static str> = (PlateKind::ALL.iter().map(|kind| kind.file()))
-            .filter(|file| of_rows.contains(file))
-            .chain(of_poses)
-            .collect();
-        let mut scopes: Vec<Option<&'static str>> = vec![None];
-        if files.len() > 1 {
-            scopes.extend(files.iter().copied().map(Some));
-        }
-        let commands = orders(robot.commands).into_iter().map(Hypothesis::Commands);
-        let file = &self.file.completed(robot);
-        let fit = Fit::new(robot, self.variant, file, folder, self.division);
-        let signs = (0..robot.commands).filter(|&command| {
-            // Poses that the drawing can't take say nothing against it.
-            fit.as_ref().map_or(true, |fit| {
-                let (samples, length_m) = (fit.assembly.samples(), fit.mean_length_m());
-                has_sign(&fit.machine, samples, command, length_m)
-            })
-        });
-        let of_commands: Vec<Hypothesis> = commands
-            .chain(signs.map(Hypothesis::Sign))
-            .chain(commands_in_degrees(robot))
-            .collect();
-        let turns_in_degrees = fit.as_ref().map_or(true, |fit| {
-            let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
-            let of = |folder: &Folder| Sample::all(robot, folder, &all, &Frames::default());
-            let mended = mended(folder, &Hypothesis::Degrees, Some(TCP_POSES));
-            let pairs = of(folder).into_iter().zip(of(&mended));
-            differ(&fit.machine, pairs, fit.mean_length_m())
-        });
-        let of_files = files.iter().flat_map(|&file| {
-            let shifted = [1, -1].map(Hypothesis::Shifted).into_iter();
-            let is_height = file == PlateKind::Height.file();
-            let own = shifted.chain(is_height.then_some(Hypothesis::Heights));
-            own.map(move |own| (own, Some(file)))
-        });
-        let of_places = files.iter().filter(|file| files_of_places().contains(file));
-        let of_places = of_places.flat_map(|file| {
-            let turns = *file == TCP_POSES;
-            let is_told = move |own: &Hypothesis| match own {
-                Hypothesis::Axes { turned, .. } => turns || !turned,
-                Hypothesis::Millimetres => true,
-                Hypothesis::Degrees => turns && turns_in_degrees,
-                _ => turns,
-            };
-            let units = [Hypothesis::Millimetres, Hypothesis::Degrees];
-            let own = axes(robot.plate)
-                .into_iter()
-                .chain(angles(robot.plate))
-                .chain(units);
-            own.filter(is_told).map(|own| (own, Some(*file)))
-        });
-        let of_commands = scopes.iter().flat_map(|&file| {
-            let own = of_commands.iter().cloned();
-            own.map(move |own| (own, file))
-        });
-        let mut frames: Vec<Option<&'static str>> = (files
-            .iter()
-            .copied()
-            .filter(|file| files_of_places().contains(file)))
-        .map(Some)
-        .collect();
-        if frames.len() > 1 {
-            frames.push(None);
-        }
-        let is_whole = frames::are_whole(folder, robot.plate.freedoms_of_tcp());
-        let drawn = fit.as_ref().ok().filter(|_| is_whole);
-        let of_frames = frames
-            .into_iter()
-            .filter_map(|file| Some((drawn?.frame(file)?, file)));
-        let of_rows = of_commands
-            .chain(of_files)
-            .chain(of_places)
-            .chain(of_frames);
-        let of_rows = of_rows.map(|(hypothesis, file)| Trial {
-            folder: Cow::Owned(mended(folder, &hypothesis, file)),
-            hypothesis,
-            file,
-        });
-        let freed = dimensions.seen.iter().map(|&parameter| Trial {
-            folder: Cow::Borrowed(folder),
-            hypothesis: Hypothesis::Dimension {
-                parameter,
-                start: dimensions.nominal[parameter].value,
-            },
-            file: None,
-        });
-        of_rows.chain(freed).collect()
     }
 
     fn described(
@@ -543,54 +433,44 @@ pub(super) fn is_plausible(found: &UnknownPoses) -> bool {
 
 /// The squares of residuals and tolerances.
 fn total(found: &UnknownPoses) -> f64 {
-    let pulls = found.pulls().map(|pull| pull.tolerances.powi(2));
-    found.chi2 + pulls.sum::<f64>()
+    total_beside(found, found)
 }
 
-/// The rows as they would be without a mistake.
-fn mended(folder: &Folder, hypothesis: &Hypothesis, file: Option<&str>) -> Folder {
-    let given = folder;
-    let mut folder = folder.clone();
-    let is_meant = |own: &str| file.is_none_or(|file| file == own);
-    if let Hypothesis::Shifted(by) = hypothesis {
-        let of_file = |row: &&PlateRow| is_meant(row.kind.file());
-        let rows: Vec<&PlateRow> = given.plate_rows.iter().filter(of_file).collect();
-        let own = folder.plate_rows.iter_mut();
-        for (place, row) in own.filter(|row| is_meant(row.kind.file())).enumerate() {
-            if let Some(other) = neighbour(&rows, place, *by) {
-                row.values = other.values;
-                row.sigmas = other.sigmas;
-                row.of.clone_from(&other.of);
-            }
+/// The same where noise that is estimated is that of another fit.
+fn total_beside(found: &UnknownPoses, other: &UnknownPoses) -> f64 {
+    let pulls = found.pulls().map(|pull| pull.tolerances.powi(2));
+    squares_beside(found, other) + pulls.sum::<f64>()
+}
+
+/// Residuals over the noise, that which is estimated being that of another fit: by its own, all fits are alike.
+fn misfit(found: &UnknownPoses, other: &UnknownPoses) -> f64 {
+    (squares_beside(found, other) / found.dof.max(1e-9)).sqrt()
+}
+
+fn squares_beside(found: &UnknownPoses, other: &UnknownPoses) -> f64 {
+    let pairs = found.kinds.iter().zip(&other.kinds);
+    let pairs = pairs.filter(|(own, _)| !own.kind.is_of_carts());
+    let ratio = |own: &KindFit, other: &KindFit| {
+        if own.kind.is_estimated() {
+            own.kind.sigma / other.kind.sigma
+        } else {
+            1.0
         }
-        let poses = folder.tcp_poses.iter_mut();
-        for (place, pose) in poses.enumerate().filter(|_| is_meant(TCP_POSES)) {
-            if let Some(other) = neighbour(&given.tcp_poses, place, *by) {
-                pose.position_m = other.position_m;
-                pose.angles_rad = other.angles_rad;
-                pose.sigmas = other.sigmas;
-            }
-        }
-        return folder;
-    }
-    for row in (folder.plate_rows.iter_mut()).filter(|row| is_meant(row.kind.file())) {
-        match hypothesis {
-            Hypothesis::Heights => row.values = row.values.map(|value| Some(-value?)),
-            Hypothesis::Axes { columns, signs, .. } => {
-                let given = row.values;
-                row.values = [0, 1, 2].map(|axis| Some(signs[axis] * given[columns[axis]]?));
-            }
-            Hypothesis::Millimetres => row.values = row.values.map(|value| Some(value? / THOUSAND)),
-            Hypothesis::Frame { rotation, shift } if row.kind == PlateKind::Position => {
-                let given = row.values;
-                let at = rotation * Vector3::from(given.map(Option::unwrap_or_default)) + shift;
-                row.values = [0, 1, 2].map(|axis| given[axis].map(|_| at[axis]));
-            }
-            own => own.mend_commands(&mut row.commands_m, row.directions.as_mut()),
-        }
-    }
-    if is_meant(TCP_POSES) {
-        hypothesis.mend_poses(&mut folder.tcp_poses);
-    }
-    folder
+    };
+    pairs
+        .map(|(own, other)| own.chi2() * ratio(own, other).powi(2))
+        .sum()
+}
+
+fn has_estimated_noise(found: &UnknownPoses) -> bool {
+    found.kinds.iter().any(|fit| fit.kind.is_estimated())
+}
+
+/// Noise that is estimated is met by any fit: then it tells something if a few rows are met far better without a mistake.
+fn is_doubtful(given: &UnknownPoses, look: Option<&Look<'_>>) -> bool {
+    let is_nearer = |look: &Look<'_>| {
+        let best = look.ranked.first();
+        best.is_some_and(|(squares, _)| NEARER.powi(2) * squares.sum < look.given.sum)
+    };
+    has_estimated_noise(given) && look.is_some_and(is_nearer)
 }

@@ -2,7 +2,7 @@
 
 use tau_kinematics::{Machine, Sample};
 use tau_robot::input_error::InputError;
-use tau_robot::measurements::Folder;
+use tau_robot::measurements::{Folder, SAME_POSE};
 use tau_robot::robot::Variant;
 
 use super::Rank;
@@ -143,6 +143,49 @@ pub(super) fn refuse_commands(machine: &Machine, folder: &Folder) -> Result<(), 
     Err(error
         .help("the commands look like degrees: multiply by pi/180")
         .into())
+}
+
+/// Refuses rows of one pose at other commands where drives are exact: they can't both be where the plate stood.
+pub(super) fn refuse_contradictions(fit: &Fit<'_>) -> Result<(), Error> {
+    let has_noise = |command| fit.file.noise_of_drive(command).is_some();
+    let is_noisy = (0..fit.machine.robot.commands).any(has_noise);
+    if is_noisy || fit.file.noise_of_links().is_some() {
+        return Ok(());
+    }
+    let mut ranges = vec![(f64::INFINITY, f64::NEG_INFINITY); fit.machine.robot.commands];
+    for commands in fit.assembly.commands() {
+        for ((low, high), &command) in ranges.iter_mut().zip(commands) {
+            (*low, *high) = (low.min(command), high.max(command));
+        }
+    }
+    for pose in &fit.assembly.poses {
+        let [first, others @ ..] = &pose.readings[..] else {
+            continue;
+        };
+        for other in others {
+            let pairs = first.commands_m.iter().zip(&other.commands_m).enumerate();
+            let mut differing = pairs.filter(|(command, (a, b))| {
+                let (low, high) = ranges[*command];
+                (*a - *b).abs() > SAME_POSE * (high - low)
+            });
+            let Some((command, (expected, found))) = differing.next() else {
+                continue;
+            };
+            let (place, before) = (other.place, first.place);
+            let message = format!(
+                "found {found} in `{}` at pose {}, expected {expected} as in line {} of {}: drives without noise stand still \
+                 at a pose",
+                fit.machine.robot.command_column(command),
+                pose.number,
+                before.line,
+                before.file
+            );
+            let help = "correct it, give the row a pose of its own, or state the noise of the drives in `[drives]`";
+            let source = format!("{}:{}", place.file, place.line);
+            return Err(InputError::whole(source, message).help(help).into());
+        }
+    }
+    Ok(())
 }
 
 /// Effects of a tracker have no part in what is measured without one.

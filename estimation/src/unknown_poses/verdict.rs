@@ -131,9 +131,12 @@ impl UnknownPoses {
     /// True if what the model lacks, in units of the stated noise, outweighs tolerances: it drives a parameter far off, and no
     /// mistake is known to be the reason.
     pub(super) fn outweighs_tolerances(&self) -> bool {
-        !self.is_consistent()
-            && self.mistakes.is_empty()
-            && self.pulls().any(|pull| pull.tolerances.abs() > FAR_PULL)
+        !self.is_consistent() && self.mistakes.is_empty() && self.has_far_pull()
+    }
+
+    /// True if a parameter lies farther off than tolerances let expect.
+    pub(super) fn has_far_pull(&self) -> bool {
+        self.pulls().any(|pull| pull.tolerances.abs() > FAR_PULL)
     }
 
     /// Residuals against noise and parameters against tolerances.

@@ -14,6 +14,7 @@ mod texts;
 mod visits;
 
 pub use plate::{DISTANCES, Distance, PlateKind, PlateRow};
+pub use read_plate::SAME_POSE;
 pub use selection::{Division, PoseCounts, Poses, Split};
 pub use shape::{Actuator, Shape, force_name};
 pub use texts::{CART_POSES, CART_POSITIONS, FILES, TCP_POSES, Texts};

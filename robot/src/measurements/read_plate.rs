@@ -13,7 +13,7 @@ use crate::input_error::{Errors, InputError, Mistakes, Source, quoted};
 
 /// Rows of one pose may differ in their commands by this share of the range of the command, and in one command by any
 /// amount: what drives read scatters, and one may read grossly, while numbers that are used twice mean places anywhere.
-const SAME_POSE: f64 = 0.01;
+pub const SAME_POSE: f64 = 0.01;
 
 /// A row with the place of its pose's number in the text.
 pub(super) type Placed<T> = (T, Range<usize>);
