@@ -228,6 +228,39 @@ fn robots_of_other_layouts_agree_with_dual_numbers() {
     }
 }
 
+/// A body in the plane has families of its own, with a full arm and with a reduced one.
+#[test]
+fn a_body_in_the_plane_agrees_with_dual_numbers() {
+    let text = "robot Planar {
+    plate body in plane;
+    param size: length = 0.2 m tol 1 mm;
+    param corner[3]: length = (0.1, -0.05, 0.02) m tol 1 mm;
+    track one, two;
+    cluster a on one { link a1; link a2 { plate_joint = corner; } }
+    cluster b on two { link b1 { plate_joint = (size, -size / 2, 0 m); } }
+    effect placement on link { param offset[3]: length; joint += offset; }
+    effect swing on cart { param yaw1: rad/m; yaw += yaw1 * q; }
+    effect drift on tcp { param rate[3]: m/s; position += rate * time; }
+    variant Full { arm full; tracks linear per link; }
+    variant Bent = Full + placement(a1) + swing(one) + drift(tcp);
+    variant Held = Full hold corner, size, all.plate_joint;
+}";
+    let reduced = "robot Sliders {
+    plate body in plane;
+    track one, two, three;
+    cluster a on one { link a1; }
+    cluster b on two { link b1; }
+    cluster c on three { link c1; }
+    variant Reduced { arm reduced; tracks linear; }
+    variant Full { arm full; tracks piecewise; }
+}";
+    for text in [text, reduced] {
+        let robot = Robot::from_text(text).unwrap_or_else(|errors| panic!("{errors}"));
+        let model = tau_model_dsl::check_text(text).unwrap();
+        check_robot(&robot, &model, 0..4);
+    }
+}
+
 #[test]
 fn interpreter_agrees_with_generated_code_bit_for_bit() {
     let generated = Robot::from(&tau_generated::gantry_tau::ROBOT);
@@ -396,6 +429,83 @@ fn description() -> impl Strategy<Value = String> {
         })
 }
 
+/// A description of a random machine: of any plate, with driven lengths, a drum, a crank and a track, formulas and `hold`.
+fn machine() -> impl Strategy<Value = String> {
+    const PLATES: [(&str, usize); 4] = [
+        ("body", 6),
+        ("point", 3),
+        ("body in plane", 3),
+        ("point in plane", 2),
+    ];
+    (
+        prop::sample::select(&PLATES[..]),
+        0_usize..=1,
+        any::<[bool; 4]>(),
+    )
+        .prop_map(|((plate, freedoms), more, flags)| {
+            let is_body = plate.starts_with("body");
+            let choose = |flag: usize, yes: &'static str, no: &'static str| {
+                if flags[flag] { yes } else { no }
+            };
+            // One link each on the track, the crank, the drum and the first leg.
+            let legs: Vec<String> = (1..(freedoms + more).saturating_sub(3))
+                .map(|k| format!("l{k}"))
+                .collect();
+            let legs = if legs.is_empty() {
+                String::new()
+            } else {
+                format!("link {} actuated length;", legs.join(", "))
+            };
+            let joint = if is_body {
+                choose(0, "plate_joint = 0.3 * place + (0 m, zero, 0 m);", "")
+            } else {
+                ""
+            };
+            let axis = if plate.ends_with("plane") {
+                "axis = (0, 0, 1) exact;"
+            } else {
+                choose(1, "axis = (0.6, 0, 0.8) exact;", "")
+            };
+            let centre = choose(2, "centre = 0.5 * place;", "");
+            let rod = choose(3, "length = norm(track_offset) + 0.2 * zero;", "");
+            let placement = if is_body { " + placement(k)" } else { "" };
+            format!(
+                "robot Random {{
+    plate {plate};
+    param zero: length = 1.5 m tol 1 mm;
+    param scale: ratio = 0.1 tol 100 ppm;
+    param radius: m/rad = 0.2 m/rad tol 1 mm/rad;
+    param place[3]: length = (0.3, -0.2, 0.1) m tol 1 mm;
+    track t;
+    crank c {{ {axis} {centre} }}
+    cluster on_base on base {{
+        link l0 actuated length {{
+            length = zero + (1 + scale) * q;
+            track_offset = place + (0 m, 1 m, 0.5 * zero);
+        }}
+        {legs}
+        link d actuated angle {{ length = norm(track_offset) + radius * q; }}
+    }}
+    cluster on_crank on c {{ link k {{ {rod} {joint} }} }}
+    cluster on_track on t {{ link m; }}
+    effect warm on link {{
+        param expansion: 1/K tol 1 ppm/K;
+        length += length * expansion * (temperature - 20 K);
+    }}
+    effect counted on driven link {{ param offset: length; length += offset * tanh(q / (1 m)); }}
+    effect wound on link actuated angle {{ param share: ratio; length += share * paid_out; }}
+    effect placement on link {{ param offset[3]: length; joint += offset; }}
+    effect drift on tcp {{ param rate[3]: m/s; position += rate * time; }}
+    effect rack on cart {{ param bend: 1/m; along += bend * q^2; horizontal += 2 * bend * q^2; }}
+    variant Full {{ arm full; tracks linear; }}
+    variant Held = Full hold zero, place, all.track_offset;
+    variant Wrong = Full + warm(all) + counted(l0) + wound(d) + drift(tcp) + rack(t){placement};
+    variant Both = Wrong hold scale, m.length, m.track_offset;
+}}"
+            )
+        })
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
 
@@ -405,6 +515,14 @@ proptest! {
             .unwrap_or_else(|errors| panic!("{errors:?}\n{text}"));
         let model = tau_model_dsl::check_text(&text).unwrap();
         let seed = seed % 1_000_000;
+        check_robot(&robot, &model, seed..seed + 1);
+    }
+
+    #[test]
+    fn random_machines_agree_with_dual_numbers(text in machine(), seed in 0_u64..1_000_000) {
+        let robot = Robot::from_text(&text)
+            .unwrap_or_else(|errors| panic!("{errors}\n{text}"));
+        let model = tau_model_dsl::check_text(&text).unwrap();
         check_robot(&robot, &model, seed..seed + 1);
     }
 }

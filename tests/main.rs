@@ -36,6 +36,7 @@ mod kinematics;
 mod klipper;
 mod layout;
 mod machines;
+mod mends;
 mod mutations;
 mod nothing_free;
 mod own_machines;

@@ -198,3 +198,49 @@ fn lines_of_joints_follow_from_formulas() {
     }
     assert!(machine(DESCRIBED[1].1, "Full").joint_lines(0).is_empty());
 }
+
+/// Of a plate that four drives move, the pose that is found is nearer to the one that is asked for than those at commands
+/// beside it, position and turn taken together as the plate's joints take them; one that it can take is taken.
+#[test]
+fn the_nearest_pose_is_nearest() {
+    let machine = machine(include_str!("../../tests/robots/four_of_six.tau"), "Full");
+    assert_eq!(machine.partial_freedoms(), Some(4));
+    let anywhere = Pose::from_zyz([0.0; 3], [0.0; 3]);
+    let home = machine.at_reference(&Sample::new(anywhere, &[])).unwrap();
+    let options = InverseOptions::default();
+    let commands = [0.02, 0.03, 0.01, -0.5];
+    let there = machine
+        .forward_along(&home.commands_m, &Sample::new(home.pose, &commands))
+        .unwrap();
+    let taken = machine
+        .inverse_nearest(&home, there.pose, &options)
+        .unwrap();
+    for (found, given) in taken.commands_m.iter().zip(commands) {
+        assert!((found - given).abs() < 1e-7, "{found} {given}");
+    }
+    let asked = there.pose.moved(
+        Vector3::new(2e-3, -1e-3, 1e-3),
+        Vector3::new(0.01, 0.02, -0.015),
+    );
+    let found = machine.inverse_nearest(&home, asked, &options).unwrap();
+    let closures = machine
+        .closures(&Sample::new(home.pose, &home.commands_m))
+        .unwrap();
+    let turning = closures.jacobian.columns(3, 3);
+    let lever_m = (turning.norm_squared() / turning.nrows() as f64).sqrt();
+    let off = |pose: &Pose| {
+        let turn_m = pose.turn_to(&asked.rotation) * lever_m;
+        ((pose.position - asked.position).norm_squared() + turn_m.norm_squared()).sqrt()
+    };
+    let least = off(&found.pose);
+    assert!(least > 1e-4 && least < off(&there.pose), "{least}");
+    for command in 0..machine.robot.commands {
+        for change in [-1e-4, 1e-4] {
+            let mut beside = found.commands_m.clone();
+            beside[command] += change;
+            let sample = Sample::new(found.pose, &beside);
+            let beside = machine.forward_along(&found.commands_m, &sample).unwrap();
+            assert!(off(&beside.pose) > least, "{command} {change}");
+        }
+    }
+}
