@@ -282,7 +282,7 @@ fn a_missing_reference_is_asked_of_the_file_that_is_there() {
         let ran = tau_in(work.path(), line);
         assert_eq!(ran.code, 2);
         let place = format!("--> {}", work.path().join("X.tau").display());
-        let mend = "add `reference { commands = (0, 0, 0) m; position = (x, y, z) m; orientation = (alpha, beta, gamma) rad; }` to \
+        let mend = "add `reference { commands = (0, 0, 0) m; position = (x, y, 0) m; orientation = (alpha, 0, 0) rad; }` to \
                     the description";
         let said = ran.err.split_whitespace().collect::<Vec<_>>().join(" ");
         assert!(said.contains(&place) && said.contains(mend), "{said}");
