@@ -288,3 +288,66 @@ fn drums_and_what_they_wind_are_named() {
     let rms = |when: &str| number(&found["validation"][when]["rms_um"]);
     assert!(rms("before") > 3.0 * rms("after"));
 }
+
+/// Cells of a table's row in the documentation that begins with some words, one for each run.
+fn cells(page: &str, first: &str) -> Vec<String> {
+    let mut rows = page.lines().filter_map(|line| line.strip_prefix("| "));
+    let row = rows.find_map(|row| row.strip_prefix(first)?.strip_prefix(" | "));
+    let row = row.unwrap_or_else(|| panic!("no row `{first}`"));
+    let cells = row.trim_end_matches('|').split('|');
+    cells.map(|cell| cell.trim().to_owned()).collect()
+}
+
+/// The page's table of what was found, run by run, is what the program says.
+#[test]
+fn what_the_page_says_was_found_is_found() {
+    let page = fs::read_to_string(Path::new(FIXTURES).join("../../../docs/real-machines.md"));
+    let page = page.unwrap();
+    let (_, page) = page.split_once("### The same, found").unwrap();
+    let work = tempfile::tempdir().unwrap();
+    for (column, run) in RUNS.into_iter().enumerate() {
+        let line = format!(
+            "tau discover {FIXTURES}/{run} --model {FIXTURES}/hangprinter.tau --base Anchors --out DIR/{run} --json -"
+        );
+        let found = tau_in(work.path(), &line).json();
+        assert_eq!(found["status"], "explained", "{run}");
+        let mut told = vec![];
+        for (name, unit, scale) in [
+            ("drum_radius", " (%)", 1e2),
+            ("line_buildup", " (10⁻⁶ per rad)", 1e6),
+        ] {
+            for place in ["all", "a", "b", "c", "d"] {
+                let row = format!("`{name}({place})`{unit}");
+                if !page.contains(&row) || cells(page, &row)[column] == "–" {
+                    continue;
+                }
+                told.push(format!("{name}({place})"));
+                let own = found["effects"].as_array().unwrap().iter();
+                let mut own = own.filter(|own| own["name"] == name && own["place"] == place);
+                let effect = own.next().unwrap_or_else(|| panic!("{run}: {row}"));
+                let parameters = effect["parameters"].as_object().unwrap();
+                let parameter = parameters.values().next().unwrap();
+                let of = |key: &str| scale * number(&parameter[key]);
+                let says = format!("{:.2} ± {:.2}", of("value"), of("sigma"));
+                assert_eq!(cells(page, &row)[column], says, "{run}: {row}");
+            }
+        }
+        told.sort();
+        assert_eq!(told, effects(&found), "{run}");
+        let rests = &found["validation"];
+        for (row, rest_um) in [
+            (
+                "mean rest of held-out poses, `Anchors` (mm)",
+                &rests["before"]["mean_um"],
+            ),
+            (
+                "the same with what was found (mm)",
+                &rests["after"]["mean_um"],
+            ),
+            ("what noise would leave (mm)", &found["noise_floor_um"]),
+        ] {
+            let says = format!("{:.2}", 1e-3 * number(rest_um));
+            assert_eq!(cells(page, row)[column], says, "{run}: {row}");
+        }
+    }
+}
