@@ -1,5 +1,8 @@
 //! Delta printers: their firmware's files, read, calibrated and written back.
 
+mod export;
+mod import;
+mod reader;
 mod real;
 
 use std::fmt::Write as _;
@@ -307,105 +310,6 @@ fn an_imagined_printer_is_found_from_its_firmwares_file() {
     }
 }
 
-/// Reads a configuration as the firmware does: the block counts if its first lines are as they must be and each line has
-/// its mark; of options given twice the one by hand wins.
-fn as_read(text: &str) -> Vec<(String, String, String)> {
-    let header = "\n#*# <---------------------- SAVE_CONFIG ---------------------->\n\
-        #*# DO NOT EDIT THIS BLOCK OR BELOW. The contents are auto-generated.\n#*#\n";
-    let (by_hand, saved) = text.split_once(header).expect("a saved block");
-    assert!(!by_hand.contains("\n#*# "));
-    let saved: Vec<&str> = (saved.trim().lines())
-        .map(|line| {
-            assert!(line == "#*#" || line.starts_with("#*# "), "{line}");
-            line.get(4..).unwrap_or("")
-        })
-        .collect();
-    let mut options: Vec<(String, String, String)> = vec![];
-    for lines in [by_hand.lines().collect(), saved] {
-        let mut section = String::new();
-        let known = options.clone();
-        for line in lines {
-            let line = line.split('#').next().unwrap().trim_end();
-            if let Some(name) = line
-                .strip_prefix('[')
-                .and_then(|line| line.strip_suffix(']'))
-            {
-                name.clone_into(&mut section);
-            } else if let Some((key, value)) = line.split_once(['=', ':']) {
-                let key = key.trim().to_owned();
-                if !known.iter().any(|own| own.0 == section && own.1 == key) {
-                    options.push((section.clone(), key, value.trim().to_owned()));
-                }
-            }
-        }
-    }
-    options
-}
-
-#[test]
-fn a_calibration_is_written_back_as_the_firmware_reads_it() {
-    let (printer, truth) = imagined();
-    let folder = tempfile::tempdir().unwrap();
-    printer.import(folder.path());
-    printer.as_the_firmware(folder.path());
-    printer.calibrate(folder.path(), "");
-    // By hand, too, where it would win.
-    let config = printer
-        .config()
-        .replace("kinematics: delta", "kinematics: delta\ndelta_radius: 170");
-    fs::write(folder.path().join("printer.cfg"), &config).unwrap();
-    let export = "tau export DIR/found --model DIR/printer/printer.tau --to klipper";
-    let alone = tau_in(folder.path(), export).done();
-    tau_in(
-        folder.path(),
-        &format!("{export} --into DIR/printer.cfg --out DIR/new.cfg"),
-    )
-    .done();
-    let whole = fs::read_to_string(folder.path().join("new.cfg")).unwrap();
-    for text in [format!("\n{alone}"), whole.clone()] {
-        let options = as_read(&text);
-        let of = |section: &str, key: &str| {
-            let mut own = options
-                .iter()
-                .filter(|own| own.0 == section && own.1 == key);
-            let found = own
-                .next()
-                .unwrap_or_else(|| panic!("{section} {key} in\n{text}"));
-            assert!(own.next().is_none(), "{section} {key} twice");
-            found.2.parse::<f64>().unwrap()
-        };
-        let close = |found: f64, index: usize| {
-            assert!(
-                (found - truth[index]).abs() < 1e-4,
-                "{}: {found}",
-                NAMES[index]
-            );
-        };
-        close(of("printer", "delta_radius"), 0);
-        for (k, tower) in ["a", "b", "c"].iter().enumerate() {
-            let section = format!("stepper_{tower}");
-            close(of(&section, "angle"), 1 + k);
-            close(of(&section, "position_endstop"), 4 + k);
-            close(of(&section, "arm_length"), 7 + k);
-        }
-    }
-    // All else stays.
-    let (before, after) = (as_read(&config), as_read(&whole));
-    for own in before
-        .iter()
-        .filter(|own| own.0 == "delta_calibrate" || own.1 == "max_velocity")
-    {
-        assert!(after.contains(own), "{own:?}");
-    }
-    assert!(whole.contains("#delta_radius: 170"), "{whole}");
-    // And the program reads it again.
-    tau_in(
-        folder.path(),
-        "tau import klipper DIR/new.cfg --out DIR/again",
-    )
-    .done();
-}
-
 /// Step lengths stand by themselves in old configurations, and nothing is saved.
 #[test]
 fn old_configurations_are_read() {
@@ -551,47 +455,4 @@ fn exchanged_distances_are_found_before_the_fit() {
             !is_exchanged
         );
     }
-}
-
-#[test]
-fn configurations_that_mean_nothing_are_refused() {
-    let (printer, _) = imagined();
-    let config = printer.config();
-    let folder = tempfile::tempdir().unwrap();
-    let mut told = String::new();
-    let first = printer.distances[0].0;
-    for (from, to) in [
-        (
-            "kinematics: delta".to_owned(),
-            "kinematics: corexy".to_owned(),
-        ),
-        (
-            format!("distance0 = {first}"),
-            format!("distance0 = -{first}"),
-        ),
-        ("#*# delta_radius".to_owned(), "#*# print_radius".to_owned()),
-        (
-            "rotation_distance: 40".to_owned(),
-            "rotation_distance: forty".to_owned(),
-        ),
-        ("height3_pos = ".to_owned(), "height3_pos = 1,".to_owned()),
-        ("arm_length = 345".to_owned(), "arm_length = 145".to_owned()),
-        ("arm_length = 345".to_owned(), "rod_length = 345".to_owned()),
-    ] {
-        assert!(config.contains(&from), "{from}");
-        fs::write(
-            folder.path().join("printer.cfg"),
-            config.replace(&from, &to),
-        )
-        .unwrap();
-        let ran = tau_in(
-            folder.path(),
-            "tau import klipper DIR/printer.cfg --out DIR/out",
-        );
-        assert_eq!(ran.code, 2, "{to}");
-        assert!(!folder.path().join("out").exists(), "{to}");
-        told += &ran.err.replace(&folder.path().display().to_string(), "DIR");
-        told += "\n";
-    }
-    insta::assert_snapshot!(told);
 }

@@ -1,10 +1,11 @@
 //! `tau import` and `tau export`.
 
 use std::fs;
+use std::path::{Path, PathBuf};
 
 use tau::input_error::InputError;
 use tau::robot_file::RobotFile;
-use tau_robot::input_error::{self, both};
+use tau_robot::input_error::{Errors, both};
 use tau_robot::klipper::{self, Config, Parameters, Printer};
 
 use super::deliver::{Outcome, check_file, check_folder, written};
@@ -12,33 +13,28 @@ use super::kept::Kept;
 use super::resolve::described;
 use super::{Failure, arguments};
 
-/// Text that a file of the firmware is expected to hold.
-const EXPECTED: &str = "the configuration of a printer";
-
 pub(super) fn import(arguments: &arguments::Import) -> Result<Outcome, Failure> {
     let arguments::Import {
         firmware: arguments::Firmware::Klipper,
         files,
         out,
     } = arguments;
-    let names: Vec<String> = files
-        .iter()
-        .map(|path| path.display().to_string())
-        .collect();
-    let texts = files.iter().map(|path| input_error::read(path, EXPECTED));
-    let texts: Vec<String> = texts.collect::<Result<_, _>>()?;
-    let pairs: Vec<(&str, &str)> = (names.iter().zip(&texts))
-        .map(|(name, text)| (name.as_str(), text.as_str()))
-        .collect();
-    let config = Config::parse(&pairs);
-    let (printer, ()) = both(Printer::read(&config), check_folder(out))?;
-    let base = files.first().and_then(|path| path.file_name());
-    let origin = base.map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    let [path, included @ ..] = files.as_slice() else {
+        let error = InputError::whole("FILE", "no configuration is named");
+        return Err(error.help("name `printer.cfg`").into());
+    };
+    let config = Config::read(path)?;
+    let ((printer, ()), ()) = both(
+        both(Printer::read(&config), check_folder(out)),
+        check_included(&config, path, included),
+    )?;
+    let origin = path.file_name().unwrap_or(path.as_os_str());
+    let origin = origin.to_string_lossy().into_owned();
     let folder = klipper::folder(&printer, &origin);
     let files: Vec<_> = (folder.into_iter())
         .map(|(name, text)| (out.join(name), text))
         .collect();
-    Kept::of(None, &arguments.files).check_all(out, ["robot.toml", klipper::DESCRIPTION])?;
+    Kept::of(None, config.paths()).check_all(out, ["robot.toml", klipper::DESCRIPTION])?;
     for (path, _) in &files {
         if fs::symlink_metadata(path).is_ok() {
             let message = "there is a file of this name";
@@ -53,9 +49,9 @@ pub(super) fn import(arguments: &arguments::Import) -> Result<Outcome, Failure> 
                 .to_owned(),
         );
     }
-    remarks.extend(
-        (config.missing_includes()).map(|name| format!("{name} is included, but was not read")),
-    );
+    remarks.extend(printer.unread.iter().cloned());
+    let missing = config.missing_includes();
+    remarks.extend(missing.map(|name| format!("{name} is included, but was not read")));
     Ok(Outcome {
         summary: format!(
             "{} heights, {} distances\n{}",
@@ -67,6 +63,26 @@ pub(super) fn import(arguments: &arguments::Import) -> Result<Outcome, Failure> 
         files,
         ..Outcome::default()
     })
+}
+
+/// Fails at files that are named and that the configuration does not include, so that they say nothing.
+fn check_included(config: &Config, path: &Path, included: &[PathBuf]) -> Result<(), InputError> {
+    let known: Vec<PathBuf> = config
+        .paths()
+        .filter_map(|path| fs::canonicalize(path).ok())
+        .collect();
+    let mut errors = Errors::default();
+    for own in included {
+        let is_known = fs::canonicalize(own).is_ok_and(|own| known.contains(&own));
+        if !is_known {
+            let message = format!("{} does not include this file", path.display());
+            let error = InputError::whole(own.display().to_string(), message);
+            errors.add(
+                error.help("leave it out: what the configuration includes is read from beside it"),
+            );
+        }
+    }
+    errors.finish()
 }
 
 pub(super) fn export(arguments: &arguments::Export) -> Result<Outcome, Failure> {
@@ -87,28 +103,35 @@ pub(super) fn export(arguments: &arguments::Export) -> Result<Outcome, Failure> 
     };
     let robot = described(description)?;
     let into = arguments.into.as_ref();
-    let (file, text) = both(
+    let (file, config) = both(
         RobotFile::read(&path, &robot),
-        into.map(|path| input_error::read(path, EXPECTED))
-            .transpose(),
+        into.map(|path| Config::read(path)).transpose(),
     )?;
     if let Some(out) = &arguments.out {
-        Kept::of(None, [&path, description].into_iter().chain(into)).check("--out", out)?;
+        let included = config.iter().flat_map(Config::paths);
+        Kept::of(None, [&path, description].into_iter().chain(included)).check("--out", out)?;
         check_file(out)?;
     }
     let parameters = Parameters::of(&robot, &file)?;
-    let text = match &text {
-        Some(text) => klipper::saved_into(&parameters, text),
+    let text = match &config {
+        Some(config) => klipper::saved_into(&parameters, config)?,
         None => klipper::saved_block(&parameters),
     };
+    let missing = config.iter().flat_map(Config::missing_includes);
+    let remarks = missing.map(|name| {
+        format!("{name} is included, but was not read: options of radius, towers, rods and endstops there would win")
+    });
+    let remarks = remarks.collect();
     Ok(match &arguments.out {
         Some(out) => Outcome {
             summary: written([out.as_path()]),
             files: vec![(out.clone(), text)],
+            remarks,
             ..Outcome::default()
         },
         None => Outcome {
             data: text,
+            remarks,
             ..Outcome::default()
         },
     })

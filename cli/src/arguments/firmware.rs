@@ -13,8 +13,9 @@ pub(crate) enum Firmware {
 
 /// Read what a machine's firmware has measured into a measurement folder
 ///
-/// From Klipper's printer.cfg of a delta printer, with the block that it saves: the printer's parameters become a
-/// description, the heights and distances of its delta calibration measurements of it. Writes into a folder:
+/// From Klipper's printer.cfg of a delta printer, with the block that it saves and the files that it
+/// includes: the printer's parameters become a description, the heights and distances of its delta
+/// calibration measurements of it. Writes into a folder:
 ///
 ///   printer.tau       the description, for --model; variants Basic (6 parameters) and Extended (9)
 ///   heights.csv       probed heights
@@ -33,7 +34,7 @@ pub(crate) struct Import {
     /// Firmware that wrote the files
     #[arg(value_enum)]
     pub(crate) firmware: Firmware,
-    /// Its configuration, and files that it includes; later ones win
+    /// Its configuration; files that it includes are read from where it says, and need not be named
     #[arg(value_name = "FILE", required = true)]
     pub(crate) files: Vec<PathBuf>,
     /// Folder for the measurements
@@ -45,7 +46,7 @@ pub(crate) struct Import {
 ///
 /// For Klipper the block that it saves at the end of printer.cfg, with radius, angles, rods and endstops. With
 /// --into, the text of a printer.cfg with these in its saved block: options by hand, which would win, become comments;
-/// all else stays.
+/// all else stays. Where a file that it includes states one of them, nothing is written.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

@@ -5,12 +5,17 @@
 
 mod config;
 mod folder;
+mod include;
+mod measured;
+mod numbers;
 mod printer;
 mod save;
+mod syntax;
 
 pub use config::Config;
 pub use folder::{DESCRIPTION, folder};
-pub use printer::{Height, Measured, Parameters, Printer, Tower};
+pub use measured::{Height, Measured};
+pub use printer::{Parameters, Printer, Tower};
 pub use save::{saved_block, saved_into};
 
 /// Letters of the towers, in the order of the commands.

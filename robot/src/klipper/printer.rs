@@ -4,16 +4,19 @@ use nalgebra::Vector3;
 
 use super::TOWERS;
 use super::config::Config;
+use super::measured::{self, Height, Measured};
+use super::numbers::{Kind, optional, required, step};
 use crate::input_error::{Errors, InputError, both};
 use crate::robot::Robot;
 use crate::robot_file::RobotFile;
 
 /// Angles of the towers that the firmware takes where none is stated (deg).
 const USUAL_ANGLES_DEG: [f64; 3] = [210.0, 330.0, 90.0];
-/// Full steps of a turn of the motor where none are stated.
-const USUAL_FULL_STEPS: f64 = 200.0;
-/// Section of the saved measurements.
-const SECTION: &str = "delta_calibrate";
+
+/// Sine of half the angle between two towers below which they stand in one direction: a tower has a width.
+const SAME_DIRECTION: f64 = 0.01;
+/// Why an option of the first tower can't be left out.
+const INHERITED: &str = ", which the other towers inherit,";
 
 /// A tower.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,26 +38,6 @@ pub struct Parameters {
     pub towers: [Tower; 3],
 }
 
-/// A height that was probed, or measured by hand.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Height {
-    /// True height of the nozzle (mm).
-    pub height_mm: f64,
-    /// Steps of each carriage down from its endstop.
-    pub steps: [f64; 3],
-    /// True if it was measured by hand.
-    pub is_manual: bool,
-}
-
-/// A distance of two places of a printed object, by caliper.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Measured {
-    /// Distance (mm).
-    pub distance_mm: f64,
-    /// Steps of each carriage down from its endstop, at both places.
-    pub steps: [[f64; 3]; 2],
-}
-
 /// A delta printer.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Printer {
@@ -66,6 +49,8 @@ pub struct Printer {
     pub heights: Vec<Height>,
     /// Distances.
     pub distances: Vec<Measured>,
+    /// Measurements that took no part, in words.
+    pub unread: Vec<String>,
 }
 
 impl Parameters {
@@ -94,9 +79,39 @@ impl Parameters {
             })
         };
         let [a, b, c] = TOWERS.map(tower);
-        Ok(Self {
+        let own = Self {
             radius_mm: millimetres("radius")?,
             towers: [a?, b?, c?],
+        };
+        own.mistake().map_or(Ok(own), |(name, why)| {
+            let message = format!("found parameter `{name}` {why}");
+            let help = "the firmware refuses this printer: calibrate it anew";
+            Err(InputError::whole(&file.source, message).help(help))
+        })
+    }
+
+    /// The first parameter that the firmware refuses: its name in the description, and why.
+    fn mistake(&self) -> Option<(String, String)> {
+        let radius = self.radius_mm;
+        if !(radius.is_finite() && radius > 0.0) {
+            return Some((
+                "radius".to_owned(),
+                format!("of {radius} mm, expected one above 0"),
+            ));
+        }
+        TOWERS.iter().zip(&self.towers).find_map(|(letter, tower)| {
+            let arm = tower.arm_mm;
+            let (name, why) = if !(arm.is_finite() && arm > radius) {
+                let why = format!("of {arm} mm, expected more than the radius, {radius} mm");
+                ("arm", why)
+            } else if !tower.angle_deg.is_finite() {
+                ("angle", "that is no number".to_owned())
+            } else if !tower.endstop_mm.is_finite() {
+                ("endstop", "that is no number".to_owned())
+            } else {
+                return None;
+            };
+            Some((format!("{name}_{letter}"), why))
         })
     }
 }
@@ -105,53 +120,86 @@ impl Printer {
     /// Reads a configuration.
     ///
     /// # Errors
-    /// It is not of a delta printer; an option is missing or no number; rods are shorter than the radius; distances are
-    /// not above zero.
-    pub fn read(config: &Config<'_>) -> Result<Self, InputError> {
-        if let Some(entry) = config.option("printer", "kinematics")
-            && entry.value != "delta"
-        {
-            let message = format!("found kinematics `{}`, expected `delta`", entry.value);
-            return Err(config.wrong(entry, message));
-        }
+    /// It is not of a delta printer; an option is missing, no number, or one that the firmware refuses; rods are not longer
+    /// than the radius; measurements are not such as the printer can have made.
+    pub fn read(config: &Config) -> Result<Self, InputError> {
+        config.check_delta()?;
         let mut errors = Errors::default();
-        let radius_mm = errors.keep(required(config, "printer", "delta_radius"));
+        let radius = required(config, "printer", "delta_radius", Kind::AboveZero, "");
+        let radius_mm = errors.keep(radius);
         let mut towers: Vec<Tower> = vec![];
         for (tower, usual) in TOWERS.iter().zip(USUAL_ANGLES_DEG) {
             let section = format!("stepper_{tower}");
-            let or_first = |key: &str, first: Option<f64>| match first {
-                None => inherited(config, &section, key),
-                Some(first) => Ok(optional(config, &section, key)?.unwrap_or(first)),
+            let or_first = |key: &str, kind: Kind, first: Option<f64>| match first {
+                None => required(config, &section, key, kind, INHERITED),
+                Some(first) => Ok(optional(config, &section, key, kind)?.unwrap_or(first)),
             };
             let first = towers.first();
+            let first_arm = first.map(|first| first.arm_mm);
+            let first_endstop = first.map(|first| first.endstop_mm);
+            let angle = optional(config, &section, "angle", Kind::Any);
             towers.push(Tower {
-                arm_mm: errors.keep(or_first("arm_length", first.map(|first| first.arm_mm))),
-                angle_deg: errors
-                    .keep(optional(config, &section, "angle"))
-                    .unwrap_or(usual),
-                endstop_mm: errors.keep(or_first(
-                    "position_endstop",
-                    first.map(|first| first.endstop_mm),
-                )),
+                arm_mm: errors.keep(or_first("arm_length", Kind::AboveZero, first_arm)),
+                angle_deg: errors.keep(angle).unwrap_or(usual),
+                endstop_mm: errors.keep(or_first("position_endstop", Kind::Any, first_endstop)),
             });
         }
         let steps = TOWERS.map(|tower| errors.keep(step(config, &format!("stepper_{tower}"))));
-        let (heights, distances) = errors.keep(both(heights(config), distances(config)));
+        let measured = both(measured::heights(config), measured::distances(config));
+        let (heights, distances) = errors.keep(measured);
         errors.finish()?;
-        let towers = [towers[0], towers[1], towers[2]];
-        if let Some(tower) = (0..3).find(|&k| towers[k].arm_mm <= radius_mm) {
-            let message = format!(
-                "the rods of tower {} are {} mm long, expected more than the radius, {radius_mm} mm",
-                TOWERS[tower], towers[tower].arm_mm
-            );
-            return Err(config.lacks(message));
-        }
-        Ok(Self {
-            parameters: Parameters { radius_mm, towers },
+        let printer = Self {
+            parameters: Parameters {
+                radius_mm,
+                towers: [towers[0], towers[1], towers[2]],
+            },
             step_mm: steps,
             heights,
             distances,
-        })
+            unread: measured::unread(config),
+        };
+        both(printer.check_arms(config), printer.check_angles(config))?;
+        measured::check(&printer, config)?;
+        Ok(printer)
+    }
+
+    /// Rods are longer than the radius.
+    fn check_arms(&self, config: &Config) -> Result<(), InputError> {
+        let Parameters { radius_mm, towers } = &self.parameters;
+        let mut errors = Errors::default();
+        for (letter, tower) in TOWERS.iter().zip(towers) {
+            // Where a tower inherits its rods, those of the first were named already.
+            let entry = config.option(&format!("stepper_{letter}"), "arm_length");
+            if let Some(entry) = entry.filter(|_| tower.arm_mm <= *radius_mm) {
+                let message = format!(
+                    "the rods of tower {letter} are {} mm long, expected more than the radius, {radius_mm} mm",
+                    tower.arm_mm
+                );
+                let help = "measure radius and rods from joint to joint: the firmware refuses this printer";
+                errors.add(config.wrong(entry, message).help(help));
+            }
+        }
+        errors.finish()
+    }
+
+    /// No two towers stand in one direction.
+    fn check_angles(&self, config: &Config) -> Result<(), InputError> {
+        let of = |tower: usize| self.parameters.towers[tower].angle_deg;
+        for (one, other) in [(0, 1), (0, 2), (1, 2)] {
+            let between = (0.5 * (of(one) - of(other)).to_radians()).sin().abs();
+            let [one, other] = [one, other].map(|tower| TOWERS[tower]);
+            let entry = [other, one].into_iter();
+            let mut entry =
+                entry.filter_map(|letter| config.option(&format!("stepper_{letter}"), "angle"));
+            if let Some(entry) = entry.next().filter(|_| between < SAME_DIRECTION) {
+                let message = format!(
+                    "towers {one} and {other} stand at one angle, expected three directions"
+                );
+                let help = "angles are degrees about the middle: by default 210, 330 and 90";
+                return Err(config.wrong(entry, message).help(help));
+            }
+        }
+        Ok(())
     }
 
     /// Commands (m) that belong to steps: the way of each carriage down from its endstop.
@@ -184,125 +232,4 @@ impl Printer {
         let z = -(squares[0] - x * x - y * y).sqrt();
         a + first * x + second * y + up * z
     }
-}
-
-/// An option as a number, if it is there.
-fn optional(config: &Config<'_>, section: &str, key: &str) -> Result<Option<f64>, InputError> {
-    let Some(entry) = config.option(section, key) else {
-        return Ok(None);
-    };
-    let number = entry
-        .value
-        .parse::<f64>()
-        .ok()
-        .filter(|value| value.is_finite());
-    let wrong = || {
-        let message = format!("found `{}` for `{key}`, expected a number", entry.value);
-        config.wrong(entry, message)
-    };
-    number.map(Some).ok_or_else(wrong)
-}
-
-fn required(config: &Config<'_>, section: &str, key: &str) -> Result<f64, InputError> {
-    needed(config, section, key, "")
-}
-
-/// An option that the sections of the other towers inherit.
-fn inherited(config: &Config<'_>, section: &str, key: &str) -> Result<f64, InputError> {
-    needed(config, section, key, ": the other towers inherit it")
-}
-
-fn needed(config: &Config<'_>, section: &str, key: &str, remark: &str) -> Result<f64, InputError> {
-    optional(config, section, key)?.ok_or_else(|| {
-        let error = config.lacks(format!("`{key}` of section `[{section}]` is missing"));
-        let includes: Vec<&str> = config.missing_includes().collect();
-        if includes.is_empty() {
-            error.help(format!("write `{key} = …` in `[{section}]`{remark}"))
-        } else {
-            error.help(format!(
-                "name the files that it includes, too: {}",
-                includes.join(", ")
-            ))
-        }
-    })
-}
-
-/// Way of a carriage for one step (mm): stated by itself in old configurations, by the turn of the motor in new ones.
-fn step(config: &Config<'_>, section: &str) -> Result<f64, InputError> {
-    if let Some(step) = optional(config, section, "step_distance")? {
-        return Ok(step);
-    }
-    let rotation = required(config, section, "rotation_distance")?;
-    let microsteps = required(config, section, "microsteps")?;
-    let full = optional(config, section, "full_steps_per_rotation")?;
-    let mut gears = 1.0;
-    if let Some(entry) = config.option(section, "gear_ratio") {
-        for pair in entry.value.split(',') {
-            let ratio = pair.split_once(':').and_then(|(driven, driving)| {
-                let number = |text: &str| text.trim().parse::<f64>().ok();
-                Some(number(driven)? / number(driving)?)
-            });
-            let message = format!("found `{}`, expected ratios such as `80:16`", entry.value);
-            gears *= ratio.ok_or_else(|| config.wrong(entry, message))?;
-        }
-    }
-    Ok(rotation / (full.unwrap_or(USUAL_FULL_STEPS) * microsteps * gears))
-}
-
-/// Steps of the three carriages.
-fn steps(config: &Config<'_>, key: &str) -> Result<[f64; 3], InputError> {
-    let Some(entry) = config.option(SECTION, key) else {
-        return Err(config.lacks(format!("`{key}` of section `[{SECTION}]` is missing")));
-    };
-    let numbers: Vec<f64> = (entry.value.split(','))
-        .filter_map(|text| text.trim().parse().ok())
-        .collect();
-    numbers.try_into().map_err(|_| {
-        let message = format!(
-            "found `{}` for `{key}`, expected three numbers of steps",
-            entry.value
-        );
-        config.wrong(entry, message)
-    })
-}
-
-fn heights(config: &Config<'_>) -> Result<Vec<Height>, InputError> {
-    let mut found = vec![];
-    for (prefix, is_manual) in [("manual_height", true), ("height", false)] {
-        for index in 0.. {
-            let key = format!("{prefix}{index}");
-            let Some(height_mm) = optional(config, SECTION, &key)? else {
-                break;
-            };
-            found.push(Height {
-                height_mm,
-                steps: steps(config, &format!("{key}_pos"))?,
-                is_manual,
-            });
-        }
-    }
-    Ok(found)
-}
-
-fn distances(config: &Config<'_>) -> Result<Vec<Measured>, InputError> {
-    let mut found = vec![];
-    for index in 0.. {
-        let key = format!("distance{index}");
-        let Some(distance_mm) = optional(config, SECTION, &key)? else {
-            break;
-        };
-        if let Some(entry) = config.option(SECTION, &key)
-            && distance_mm <= 0.0
-        {
-            let message = format!("found a distance of {distance_mm} mm, expected one above 0");
-            let help = "a distance is that over all less the width of a pillar: these two fields were exchanged";
-            return Err(config.wrong(entry, message).help(help));
-        }
-        let at = |place: &str| steps(config, &format!("{key}_{place}"));
-        found.push(Measured {
-            distance_mm,
-            steps: [at("pos1")?, at("pos2")?],
-        });
-    }
-    Ok(found)
 }
