@@ -7,6 +7,7 @@ use tau_robot::measurements::{Folder, PlateKind, PlateRow, TCP_POSES};
 use super::assembly::UnknownPose;
 use super::fit::Fit;
 use crate::numerics::spread::spread;
+use crate::trust::LARGEST_MISFIT;
 use crate::trust::frame::{Place, as_drawn, carrying};
 use crate::trust::hypothesis::Hypothesis;
 use crate::trust::recognise::POSES;
@@ -18,7 +19,7 @@ pub(super) fn files_of_places() -> [&'static str; 2] {
 
 impl Fit<'_> {
     /// The motion that carries what was measured, in a file or in all that hold places, to where the machine as drawn stands
-    /// at its commands.
+    /// at its commands; `None` where it moves them by less than makes another machine, as other parameters would.
     pub(super) fn frame(&self, file: Option<&str>) -> Option<Hypothesis> {
         let poses = &self.assembly.poses;
         let places = spread(poses.len(), POSES).into_iter().flat_map(|index| {
@@ -27,7 +28,17 @@ impl Fit<'_> {
             let drawn = sample.and_then(|sample| as_drawn(&self.machine, &sample));
             drawn.map_or(vec![], |drawn| self.places(pose, drawn, file))
         });
-        carrying(&places.collect::<Vec<_>>(), self.machine.robot.plate)
+        let places: Vec<Place> = places.collect();
+        let found = carrying(&places, self.machine.robot.plate)?;
+        let Hypothesis::Frame { rotation, shift } = &found else {
+            return None;
+        };
+        let moved_m = places.iter().map(|place| {
+            let measured = place.measured.position;
+            (rotation * measured + shift - measured).norm()
+        });
+        let is_other = moved_m.fold(0.0, f64::max) > LARGEST_MISFIT * self.mean_length_m();
+        is_other.then_some(found)
     }
 
     /// What was measured of a pose, in a file or in all, and where the drawing has it.

@@ -156,6 +156,10 @@ fn unknowns(
 /// The gradient of the distances is the normal. Points that hardly spread along one direction tell little of that coordinate;
 /// there its length may tell more, but for the side. Of these the one is taken that misses the least, up where none does.
 fn normal_of_surface(rows: &[(Vector3<f64>, f64)]) -> Vector3<f64> {
+    // Fewer are on any plane.
+    if rows.len() < 3 {
+        return Vector3::z();
+    }
     let cloud = Cloud::new(rows);
     let mut by_differences = cloud.gradient(|(_, height)| *height);
     let whole = cloud.axes * by_differences;

@@ -157,6 +157,11 @@ impl KindFit {
         self.noise * (self.squares / self.rows as f64).sqrt()
     }
 
+    /// The same of rows that have the noise of the kind; those that state their own count in proportion.
+    pub(super) fn usual_rms(&self) -> f64 {
+        self.kind.sigma * (self.squares / self.rows as f64).sqrt()
+    }
+
     /// Root mean square that the stated noise lets expect, in the unit of the kind.
     pub(super) fn expected_rms(&self) -> f64 {
         let left = (self.redundancy / self.rows as f64).max(0.0);

@@ -31,15 +31,19 @@ impl UnknownPoses {
         length_m.unwrap_or(f64::INFINITY)
     }
 
-    /// Largest rms (m) of what a kind of lengths is missed by, of those that are missed by more than noise and than another
-    /// machine would miss them by; `None` where none is.
+    /// Largest rms (m) of what a kind of lengths is missed by, where no machine that is the right one would miss it by as much;
+    /// `None` where none is missed so. Some may be as rough as that and state it, but not all.
     pub(super) fn missed_m(&self) -> Option<f64> {
         let judged = self.kinds.iter().filter(|fit| fit.is_listed());
-        let lengths = judged.filter(|fit| fit.kind.unit == "m");
+        let lengths: Vec<&KindFit> = judged.filter(|fit| fit.kind.unit == "m").collect();
         let limit_m = LARGEST_MISFIT * self.length_m();
-        let beyond = lengths.filter(|fit| fit.rms() > limit_m.max(fit.expected_rms()));
-        let missed = beyond.map(KindFit::rms).reduce(f64::max);
-        missed.filter(|_| !self.is_consistent())
+        let is_rough = |fit: &&KindFit| fit.usual_rms() > limit_m;
+        let is_consistent = self.is_consistent();
+        let is_all = lengths.iter().all(is_rough);
+        let is_missed =
+            |fit: &KindFit| fit.rms() > limit_m && fit.rms() > fit.expected_rms() && !is_consistent;
+        let missed = (lengths.into_iter()).filter(|fit| is_all || is_missed(fit));
+        missed.map(KindFit::rms).reduce(f64::max)
     }
 
     /// Repeated readings of a kind.

@@ -90,7 +90,11 @@ pub(super) fn reference(
         }
     }
     if !first.values.iter().any(|(name, _)| name == "position") {
-        let height = if geometry.plate.is_in_plane() { "0" } else { "z" };
+        let height = if geometry.plate.is_in_plane() {
+            "0"
+        } else {
+            "z"
+        };
         let help = format!(
             "write where the TCP stands at these commands: `position = (x, y, {height}) m;`"
         );
