@@ -78,7 +78,8 @@ pub(super) fn distances(config: &Config) -> Result<Vec<Measured>, InputError> {
 /// Number of measurements of a name: the firmware reads up to the first number that is missing.
 fn number_of(config: &Config, name: &str) -> usize {
     let is_stated = |index: &usize| config.option(SECTION, &format!("{name}{index}")).is_some();
-    (0..).take_while(is_stated).count()
+    let most = config.entries().len();
+    (0..most).take_while(is_stated).count()
 }
 
 /// Steps of the three carriages.
