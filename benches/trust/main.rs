@@ -157,7 +157,7 @@ fn judged(
     robot: &Robot,
     file: &RobotFile,
     folder: &Folder,
-) -> Result<Verdict, (Error, Vec<Mistake>)> {
+) -> Result<Verdict, Box<(Error, Vec<Mistake>)>> {
     let variant = robot.variant("Full").unwrap();
     let poses = Poses::select(robot, file, folder, Split::Alternate).unwrap();
     let poses = &poses.division.calibration;
@@ -166,7 +166,7 @@ fn judged(
         .and_then(|calibration| of_calibration(&calibration, file, folder, poses));
     verdict.map_err(|error| {
         let found = mistakes(robot, variant, file, folder, poses);
-        (error, found.unwrap_or_default())
+        Box::new((error, found.unwrap_or_default()))
     })
 }
 
@@ -176,7 +176,8 @@ fn is_named(robot: &Robot, clean: (&Folder, &RobotFile), wrong: &Wrong) -> (bool
     wrong.3(&mut folder, &mut file);
     let (found, said) = match judged(robot, &file, &folder) {
         Ok(verdict) => (verdict.mistakes.clone(), verdict.line()),
-        Err((error, found)) => {
+        Err(failed) => {
+            let (error, found) = *failed;
             let said = format!("{error}: {found:?}");
             (found, said)
         }

@@ -56,7 +56,7 @@ impl Machine {
             return Err(Error::Reference {
                 off_m,
                 off_rad,
-                found: found.pose,
+                found: Box::new(found.pose),
             });
         }
         Ok(found)

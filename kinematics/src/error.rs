@@ -78,7 +78,7 @@ pub enum Error {
         /// Turn to it (rad).
         off_rad: f64,
         /// That pose.
-        found: Pose,
+        found: Box<Pose>,
     },
     /// The way from a known pose ends at a singular one, so that what lies behind may be assembled either way.
     Way {

@@ -170,7 +170,7 @@ impl Setup<'_> {
                     .into()
             }
             Reference { found, .. } => InputError::whole(&self.reference, error.to_string())
-                .help(self.corrected(*found))
+                .help(self.corrected(**found))
                 .into(),
             Unassembled { .. } => InputError::whole(&self.reference, error.to_string())
                 .help(

@@ -278,7 +278,7 @@ impl Sample {
             return filled.map_err(|error| Error::at_pose(self.number, error));
         }
         let filled = (machine.surroundings).fill(&instance.inputs, &self.view(), data);
-        filled.map_err(|missing| self.lacks(missing))
+        filled.map_err(|missing| self.lacks(&missing))
     }
 
     /// Appends the data that all closures by parameters take of a pose, one after the other.
@@ -295,14 +295,14 @@ impl Sample {
     }
 
     /// The error that something which a residual takes is missing.
-    pub(crate) fn lacks(&self, missing: Missing) -> Error {
+    pub(crate) fn lacks(&self, missing: &Missing) -> Error {
         let files = [TCP_POSES, CART_POSES, CART_POSITIONS];
         self.lacks_in(files[usize::from(self.set.clamp(1, 3)) - 1], missing)
     }
 
     /// The same of a sample that a file is known of.
-    pub(crate) fn lacks_in(&self, file: &str, missing: Missing) -> Error {
-        let what = match &missing {
+    pub(crate) fn lacks_in(&self, file: &str, missing: &Missing) -> Error {
+        let what = match missing {
             Missing::Pull(pull) => format!("pose {} needs {pull}", self.number),
             missing => format!("sample {}: {}", self.number, in_words(missing)),
         };

@@ -47,7 +47,7 @@ impl Assembly<'_> {
                     let sample = pose.sample(reading);
                     let view = sample.view();
                     let filled = family.fill(&machine.surroundings, &view, &mut found.data);
-                    filled.map_err(|missing| sample.lacks_in(reading.place.file, missing))?;
+                    filled.map_err(|missing| sample.lacks_in(reading.place.file, &missing))?;
                     found.own.extend(own..own + POSE_UNKNOWNS);
                     let failed = |error| reading.failed(machine.explained(error, &view));
                     let by_pose = machine.closures(&view).map_err(failed)?;

@@ -143,7 +143,7 @@ fn mended(folder: &Folder, hypothesis: &Hypothesis, file: Option<&str>) -> Folde
     let is_meant = |own: &str| file.is_none_or(|file| file == own);
     if let Hypothesis::Shifted(by) = hypothesis {
         let known: BTreeSet<u32> = given.plate_poses().into_iter().map(|own| own.0).collect();
-        let shifted = |pose: u32| Some(pose.checked_add_signed(i32::try_from(-by).ok()?)?);
+        let shifted = |pose: u32| pose.checked_add_signed(i32::try_from(-by).ok()?);
         for row in (folder.distances.iter_mut()).filter(|_| is_meant(DISTANCES)) {
             let own = row
                 .poses

@@ -345,7 +345,7 @@ mod tests {
         for (wrong, line) in [
             (text.replace("[a]\n", "[a]\n#*# SAVE_CONFIG follows\n"), 2),
             (text.replace("DO NOT EDIT", "DO NOT edit"), 3),
-            (format!("{text}[c]\n"), 10),
+            (format!("{text}[c]\n"), 11),
             (text.replace("#*# y", "#*#y"), 7),
             (format!("{}\n{header}\n#*#\n", text.trim_end()), 10),
         ] {
