@@ -132,7 +132,7 @@ fn commands_in_degrees_are_named() {
             "tcp_poses.csv",
         ),
         (
-            "--model rotary_delta --grid-step 0.005,0.005,0.005 --poses 60",
+            "--model rotary_delta --grid-step 0.002,0.002,0.002 --poses 60",
             "tcp_poses.csv",
         ),
     ] {
@@ -239,14 +239,14 @@ fn exact_drives_at_two_places_are_refused() {
     change_rows(folder.path(), heights, |header, row| {
         let place = |name: &str| header.iter().position(|own| own == name).unwrap();
         let q = place("q1_m");
-        if row[place("pose")] == "4" {
+        if row[place("pose")] == "5" {
             row[q] = (row[q].parse::<f64>().unwrap() + 0.03).to_string();
         }
     });
     let line = "tau calibrate DIR/measured --variant Full --out DIR/out -q";
     let ran = tau_in(folder.path(), line);
     assert_eq!(ran.code, 2, "{}", ran.err);
-    for words in ["heights.csv:5", "`q1_m` at pose 4", "[drives]"] {
+    for words in ["heights.csv:6", "`q1_m` at pose 5", "[drives]"] {
         assert!(ran.err.contains(words), "{words}: {}", ran.err);
     }
 }
