@@ -255,13 +255,16 @@ fn exact_drives_at_two_places_are_refused() {
 #[test]
 fn surfaces_of_unknown_place_may_stand_upright() {
     let wall = "[surfaces.wall]\nnormal = { value = [1.0, 0.0, 0.0], tol = 0.01 }\noffset_m = { value = -1.5, tol = 0.001 }\n";
-    for (model, name) in [("hexapod", "Hexapod"), ("linear_delta", "LinearDelta")] {
+    for (model, name, tilt) in [
+        ("hexapod", "Hexapod", " --tilt 0.1"),
+        ("linear_delta", "LinearDelta", ""),
+    ] {
         let folder = tempfile::tempdir().unwrap();
         let noise = "[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n";
         let drawing = format!("robot = \"{name}\"\n{noise}{wall}");
         fs::write(folder.path().join("drawing.toml"), drawing).unwrap();
         let line = format!(
-            "tau simulate --model {model} --robot DIR/drawing.toml --measure positions,heights --poses 60 --random --tilt 0.1 \
+            "tau simulate --model {model} --robot DIR/drawing.toml --measure positions,heights --poses 60 --random{tilt} \
              --out DIR/measured -q"
         );
         tau_in(folder.path(), &line).done();
