@@ -63,6 +63,7 @@ use elimination::Reduced;
 use fit::{Fit, UNSEEN};
 use refusals::{refuse_commands, refuse_contradictions, refuse_tracker_effects};
 use starts::Search;
+use trials::Case;
 
 pub use estimated::{EstimatedPoses, Placed, Side};
 pub use evaluation::{
@@ -194,7 +195,7 @@ fn of_plate(
     division: &RowDivision,
     options: &calibration::Options,
 ) -> Result<(UnknownPoses, Vec<Mistake>), Error> {
-    let case = recognised::Case {
+    let case = Case {
         robot,
         variant,
         file,
@@ -213,11 +214,11 @@ fn of_plate(
 /// # Errors
 /// Data that the variant takes are missing.
 fn recognising<'a>(
-    case: &recognised::Case<'a>,
+    case: &Case<'a>,
     freed: Option<(usize, f64)>,
     sight: Option<(Option<Mistake>, Option<recognised::Look<'a>>)>,
 ) -> Result<(Result<UnknownPoses, Error>, Vec<Mistake>), Error> {
-    let recognised::Case {
+    let Case {
         robot,
         variant,
         folder,

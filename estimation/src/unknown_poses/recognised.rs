@@ -14,9 +14,9 @@ use tau_robot::robot_file::RobotFile;
 
 use super::fit::Fit;
 use super::starts;
-use super::trials::Trial;
+use super::trials::{Case, Dimensions, Trial};
 use super::{KindFit, ROUGH_COST, RowDivision, UnknownPoses, recognising};
-use crate::calibration::{self, Error, Nominal, Prepared};
+use crate::calibration::{self, Error, Prepared};
 use crate::numerics::distribution::chi2_survival;
 use crate::numerics::order::smallest_first;
 use crate::numerics::parallel;
@@ -26,17 +26,6 @@ use crate::trust::hypothesis::Hypothesis;
 use crate::trust::negative::negative_length;
 use crate::trust::recognise::{CLOSER, FEW_ITERATIONS, FEW_POSES, POSES};
 use crate::trust::{ABSURD_TOLERANCES, LEVEL, Mistake, NEARER, ODDS, words};
-
-/// Measurements and the robot that they are of.
-#[derive(Clone, Copy)]
-pub(super) struct Case<'a> {
-    pub(super) robot: &'a Robot,
-    pub(super) variant: &'a Variant,
-    pub(super) file: &'a RobotFile,
-    pub(super) folder: &'a Folder,
-    pub(super) division: &'a RowDivision,
-    pub(super) options: &'a calibration::Options,
-}
 
 /// A first look at all hypotheses.
 pub(super) struct Look<'a> {
@@ -63,13 +52,6 @@ impl Squares {
     fn are_noise(&self) -> bool {
         chi2_survival(self.sum, self.expected) > LEVEL
     }
-}
-
-/// Parameters that may be far off, of a machine with links of some length.
-pub(super) struct Dimensions {
-    pub(super) nominal: Vec<Nominal>,
-    pub(super) seen: Vec<usize>,
-    length_m: f64,
 }
 
 /// Mistakes in the rows of a folder that explain why a variant does not fit: none where it does, and none where it

@@ -3,8 +3,9 @@
 use tau_robot::robot_file::{RobotFile, StatedNoise};
 
 use super::UnknownPoses;
-use super::recognised::{Case, is_plausible};
+use super::recognised::is_plausible;
 use super::rows::KindFit;
+use super::trials::Case;
 use crate::numerics::distribution::chi2_survival;
 use crate::numerics::parallel;
 use crate::trust::hypothesis::THOUSAND;

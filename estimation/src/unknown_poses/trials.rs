@@ -5,10 +5,13 @@ use std::collections::BTreeSet;
 
 use nalgebra::Vector3;
 use tau_robot::measurements::{DISTANCES, Folder, PlateKind, PlateRow, TCP_POSES};
+use tau_robot::robot::{Robot, Variant};
+use tau_robot::robot_file::RobotFile;
 
+use super::RowDivision;
 use super::fit::Fit;
 use super::frames::{self, files_of_places};
-use super::recognised::{Case, Dimensions};
+use crate::calibration::{self, Nominal};
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
 use crate::trust::exchanged::orders;
@@ -16,6 +19,24 @@ use crate::trust::hypothesis::{
     Hypothesis, THOUSAND, angles, axes, commands_in_degrees, neighbour,
 };
 use crate::trust::recognise::{differ, has_sign};
+
+/// Measurements and the robot that they are of.
+#[derive(Clone, Copy)]
+pub(super) struct Case<'a> {
+    pub(super) robot: &'a Robot,
+    pub(super) variant: &'a Variant,
+    pub(super) file: &'a RobotFile,
+    pub(super) folder: &'a Folder,
+    pub(super) division: &'a RowDivision,
+    pub(super) options: &'a calibration::Options,
+}
+
+/// Parameters that may be far off, of a machine with links of some length.
+pub(super) struct Dimensions {
+    pub(super) nominal: Vec<Nominal>,
+    pub(super) seen: Vec<usize>,
+    pub(super) length_m: f64,
+}
 
 /// A mistake of rows, in one file or in all that have what it is about, or a dimension far off.
 pub(super) struct Trial<'a> {
