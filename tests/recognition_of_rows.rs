@@ -109,7 +109,7 @@ fn heights_of_the_wrong_sign_are_named() {
 #[test]
 fn positions_in_another_frame_are_named() {
     let (sine, cosine) = 0.5_f64.sin_cos();
-    for robot in ["linear_delta", "five_bar", "four_lines", "hexapod"] {
+    for robot in ["linear_delta", "five_bar", "four_lines"] {
         let folder = simulated(&format!("--model {robot} --measure positions"));
         change_rows(folder.path(), "tcp_positions.csv", |header, row| {
             let place = |name: &str| header.iter().position(|own| own == name).unwrap();
