@@ -260,10 +260,10 @@ fn angles_of_drums_in_degrees_are_refused() {
             "tau calibrate DIR/m --variant Anchors --out DIR/c",
         );
         let check = tau_in(folder.path(), "tau check DIR/m");
-        for ran in [ran, check] {
+        let named = format!("n {file}, the commands are in degrees");
+        for (ran, wanted) in [(ran, named.as_str()), (check, "degrees")] {
             assert_eq!(ran.code, 1, "{kind}: {}", ran.out);
-            let wanted = format!("n {file}, the commands are in degrees");
-            assert!(ran.err.contains(&wanted), "{kind}: {}", ran.err);
+            assert!(ran.err.contains(wanted), "{kind}: {}", ran.err);
         }
     }
 }
