@@ -1,4 +1,4 @@
-//! What machines of users are refused for says where, what was found and what mends it.
+//! Refusals of machines of users: each says where, the value found and its mend.
 
 use std::fs;
 use std::path::Path;

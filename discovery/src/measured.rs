@@ -1,4 +1,4 @@
-//! What a folder holds beside poses, and whether poses count as known.
+//! Measurements beside poses, and folders in which these make true poses unknown.
 
 use std::borrow::Cow;
 

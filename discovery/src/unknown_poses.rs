@@ -160,7 +160,7 @@ fn gross_rows(fitted: &UnknownPoses) -> Vec<GrossRow> {
     rows.map(|row| GrossRow::of(row, machine)).collect()
 }
 
-/// What is said where no calibration of what was found succeeds.
+/// Remark where no calibration of the model that was found succeeds.
 fn not_calibrated(error: &Error) -> String {
     let what = "what was found could not be calibrated anew";
     format!("{what}, and the robot file holds the values at which the search ended: {error}")

@@ -332,7 +332,7 @@ fn links(
             track,
             actuated_by: link.actuated_by,
             transmission: None,
-            // What has none was refused.
+            // Pulls without a value were refused.
             pull_n: pull.and_then(|pull| pull.value).map(|[value]| value),
         });
         tolerances.push(OfLink {

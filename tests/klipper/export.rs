@@ -174,7 +174,7 @@ fn nothing_is_written_where_the_firmware_would_read_another_value() {
     insta::assert_snapshot!(told);
 }
 
-/// What is not there can't be read: a remark names it.
+/// A file that is not there is named in a remark.
 #[test]
 fn includes_that_are_not_there_are_named() {
     let folder = tempfile::tempdir().unwrap();

@@ -10,7 +10,7 @@ const HEADER: &str = "\n#*# <---------------------- SAVE_CONFIG ----------------
 /// Values by section and option.
 pub(super) type Options = BTreeMap<(String, String), String>;
 
-/// What the firmware takes from a configuration; `Err` is what it refuses, or a saved block that it passes over.
+/// Settings that the firmware takes from a configuration; `Err` is what it refuses, or a saved block that it passes over.
 pub(super) fn as_read(path: &Path) -> Result<Options, String> {
     let data = fs::read_to_string(path).unwrap().replace("\r\n", "\n");
     let (regular, saved) = parts(&data)?;
@@ -24,7 +24,7 @@ pub(super) fn as_read(path: &Path) -> Result<Options, String> {
     Ok(options)
 }
 
-/// What is written by hand, and what is saved.
+/// The part that is written by hand, and the saved one.
 fn parts(data: &str) -> Result<(&str, String), String> {
     let (regular, saved) = data.split_once(HEADER).unwrap_or((data, ""));
     if regular.contains("\n#*# ") || saved.contains(HEADER) {

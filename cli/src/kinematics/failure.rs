@@ -113,7 +113,7 @@ impl Setup<'_> {
         ))
     }
 
-    /// What to write in place of a reference that is far from the pose which the links give.
+    /// Remedy for a reference far from the pose that the links give: that pose, as its file writes it.
     fn corrected(&self, found: Pose) -> String {
         let robot = &self.machine.robot;
         let advice = match &self.machine.surroundings.reference {

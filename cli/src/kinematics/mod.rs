@@ -281,7 +281,7 @@ impl<'a> Setup<'a> {
             let again = self.machine.inverse_along(&known, to, &options);
             along = again.or(along);
         }
-        // What the drives can't turn the plate into, they come near to.
+        // A pose that the drives can't turn the plate into is approached.
         let is_missed = |error: &kinematics::Error| {
             use kinematics::Error::{Missing, NotFinite};
             !matches!(error, Missing { .. } | NotFinite { .. })

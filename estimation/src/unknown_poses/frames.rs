@@ -41,7 +41,7 @@ impl Fit<'_> {
         is_other.then_some(found)
     }
 
-    /// What was measured of a pose, in a file or in all, and where the drawing has it.
+    /// Measured places of a pose, in a file or in all, beside those that the drawing gives it.
     fn places(&self, pose: &UnknownPose, drawn: Pose, file: Option<&str>) -> Vec<Place> {
         let is_meant = |own: &str| file.is_none_or(|file| file == own);
         let lever_m = if self.machine.turns() {

@@ -133,7 +133,7 @@ pub fn observability(
     })
 }
 
-/// What a fit from the nominal values says before its first step.
+/// Result of a function of the fit from the nominal values, before its first step.
 fn observed<T>(
     (robot, variant): (&Robot, &Variant),
     file: &RobotFile,

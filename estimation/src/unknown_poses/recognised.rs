@@ -100,7 +100,7 @@ pub fn mistakes(
             mistakes.extend(found.into_iter().flat_map(|found| found.mistakes));
             Ok(mistakes)
         }
-        // What is refused before a fit may be why.
+        // A mistake may be the reason of a refusal before the fit.
         Err(error) => seen.map(|seen| vec![seen]).ok_or(error),
     }
 }

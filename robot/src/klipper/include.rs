@@ -28,7 +28,7 @@ pub(super) fn found(folder: &Path, pattern: &str) -> Vec<PathBuf> {
     paths
 }
 
-/// What in a folder has a name of a pattern; hidden names only where the pattern has their dot.
+/// Entries of a folder with names of a pattern; hidden ones only where the pattern has their dot.
 fn matching(folder: &Path, pattern: &str) -> Vec<PathBuf> {
     let here = if folder.as_os_str().is_empty() {
         Path::new(".")

@@ -1,8 +1,9 @@
-//! What the delta calibration measured, as the configuration keeps it.
+//! Measurements of the firmware's delta calibration, as the configuration keeps them.
+
+use nalgebra::Vector3;
 
 use super::config::{Config, Entry};
 use super::numbers::{Kind, finite, optional, unexpected};
-use super::printer::Printer;
 use crate::input_error::{Errors, InputError};
 
 /// Section of the saved measurements.
@@ -121,19 +122,28 @@ pub(super) fn unread(config: &Config) -> Vec<String> {
 }
 
 /// Fails at measurements that the printer can't have made with the parameters that the configuration states.
-pub(super) fn check(printer: &Printer, config: &Config) -> Result<(), InputError> {
-    check_reach(printer, config)?;
-    check_unit(printer, config)
+///
+/// `position_mm` is the position of the nozzle (mm) at steps of the carriages.
+pub(super) fn check(
+    config: &Config,
+    heights: &[Height],
+    distances: &[Measured],
+    position_mm: impl Fn(&[f64; 3]) -> Vector3<f64>,
+) -> Result<(), InputError> {
+    check_reach(config, heights, distances, &position_mm)?;
+    check_unit(config, distances, &position_mm)
 }
 
 /// Each place measured is one at which the rods can stand.
-fn check_reach(printer: &Printer, config: &Config) -> Result<(), InputError> {
+fn check_reach(
+    config: &Config,
+    heights: &[Height],
+    distances: &[Measured],
+    position_mm: &impl Fn(&[f64; 3]) -> Vector3<f64>,
+) -> Result<(), InputError> {
     let mut errors = Errors::default();
     let mut check = |key: String, steps: &[f64; 3]| {
-        let is_met = printer
-            .position_mm(steps)
-            .iter()
-            .all(|value| value.is_finite());
+        let is_met = position_mm(steps).iter().all(|value| value.is_finite());
         if let Some(entry) = config.option(SECTION, &key).filter(|_| !is_met) {
             let message = format!(
                 "found `{}` for `{key}`, where the rods do not meet",
@@ -143,8 +153,8 @@ fn check_reach(printer: &Printer, config: &Config) -> Result<(), InputError> {
             errors.add(config.wrong(entry, message).help(help));
         }
     };
-    let manual = printer.heights.iter().filter(|own| own.is_manual).count();
-    for (index, height) in printer.heights.iter().enumerate() {
+    let manual = heights.iter().filter(|own| own.is_manual).count();
+    for (index, height) in heights.iter().enumerate() {
         let key = if height.is_manual {
             format!("manual_height{index}_pos")
         } else {
@@ -152,7 +162,7 @@ fn check_reach(printer: &Printer, config: &Config) -> Result<(), InputError> {
         };
         check(key, &height.steps);
     }
-    for (index, measured) in printer.distances.iter().enumerate() {
+    for (index, measured) in distances.iter().enumerate() {
         for (place, steps) in measured.steps.iter().enumerate() {
             check(format!("distance{index}_pos{}", place + 1), steps);
         }
@@ -162,9 +172,13 @@ fn check_reach(printer: &Printer, config: &Config) -> Result<(), InputError> {
 
 /// Distances are millimetres: their median share of those that the parameters predict is nearer to 1, as a factor, than
 /// to that of another unit.
-fn check_unit(printer: &Printer, config: &Config) -> Result<(), InputError> {
-    let shares = printer.distances.iter().map(|measured| {
-        let [a, b] = measured.steps.map(|steps| printer.position_mm(&steps));
+fn check_unit(
+    config: &Config,
+    distances: &[Measured],
+    position_mm: &impl Fn(&[f64; 3]) -> Vector3<f64>,
+) -> Result<(), InputError> {
+    let shares = distances.iter().map(|measured| {
+        let [a, b] = measured.steps.map(|steps| position_mm(&steps));
         measured.distance_mm / (a - b).norm()
     });
     let mut shares: Vec<f64> = shares.filter(|share| share.is_finite()).collect();

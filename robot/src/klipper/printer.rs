@@ -159,7 +159,9 @@ impl Printer {
             unread: measured::unread(config),
         };
         both(printer.check_arms(config), printer.check_angles(config))?;
-        measured::check(&printer, config)?;
+        measured::check(config, &printer.heights, &printer.distances, |steps| {
+            printer.position_mm(steps)
+        })?;
         Ok(printer)
     }
 

@@ -28,7 +28,7 @@ pub(super) struct Setting {
     pub(super) lines: Vec<usize>,
 }
 
-/// What a line or several say.
+/// Statement of a line or several.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Item {
     /// A section begins.
@@ -57,7 +57,7 @@ pub(super) struct Block {
     pub(super) items: Vec<Item>,
 }
 
-/// What a file says.
+/// Statements of a file.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(super) struct Parsed {
     /// By hand.
@@ -165,7 +165,7 @@ fn find_block(
     })
 }
 
-/// What lines say, each given as in the file and without its mark.
+/// Statements of lines, each given as in the file and without its mark.
 fn items<'a>(
     source: Source<'a>,
     lines: impl IntoIterator<Item = (Range<usize>, Range<usize>)>,
