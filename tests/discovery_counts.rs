@@ -246,30 +246,72 @@ fn on_a_linear_delta_clear_effects_have_their_names() {
     assert!(wrong.len() <= bound(10, 0.05), "{wrong:?}");
 }
 
-/// Discovery on a linear delta of which heights over a bed and distances between holes are measured, no pose.
-fn found_by_heights_and_distances(seed: u64, effects: &[&str], options: &Options) -> Outcome {
-    let robot = Robot::from(&tau_generated::linear_delta::ROBOT);
+/// A linear delta of which heights over a bed and distances between holes are measured, no pose.
+fn by_heights_and_distances(seed: u64, robot: &Robot, effects: &[&str]) -> Simulation {
     let text = "robot = \"LinearDelta\"
         [noise]
         heights = { height_m = 1e-5 }
         distances = { distance_m = 2e-5 }";
-    let file = RobotFile::parse_for(text, "robot.toml", &robot).unwrap();
-    let simulation = Simulation {
+    let file = RobotFile::parse_for(text, "robot.toml", robot).unwrap();
+    Simulation {
         // Values that a variant holds the machine has as drawn.
         variant: Some("Full".to_owned()),
         effects: (effects.iter())
-            .map(|effect| Effect::parse(effect, &robot, "effect").unwrap())
+            .map(|effect| Effect::parse(effect, robot, "effect").unwrap())
             .collect(),
         poses: Poses::Random { count: 160 },
         measures: vec![Measure::Rows(PlateKind::Height), Measure::Distances],
         approach: Approach::Random,
         seed,
-        ..Simulation::new(robot.clone(), file.completed(&robot))
-    };
-    let measured = simulate(&simulation).unwrap();
+        ..Simulation::new(robot.clone(), file.completed(robot))
+    }
+}
+
+/// Discovery there.
+fn found_by_heights_and_distances(seed: u64, effects: &[&str], options: &Options) -> Outcome {
+    let robot = Robot::from(&tau_generated::linear_delta::ROBOT);
+    let measured = simulate(&by_heights_and_distances(seed, &robot, effects)).unwrap();
     assert!(measured.folder.tcp_poses.is_empty() && measured.folder.cart_poses.is_empty());
     let (file, folder) = (&measured.file, &measured.folder);
     discover(&robot, "Full", file, folder, options, &mut |_| {}).unwrap()
+}
+
+/// Nothing is hidden, but readings of a visit share half of their variance, as where a machine does not repeat: with the
+/// poses measured and without, names are as rare as where it does.
+#[test]
+fn what_readings_of_a_visit_share_has_no_name() {
+    let (_, file) = prototype();
+    let mut wrong: Vec<u64> = (900..905_u64)
+        .into_par_iter()
+        .filter(|&seed| {
+            let mut simulation = Simulation {
+                poses: Poses::Random { count: 50 },
+                readings: 4,
+                ..measurements(seed, &file)
+            };
+            simulation.noise.visit = 0.5;
+            let folder = simulate(&simulation).unwrap().folder;
+            let (robot, options) = (gantry_tau(), Options::default());
+            let found = discover(&robot, "Full", &file, &folder, &options, &mut |_| {});
+            !found.unwrap().discovery.effects.is_empty()
+        })
+        .collect();
+    let robot = Robot::from(&tau_generated::linear_delta::ROBOT);
+    let of_rows = (905..910_u64).into_par_iter().filter(|&seed| {
+        let mut simulation = Simulation {
+            poses: Poses::Random { count: 60 },
+            readings: 4,
+            ..by_heights_and_distances(seed, &robot, &[])
+        };
+        simulation.noise.visit = 0.5;
+        let measured = simulate(&simulation).unwrap();
+        let (file, folder) = (&measured.file, &measured.folder);
+        let options = Options::default();
+        let found = discover(&robot, "Full", file, folder, &options, &mut |_| {});
+        !found.unwrap().discovery.effects.is_empty()
+    });
+    wrong.extend(of_rows.collect::<Vec<u64>>());
+    assert!(wrong.len() <= bound(10, 0.05), "{wrong:?}");
 }
 
 /// The names that it gives.

@@ -36,6 +36,7 @@ mod structural;
 mod structure;
 mod text;
 mod unknown_poses;
+mod visits;
 mod waves;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -99,6 +100,8 @@ pub enum Rule {
     HeldOut,
     /// Serial noise inflates what it could imitate.
     Serial,
+    /// So do errors that readings of a visit share.
+    Visits,
     /// A second climb from the base, with unnamed families from the start.
     SecondStart,
     /// Structure that is left where effects were found is looked for at a level of its own.
@@ -107,13 +110,20 @@ pub enum Rule {
 
 impl Rule {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::HeldOut, Self::Serial, Self::SecondStart, Self::Left];
+    pub const ALL: [Self; 5] = [
+        Self::HeldOut,
+        Self::Serial,
+        Self::Visits,
+        Self::SecondStart,
+        Self::Left,
+    ];
 
     /// Its name.
     pub fn name(self) -> &'static str {
         match self {
             Self::HeldOut => "held_out",
             Self::Serial => "serial",
+            Self::Visits => "visits",
             Self::SecondStart => "second_start",
             Self::Left => "left",
         }

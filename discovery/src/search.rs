@@ -19,8 +19,7 @@ use super::constants::count;
 use super::linear_model::LinearModel;
 use super::results::{Derived, Gap, Step, UsedEffect};
 use super::score::ProfileLikelihood;
-use super::serial;
-use super::{Error, Input, Rule, held_out};
+use super::{Error, Input, Rule, held_out, serial, visits};
 use moves::{Joining, Move, Without};
 pub(crate) use review::Found;
 use state::{Composition, Context, Member, State, start_of};
@@ -280,13 +279,16 @@ impl<'a> Search<'a> {
             ) > 0.0
     }
 
-    /// Factor by which serial noise makes the score of a subspace too large.
+    /// Factor by which noise that is not independent makes the score of a subspace too large.
     pub(crate) fn inflation(&self, linear: &LinearModel, subspace: &Subspace) -> f64 {
-        if self.is_without(Rule::Serial) {
-            return 1.0;
-        }
         let constants = &self.input.options.constants;
-        serial::inflation(linear, subspace, &self.set.samples, constants)
+        let (samples, groups) = (&self.set.samples, &self.state.fit.joint.eliminated);
+        let serial = (!self.is_without(Rule::Serial))
+            .then(|| serial::inflation(linear, subspace, samples, constants));
+        let of_visits = (!self.is_without(Rule::Visits))
+            .then(|| visits::inflation(linear, subspace, (samples, groups), constants));
+        // What readings of a visit share shows as serial noise too.
+        f64::max(serial.unwrap_or(1.0), of_visits.unwrap_or(1.0))
     }
 
     /// True if the model is better with something more at a cost; each case leaves a sum of squares with the unnamed

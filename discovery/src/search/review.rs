@@ -211,9 +211,12 @@ impl Search<'_> {
             // Harmonics, where there may be any, get half of the level.
             let level = level / if harmonics.is_some() { 2.0 } else { 1.0 };
             let of_family = level / families.len() as f64;
-            let families = families
-                .into_iter()
-                .map(|score| (score.candidate, None, score.p_value.value() / of_family));
+            let families = families.into_iter().filter_map(|score| {
+                let share = score.p_value.value() / of_family;
+                let deflated = || self.deflated(&linear, score).map(|p| p.value() / of_family);
+                let share = if share <= 1.0 { deflated()? } else { share };
+                Some((score.candidate, None, share))
+            });
             let harmonics = harmonics
                 .map(|(family, value, p_value)| (family, Some(value), p_value.value() / level));
             let most = families
@@ -227,6 +230,14 @@ impl Search<'_> {
             }
         }
         left
+    }
+
+    /// The p-value of a score without what noise that is not independent adds to it.
+    fn deflated(&self, linear: &LinearModel, score: &Score) -> Option<PValue> {
+        let (_, subspace) = self.set.subspace(linear, score.candidate, None)?;
+        let statistic = score.statistic / self.inflation(linear, &subspace);
+        let rank = subspace.rank() as f64;
+        Some(f_form(statistic, rank, linear.total(), linear.degrees).1)
     }
 
     /// Harmonics of a found period together, as an unnamed family on the same displacement: the family, the
@@ -251,7 +262,7 @@ impl Search<'_> {
             let Some((_, subspace)) = self.set.subspace(here, family, Some(value)) else {
                 continue;
             };
-            let own = subspace.statistic(&linear.residuals);
+            let own = subspace.statistic(&linear.residuals) / self.inflation(here, &subspace);
             if own > strongest.0 {
                 strongest = (own, value);
             }

@@ -80,6 +80,9 @@ pub struct Origin {
     pub sample: usize,
     /// Its place; of closures with the index of the link.
     pub place: RowPlace,
+    /// Number, among those of the poses that belong together, of the quantity that it measures: a coordinate, a height, a
+    /// distance, a link's closure. Readings of one quantity have the same.
+    pub quantity: usize,
     /// Name of its kind: of the file, or of the drives.
     pub kind: &'static str,
     /// Noise that it is weighed by.

@@ -354,9 +354,12 @@ impl Grouped<'_> {
     }
 
     fn origins(&self, samples: &[Sample], own: &[usize]) -> Vec<Origin> {
+        let mut quantities = BTreeMap::new();
         let rows = self.raw.rows.iter();
         rows.map(|&(block, sample, residual)| {
             let of = &self.blocks[block];
+            let next = quantities.len();
+            let quantity = (block, residual, of.ends_of(sample));
             let kind = &self.assembly.kinds[of.kinds[residual]];
             let weight = of.weights[sample * of.kinds.len() + residual];
             let owner = if block == 0 {
@@ -373,6 +376,7 @@ impl Grouped<'_> {
                     drive: (block == 0).then_some(residual),
                     ..of.places[sample]
                 },
+                quantity: *quantities.entry(quantity).or_insert(next),
                 kind: kind.file,
                 sigma: kind.sigma / weight,
                 unit: kind.unit,
