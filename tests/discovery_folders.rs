@@ -472,7 +472,11 @@ fn a_tracker_shows_its_errors_where_it_alone_measures() {
         assert!(sigma < 3e-9, "{name}: {sigma}");
     }
     let beside = "--model hexapod --measure positions,heights --poses 100";
-    assert_eq!(measured(beside, &[]).1, 2);
+    let (found, unseen) = measured(beside, &["tracker_drift(tcp):rate=[2e-7,-2e-7,1e-7]"]);
+    assert_eq!(unseen, 2);
+    let suspect = |remark: &Value| remark.as_str().unwrap().contains("errors of the tracker");
+    let remarks = list(&found, "remarks");
+    assert!(remarks.iter().any(suspect), "{remarks:?}");
     let without = "--model four_belts --measure readings --poses 60 --noise-drives 1e-5";
     assert_eq!(measured(without, &[]).1, 2);
     let points =

@@ -50,7 +50,8 @@ constants! {
     absorbed: 1e-5;
     /// Power at which an amplitude counts as detectable (Baarda's convention).
     power: 0.8;
-    /// Standard deviations by which residuals must follow each other before their noise counts as serial.
+    /// Standard deviations by which residuals must follow each other before their noise counts as serial, or readings of a
+    /// visit agree before it counts as shared.
     serial: 2.0;
     /// Blocks of neighbours that are held out in turn, per set and cart.
     folds: 8.0;

@@ -479,7 +479,7 @@ fn begun<'a>(
         samples,
         probes,
         (&fit, input.options),
-        input.unknown.and_then(|unknown| unknown.hides_tracker),
+        input.unknown.and_then(|unknown| unknown.hidden_tracker),
     );
     let linear = LinearModel::of(&fit);
     let table = set.table(&linear);

@@ -13,7 +13,7 @@ use tau_robot::robot_file::keys::effect_key;
 use tau_robot::robot_file::{RobotFile, Value};
 
 use super::constants::count;
-use super::measured::hides_tracker;
+use super::measured::HiddenTracker;
 use super::results::GrossRow;
 use super::{DISCOVERED, Error, Input, Options, Outcome, remark_on_part, searched, variant_of};
 
@@ -48,8 +48,8 @@ pub(super) struct Unknown<'a> {
     pub(super) values: BTreeMap<String, f64>,
     /// True if those that validate take no part.
     pub(super) is_held_out: bool,
-    /// Reason why effects of a tracker are not seen, where they are not.
-    pub(super) hides_tracker: Option<&'static str>,
+    /// The tracker, where its effects are not seen.
+    pub(super) hidden_tracker: Option<HiddenTracker>,
 }
 
 /// The search in a folder without poses.
@@ -99,7 +99,7 @@ pub(super) fn search(
         let unknown = Unknown {
             values: values.clone(),
             is_held_out: rows.is_disjoint(),
-            hides_tracker: hides_tracker(folder),
+            hidden_tracker: HiddenTracker::of(folder),
             poses,
         };
         let (estimated, division) = unknown.poses.folder();
