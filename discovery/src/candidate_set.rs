@@ -242,6 +242,8 @@ impl CandidateSet {
 
     /// For each candidate of a table its column that shows best for its tolerance, and its rank; of a
     /// searched one, in the middle of its range. `None` where the model absorbs all of them.
+    ///
+    /// What is left of a column counts where it was measured: what tolerances alone hold against it predicts nothing.
     pub(super) fn best_columns(
         &self,
         linear: &LinearModel,
@@ -249,6 +251,8 @@ impl CandidateSet {
     ) -> Vec<Option<(Column, f64)>> {
         let mut best = vec![None; self.candidates.len()];
         let plain = &table.plain;
+        let rows = linear.rows.len();
+        let of_priors = linear.q.rows_range(rows..);
         for ((candidate, place), (gram, coefficients)) in
             (self.places.iter()).zip(plain.grams.iter().zip(&plain.coefficients))
         {
@@ -261,7 +265,11 @@ impl CandidateSet {
                         .columns(place.start, place.len())
                         .column_iter(),
                 )
-                .map(|(whole, absorbed)| (whole * whole - absorbed.norm_squared()).max(0.0).sqrt())
+                .map(|(whole, absorbed)| {
+                    let by_priors = (&of_priors * &absorbed).norm_squared();
+                    let left = whole * whole - absorbed.norm_squared() - by_priors;
+                    left.max(0.0).sqrt()
+                })
                 .collect();
             best[*candidate] = self.best_column(*candidate, &norms, &left, coefficients.ncols());
         }
@@ -269,7 +277,7 @@ impl CandidateSet {
             let (_, (low, high)) = self.candidates[candidate].search?;
             let (columns, subspace) =
                 self.subspace(linear, candidate, Some((low * high).sqrt()))?;
-            let left = linear.remainder(&columns);
+            let left = linear.remainder(&columns).rows_range(..rows).into_owned();
             let norms = |matrix: &DMatrix<f64>| -> Vec<f64> {
                 matrix.column_iter().map(|column| column.norm()).collect()
             };
