@@ -266,7 +266,7 @@ impl CandidateSet {
                         .column_iter(),
                 )
                 .map(|(whole, absorbed)| {
-                    let by_priors = (&of_priors * &absorbed).norm_squared();
+                    let by_priors = (of_priors * absorbed).norm_squared();
                     let left = whole * whole - absorbed.norm_squared() - by_priors;
                     left.max(0.0).sqrt()
                 })

@@ -184,7 +184,7 @@ impl Sums {
         let excess = self.between / (apart * trace) - 1.0;
         let deviation = (2.0 * squares / (trace * trace) + 2.0 / self.degrees).sqrt();
         let shared = (self.between - apart * trace) / squares;
-        (excess > least * deviation).then(|| apart * self.signal + shared * self.of_means)
+        (excess > least * deviation).then_some(apart * self.signal + shared * self.of_means)
     }
 }
 
