@@ -243,7 +243,7 @@ impl CandidateSet {
     /// For each candidate of a table its column that shows best for its tolerance, and its rank; of a
     /// searched one, in the middle of its range. `None` where the model absorbs all of them.
     ///
-    /// What is left of a column counts where it was measured: what tolerances alone hold against it predicts nothing.
+    /// The remainder of a column counts where it was measured: tolerances that hold against it predict nothing.
     pub(super) fn best_columns(
         &self,
         linear: &LinearModel,

@@ -287,7 +287,7 @@ impl<'a> Search<'a> {
             .then(|| serial::inflation(linear, subspace, samples, constants));
         let of_visits = (!self.is_without(Rule::Visits))
             .then(|| visits::inflation(linear, subspace, (samples, groups), constants));
-        // What readings of a visit share shows as serial noise too.
+        // An error that readings of a visit share shows as serial noise too.
         f64::max(serial.unwrap_or(1.0), of_visits.unwrap_or(1.0))
     }
 

@@ -284,7 +284,7 @@ mod tests {
         };
         let mut found: Vec<f64> = (0..trials).map(|_| of_trial()).collect();
         found.sort_by(f64::total_cmp);
-        // What the fit absorbs is of visits' means.
+        // The fit absorbs directions of the means of visits.
         let absorbed = (basis.q.ncols() + 1) as f64;
         let left = count as f64 - absorbed * of_means(shared);
         (found, left / (count as f64 - absorbed))
