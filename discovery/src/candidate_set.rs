@@ -89,6 +89,8 @@ pub(super) struct Column {
     pub(super) parameter: usize,
     pub(super) whole: f64,
     pub(super) left: f64,
+    /// Of that, what is left of measurements: what tolerances alone hold against an effect predicts none.
+    pub(super) measured: f64,
 }
 
 /// Scores of all candidates beside a model.
@@ -257,31 +259,27 @@ impl CandidateSet {
             (self.places.iter()).zip(plain.grams.iter().zip(&plain.coefficients))
         {
             let norms = lengths(gram);
-            let left: Vec<f64> = norms
+            let columns = plain.absorbed.columns(place.start, place.len());
+            let left = norms
                 .iter()
-                .zip(
-                    plain
-                        .absorbed
-                        .columns(place.start, place.len())
-                        .column_iter(),
-                )
+                .zip(columns.column_iter())
                 .map(|(whole, absorbed)| {
+                    let left = whole * whole - absorbed.norm_squared();
                     let by_priors = (of_priors * absorbed).norm_squared();
-                    let left = whole * whole - absorbed.norm_squared() - by_priors;
-                    left.max(0.0).sqrt()
-                })
-                .collect();
-            best[*candidate] = self.best_column(*candidate, &norms, &left, coefficients.ncols());
+                    let root = |square: f64| square.max(0.0).sqrt();
+                    (root(left), root(left - by_priors))
+                });
+            best[*candidate] = self.best_column(*candidate, &norms, left, coefficients.ncols());
         }
         let searched = parallel::map(&self.scans.scans, |&Scan { candidate, .. }| {
             let (_, (low, high)) = self.candidates[candidate].search?;
             let (columns, subspace) =
                 self.subspace(linear, candidate, Some((low * high).sqrt()))?;
-            let left = linear.remainder(&columns).rows_range(..rows).into_owned();
-            let norms = |matrix: &DMatrix<f64>| -> Vec<f64> {
-                matrix.column_iter().map(|column| column.norm()).collect()
-            };
-            self.best_column(candidate, &norms(&columns), &norms(&left), subspace.rank())
+            let norms: Vec<f64> = columns.column_iter().map(|column| column.norm()).collect();
+            let left = linear.remainder(&columns);
+            let left =
+                (left.column_iter()).map(|left| (left.norm(), left.rows_range(..rows).norm()));
+            self.best_column(candidate, &norms, left, subspace.rank())
         });
         for (Scan { candidate, .. }, found) in self.scans.scans.iter().zip(searched) {
             best[*candidate] = found;
@@ -293,22 +291,24 @@ impl CandidateSet {
         &self,
         candidate: usize,
         whole: &[f64],
-        left: &[f64],
+        left: impl Iterator<Item = (f64, f64)>,
         rank: usize,
     ) -> Option<(Column, f64)> {
         let described = &self.candidates[candidate];
-        let amplitudes = described.amplitudes();
-        let worth =
-            |k: usize| left[k] * described.parameters[amplitudes[k]].tolerance.unwrap_or(1.0);
-        let best = (0..left.len()).max_by(|&a, &b| worth(a).total_cmp(&worth(b)))?;
-        (rank > 0).then(|| {
-            let column = Column {
-                parameter: amplitudes[best],
-                whole: whole[best],
-                left: left[best],
-            };
-            (column, rank as f64)
-        })
+        let columns = described.amplitudes().into_iter().zip(whole).zip(left);
+        let worth = |column: &Column| {
+            let tolerance = described.parameters[column.parameter].tolerance;
+            column.left * tolerance.unwrap_or(1.0)
+        };
+        let best = columns
+            .map(|((parameter, &whole), (left, measured))| Column {
+                parameter,
+                whole,
+                left,
+                measured,
+            })
+            .max_by(|a, b| worth(a).total_cmp(&worth(b)))?;
+        (rank > 0).then_some((best, rank as f64))
     }
 
     /// Columns of a candidate in units of a model's noise, and what the model leaves of them; `None`

@@ -83,12 +83,14 @@ pub(super) fn detectability(
             .iter()
             .find(|known| known.0 == null)
             .map_or(0.0, |known| known.1);
+        let share = |left: f64| (left / best.whole).powi(2);
+        let is_implausible = |amplitude: f64| {
+            let tolerance = parameter.tolerance;
+            tolerance.is_some_and(|t| amplitude > limits.implausible * t)
+        };
         let amplitude = lambda.sqrt() / best.left;
-        let surviving = (best.left / best.whole).powi(2);
-        let hopeless = parameter
-            .tolerance
-            .is_some_and(|t| amplitude > limits.implausible * t);
-        if surviving < limits.absorbed || hopeless {
+        let surviving = share(best.left);
+        if surviving < limits.absorbed || is_implausible(amplitude) {
             let why = if surviving < MOSTLY_ABSORBED {
                 Reason::MostlyAbsorbed(1.0 - surviving)
             } else {
@@ -98,13 +100,19 @@ pub(super) fn detectability(
             set.hidden.insert(index);
             continue;
         }
+        // What tolerances alone hold against an effect may give it a score, but never confirms it: it is tried, and no
+        // amplitude is promised.
+        let amplitude = lambda.sqrt() / best.measured;
+        if share(best.measured) < limits.absorbed || is_implausible(amplitude) {
+            continue;
+        }
         detectable.push(Detectable {
             name: candidate.name.clone(),
             place: candidate.at.clone(),
             parameter: parameter.name.clone(),
             amplitude,
             unit: parameter.unit,
-            absorbed: 1.0 - surviving,
+            absorbed: 1.0 - share(best.measured),
         });
     }
     (detectable, unseen)
