@@ -23,6 +23,7 @@ use tau_robot::effects::places;
 
 use crate::answer::{Found, True};
 use crate::hidden::Hidden;
+use crate::plan::Section;
 use crate::random::Random;
 use crate::scoring::{Share, Verdict};
 use crate::trials::{DRAWINGS, Sized, item, sized};
@@ -90,6 +91,16 @@ enum Subject {
     Withheld,
 }
 
+impl Subject {
+    fn section(self) -> Section {
+        match self {
+            Self::Nothing => Section::Nulls,
+            Self::Listed => Section::Single,
+            Self::Withheld => Section::Withheld,
+        }
+    }
+}
+
 /// A trial and its answer.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct Record {
@@ -107,10 +118,11 @@ struct Record {
     failure: Option<String>,
 }
 
-/// Runs the trials of the machines whose names hold a text, and prints a table.
+/// Runs the trials of the machines whose names hold a text, and prints a table; `only` are their sections, all where
+/// it is empty.
 pub(crate) fn run(
     seed: u64,
-    trials: Option<usize>,
+    (trials, only): (Option<usize>, &[Section]),
     wanted: &str,
     method: &Options,
     mut told: impl FnMut(&str),
@@ -120,7 +132,9 @@ pub(crate) fn run(
         let bench = Bench::new(kind, method);
         let listed = NONCENTRALITIES.map(|lambda| (Subject::Listed, lambda));
         let cases = [(Subject::Nothing, 0.0), (Subject::Withheld, WITHHELD)];
-        for (subject, noncentrality) in cases.into_iter().chain(listed) {
+        let cases = cases.into_iter().chain(listed);
+        let is_run = |subject: Subject| only.is_empty() || only.contains(&subject.section());
+        for (subject, noncentrality) in cases.filter(|(subject, _)| is_run(*subject)) {
             for index in 0..trials.unwrap_or(TRIALS) {
                 let record = bench.trial(seed, subject, noncentrality, index);
                 told(&serde_json::to_string(&record).unwrap_or_default());

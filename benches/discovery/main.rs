@@ -80,7 +80,8 @@ fn main() -> io::Result<()> {
     }
     if let Some(wanted) = &arguments.machines {
         let mut json = arguments.json.map(File::create).transpose()?;
-        let table = machines::run(arguments.seed, arguments.trials, wanted, &method, |line| {
+        let trials = (arguments.trials, &arguments.only[..]);
+        let table = machines::run(arguments.seed, trials, wanted, &method, |line| {
             if let Some(file) = &mut json {
                 let _ = writeln!(file, "{line}");
             }
