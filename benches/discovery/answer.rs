@@ -23,6 +23,9 @@ pub(crate) struct Found {
     /// Place, direction and covariate of each.
     pub(crate) unnamed: Vec<[String; 3]>,
     pub(crate) outliers: usize,
+    /// Names and places of effects that it says these measurements cannot show.
+    #[serde(default)]
+    pub(crate) unseen: Vec<(String, String)>,
     /// Named candidates that were tested.
     pub(crate) candidates: usize,
     /// Detection power of one who knows what to look for.

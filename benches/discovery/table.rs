@@ -26,7 +26,33 @@ pub(crate) fn markdown(records: &[Record]) -> String {
             Section::Withheld => withheld(&own),
         };
     }
-    text + &seconds(records) + &failures(records)
+    text + &confident(records) + &seconds(records) + &failures(records)
+}
+
+/// Names that are wrong for sure, apart where the answer says that a hidden effect cannot be seen.
+fn confident(records: &[Record]) -> String {
+    let visible: Vec<&Record> = (records.iter())
+        .filter(|record| record.visible && !record.truth.is_empty())
+        .collect();
+    let rows = groups(&visible, |record| {
+        format!("{:?}", record.section).to_lowercase()
+    });
+    let row = |(name, members): (String, Vec<&Record>)| {
+        let (unseen, seen): (Vec<&Record>, Vec<&Record>) =
+            members.iter().partition(|record| record.is_said_unseen());
+        let of = |records: &[&Record]| share(&ended(records), |v| v.confidently_wrong);
+        vec![name, of(&members), of(&seen), of(&unseen)]
+    };
+    table(
+        "Wrong for sure",
+        &[
+            "section",
+            "all",
+            "no hidden effect is said to be unseen",
+            "one is said to be unseen",
+        ],
+        &rows.into_iter().map(row).collect::<Vec<_>>(),
+    )
 }
 
 /// A key by which trials are put together.

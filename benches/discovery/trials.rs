@@ -64,6 +64,17 @@ pub(crate) struct Record {
     pub(crate) verdict: Option<Verdict>,
 }
 
+impl Record {
+    /// True if the answer says that these measurements cannot show a hidden effect where it acts.
+    pub(crate) fn is_said_unseen(&self) -> bool {
+        let unseen = self.found.iter().flat_map(|found| &found.unseen);
+        unseen.into_iter().any(|(name, place)| {
+            let mut hidden = self.truth.iter();
+            hidden.any(|own| own.name == *name && own.place == *place)
+        })
+    }
+}
+
 /// Context of all trials.
 pub(crate) struct Laboratory {
     robot: Robot,
@@ -445,6 +456,11 @@ impl Found {
                 })
                 .collect(),
             outliers: discovery.outliers.len(),
+            unseen: discovery
+                .cannot_see
+                .iter()
+                .map(|unseen| (unseen.name.clone(), unseen.place.to_string()))
+                .collect(),
             candidates: discovery.considered.len(),
             oracle_power: None,
             searching_oracle_power: None,
