@@ -47,6 +47,27 @@ fn what_exact_drives_contradict_each_other_by_is_named() {
     }
 }
 
+/// A leg that is longer than its drive counts is as good as another length of it, but for the tolerance of that: it is
+/// tried and named, though it has no amplitude beyond which measurements alone would show it.
+#[test]
+fn an_offset_that_only_tolerances_tell_from_a_length_is_a_candidate() {
+    let folder = tempfile::tempdir().unwrap();
+    for seed in [1, 2, 3] {
+        let line = format!(
+            "tau simulate --model hexapod --poses 60 --seed {seed} --out DIR/measured{seed} --effect length_offset(leg3):offset=4e-3"
+        );
+        tau_in(folder.path(), &line).done();
+        let line = format!("tau discover DIR/measured{seed} --out DIR/out --json -");
+        let found = tau_in(folder.path(), &line).json();
+        assert_eq!(effects(&found), ["length_offset(leg3)"], "{seed}");
+        let promised = found["detectable"].as_array().unwrap();
+        let is_leg = |effect: &&serde_json::Value| {
+            effect["name"] == "length_offset" && effect["place"] == "leg3"
+        };
+        assert_eq!(promised.iter().find(is_leg), None);
+    }
+}
+
 /// All carts move equally in set 2, and on tracks that lean towards each other that changes what the arm weighs on them.
 #[test]
 fn carts_yield_in_set_2_where_their_load_changes() {

@@ -67,8 +67,8 @@ pub(crate) struct Record {
 impl Record {
     /// True if the answer says that these measurements cannot show a hidden effect where it acts.
     pub(crate) fn is_said_unseen(&self) -> bool {
-        let unseen = self.found.iter().flat_map(|found| &found.unseen);
-        unseen.into_iter().any(|(name, place)| {
+        let mut unseen = self.found.iter().flat_map(|found| &found.unseen);
+        unseen.any(|(name, place)| {
             let mut hidden = self.truth.iter();
             hidden.any(|own| own.name == *name && own.place == *place)
         })

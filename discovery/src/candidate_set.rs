@@ -244,8 +244,6 @@ impl CandidateSet {
 
     /// For each candidate of a table its column that shows best for its tolerance, and its rank; of a
     /// searched one, in the middle of its range. `None` where the model absorbs all of them.
-    ///
-    /// The remainder of a column counts where it was measured: tolerances that hold against it predict nothing.
     pub(super) fn best_columns(
         &self,
         linear: &LinearModel,
