@@ -93,6 +93,15 @@ pub(super) struct Column {
     pub(super) measured: f64,
 }
 
+impl Column {
+    /// Of what is left, that of tolerances.
+    pub(super) fn by_tolerances(&self) -> f64 {
+        (self.left * self.left - self.measured * self.measured)
+            .max(0.0)
+            .sqrt()
+    }
+}
+
 /// Scores of all candidates beside a model.
 #[derive(Clone)]
 pub(super) struct Table {

@@ -88,9 +88,16 @@ pub(super) fn detectability(
             let tolerance = parameter.tolerance;
             tolerance.is_some_and(|t| amplitude > limits.implausible * t)
         };
-        let amplitude = lambda.sqrt() / best.left;
-        let surviving = share(best.left);
-        if surviving < limits.absorbed || is_implausible(amplitude) {
+        // Closures bend by about so much: a smaller rest of measurements says nothing, and tolerances decide alone.
+        let is_measured = share(best.measured) >= limits.absorbed;
+        let left = if is_measured {
+            best.left
+        } else {
+            best.by_tolerances()
+        };
+        let amplitude = lambda.sqrt() / left;
+        if !is_measured && parameter.tolerance.is_none() || is_implausible(amplitude) {
+            let surviving = share(best.left);
             let why = if surviving < MOSTLY_ABSORBED {
                 Reason::MostlyAbsorbed(1.0 - surviving)
             } else {
@@ -103,7 +110,7 @@ pub(super) fn detectability(
         // What tolerances alone hold against an effect may give it a score, but never confirms it: it is tried, and no
         // amplitude is promised.
         let amplitude = lambda.sqrt() / best.measured;
-        if share(best.measured) < limits.absorbed || is_implausible(amplitude) {
+        if !is_measured || is_implausible(amplitude) {
             continue;
         }
         detectable.push(Detectable {
