@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::Vector3;
 
 use crate::calibration::registration::Line;
+use crate::numerics;
 use crate::numerics::distribution::{chi2_quantile_above, chi2_survival};
 use crate::samples::Sample;
 
@@ -13,6 +14,9 @@ const HUBER: f64 = 2.0;
 /// Chance that the largest of all residuals is taken for an outlier though it is none: one folder in a hundred loses a good
 /// measurement.
 pub(crate) const LEVEL: f64 = 0.01;
+/// Share of all samples above which those far off are no outliers but part of what is measured: the model or the noise is
+/// wrong then.
+const MOST_OUTLIERS: f64 = 0.1;
 /// Squared distances from a line beyond so many medians keep a point from it: of three normal errors one in ten thousand
 /// is as far off.
 const MEDIANS: f64 = 9.0;
@@ -46,37 +50,43 @@ pub fn deviations(mut sums: Vec<(f64, f64)>, samples: &[Sample]) -> Vec<(f64, f6
 }
 
 /// Variance of the residuals of samples of one kind, by their sums of squares and numbers of residuals: the largest that
-/// the median, the upper quartile and the upper decile suggest. A missing effect or larger noise widens them all, a few
-/// outliers none; what a tenth of the samples share is not taken for outliers.
+/// the median, the upper quartile and all but [`most_outliers`] suggest. A missing effect or larger noise widens them all, a
+/// few outliers none; what more than a tenth of the samples share is not taken for outliers.
 pub fn variance(sums: &[(f64, f64)]) -> f64 {
-    (SHARES.into_iter())
-        .map(|share| variance_of_share(sums, share))
+    let count = sums.iter().filter(|sum| sum.1 > 0.0).count();
+    ([count / 2, count / 4, most_outliers(count).min(count / 4)].into_iter())
+        .map(|above| variance_of_all_but(sums, above))
         .fold(1e-300, f64::max)
 }
 
 /// The same by the median alone, which half of all samples can't widen.
 pub(crate) fn variance_of_most(sums: &[(f64, f64)]) -> f64 {
-    variance_of_share(sums, SHARES[0])
+    variance_of_all_but(sums, sums.iter().filter(|sum| sum.1 > 0.0).count() / 2)
 }
 
-/// Shares `part` of `of` samples, as (of, part), by the largest of which variances are told.
-const SHARES: [(usize, usize); 3] = [(2, 1), (4, 3), (10, 9)];
+/// Most of so many samples that may be outliers: as many as there hardly are where each is one with a chance of
+/// [`MOST_OUTLIERS`], in one folder of a hundred (normal approximation).
+pub fn most_outliers(count: usize) -> usize {
+    let expected = MOST_OUTLIERS * count as f64;
+    let beyond = chi2_quantile_above(2.0 * LEVEL, 1.0);
+    numerics::count(expected + (beyond * expected * (1.0 - MOST_OUTLIERS)).sqrt())
+}
 
 /// Each sum is held against the quantile of its own number of residuals: samples of unknown poses have none to many.
-fn variance_of_share(sums: &[(f64, f64)], (of, part): (usize, usize)) -> f64 {
-    let share = (of - part) as f64 / of as f64;
+fn variance_of_all_but(sums: &[(f64, f64)], above: usize) -> f64 {
     let mut quantiles: BTreeMap<u64, f64> = BTreeMap::new();
+    let sums: Vec<&(f64, f64)> = sums.iter().filter(|(_, degrees)| *degrees > 0.0).collect();
+    let share = (above as f64 + 0.5) / sums.len().max(1) as f64;
     let mut variances: Vec<f64> = (sums.iter())
-        .filter(|(_, degrees)| *degrees > 0.0)
-        .map(|&(sum, degrees)| {
+        .map(|&&(sum, degrees)| {
             let quantile = (quantiles.entry(degrees.to_bits()))
                 .or_insert_with(|| chi2_quantile_above(share, degrees.max(1.0)));
             sum / *quantile
         })
         .collect();
     variances.sort_by(f64::total_cmp);
-    let index = (variances.len() * part / of).min(variances.len().saturating_sub(1));
-    variances.get(index).copied().unwrap_or(1.0)
+    let index = variances.len().checked_sub(above + 1);
+    index.map_or(1.0, |index| variances[index])
 }
 
 /// Weights that let samples far off count less.
@@ -278,6 +288,48 @@ mod tests {
             .collect();
         for variance in found {
             assert!((0.9..1.3).contains(&variance), "{variance}");
+        }
+    }
+
+    /// Two mistakes of eighteen are more than a tenth by accident; a fifth of many is not.
+    #[test]
+    fn mistakes_of_few_samples_do_not_widen_them() {
+        let with = |count: usize, mistakes: usize| {
+            let mut random = Random(7);
+            let mut squares = |size: f64| {
+                (0..4)
+                    .map(|_| (size * random.normal()).powi(2))
+                    .sum::<f64>()
+            };
+            let sums: Vec<(f64, f64)> = (0..count)
+                .map(|index| {
+                    let size = if index < mistakes { 30.0 } else { 1.0 };
+                    (squares(size), 4.0)
+                })
+                .collect();
+            variance(&sums)
+        };
+        for mistakes in 0..=2 {
+            assert!((0.7..2.0).contains(&with(18, mistakes)), "{mistakes}");
+        }
+        assert!(with(18, 6) > 10.0 && with(900, 180) > 10.0);
+        assert!(with(900, 90) < 3.0);
+    }
+
+    /// In at most one folder of a hundred a chance of a tenth makes more mistakes, by the binomial distribution.
+    #[test]
+    fn hardly_more_mistakes_than_most_are_made() {
+        for count in [10_usize, 18, 60, 176, 1000] {
+            let choices = Choices::up_to(count);
+            let most = most_outliers(count);
+            let chance = |k: usize| {
+                let logarithm = choices.ln(count, k)
+                    + k as f64 * 0.1_f64.ln()
+                    + (count - k) as f64 * 0.9_f64.ln();
+                logarithm.exp()
+            };
+            let beyond: f64 = (most + 1..=count).map(chance).sum();
+            assert!((0.002..0.03).contains(&beyond), "{count}: {beyond}");
         }
     }
 

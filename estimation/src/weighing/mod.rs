@@ -99,9 +99,6 @@ const SAME_WEIGHT: f64 = 1e-3;
 /// Share of the residuals that a fit absorbs up to which it shows what is far off: leverages up to this are safe (P. J. Huber,
 /// Robust Statistics, 1981, section 7.2).
 const MASKING: f64 = 0.2;
-/// Share of all poses above which those far off are no outliers but part of what is measured: the model or the noise
-/// is wrong then.
-const MOST_OUTLIERS: f64 = 0.1;
 
 impl Weighing {
     /// Every pose counts as it is.
@@ -408,7 +405,7 @@ impl Far {
         let left_out = is_outlier.iter().filter(|is| **is).count();
         let most = outliers::variance_of_most(sums).max(1.0);
         let far = sums.iter().filter(|sum| sum.0 > self.limit * most).count();
-        let is_many = far as f64 > MOST_OUTLIERS * sums.len() as f64;
+        let is_many = far > outliers::most_outliers(sums.len());
         (is_many && far > left_out).then(|| {
             format!(
                 "{far} of {} poses lie further off than most of them let expect: too many to be outliers, so that {} \

@@ -2,12 +2,12 @@
 
 use tau_robot::robot_file::Noise;
 
-use super::{MOST_OUTLIERS, ROUNDS, Robust, sums_at};
+use super::{ROUNDS, Robust, sums_at};
 use crate::calibration::error::Error;
 use crate::calibration::prepared::Prepared;
 use crate::joint::exact;
-use crate::numerics::{self, order::largest_first};
-use crate::samples::Sample;
+use crate::numerics::order::largest_first;
+use crate::samples::{Sample, outliers};
 
 impl Robust {
     /// The fit to all but as many poses as may be outliers: those farthest from the drawing first, then from the fit to the
@@ -53,7 +53,7 @@ impl Robust {
 
 /// No weight of as many poses as may be outliers, those with the largest sums of squares, and that of one of the others.
 fn without_farthest(sums: &[(f64, f64)]) -> Vec<f64> {
-    let count = numerics::count(MOST_OUTLIERS * sums.len() as f64).max(1);
+    let count = outliers::most_outliers(sums.len()).max(1);
     let mut farthest: Vec<usize> = (0..sums.len()).collect();
     largest_first(&mut farthest, |&index| sums[index].0);
     let mut weights = vec![1.0; sums.len()];
