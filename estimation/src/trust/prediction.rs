@@ -17,8 +17,7 @@ use crate::trust::recognise::{self, ITERATIONS};
 use crate::trust::verdict::{Pull, Status, Verdict, case, measured, mistakes};
 use crate::trust::{numbering, words};
 use crate::uncertainty::Uncertainty;
-use crate::weighing::MOST_POSES;
-use crate::weighing::{Outlier, Treatment, Weighing, weigh};
+use crate::weighing::{Deleted, MOST_POSES, Outlier, Treatment, Weighing, weigh};
 
 /// The verdict on the prediction of the poses that validate, with the parameters of a robot file.
 ///
@@ -44,11 +43,10 @@ pub fn of_prediction(
     let known = (file.covariance.as_ref()).and_then(|_| Uncertainty::of_prepared(&prepared, file));
     let weighing = match &known {
         None => weigh(&prepared, &machine.values, &samples, noise, treatment)?,
-        Some(known) => Weighing::of_predicted(
-            &sums_under(known, (prepared, &samples, noise), &machine.values)?,
-            &samples,
-            treatment,
-        ),
+        Some(known) => {
+            let of = (prepared, samples.as_slice(), noise);
+            weigh_predicted(known, of, &machine.values, treatment)?
+        }
     };
     let kept: Vec<usize> = (0..samples.len())
         .filter(|&index| weighing.judged[index])
@@ -128,8 +126,7 @@ pub fn outliers_of_validation(
     };
     let samples = case.samples();
     let of = (case.prepared()?, samples.as_slice(), case.file.noise);
-    let sums = sums_under(&known, of, &machine.values)?;
-    Ok(Weighing::of_predicted(&sums, &samples, Treatment::default()).outliers)
+    Ok(weigh_predicted(&known, of, &machine.values, Treatment::default())?.outliers)
 }
 
 /// A case with the paths of piecewise tracks that its robot file holds, to which the file's rotations refer.
@@ -139,13 +136,14 @@ fn as_stated(case: &Case<'_>) -> Result<Prepared, InputError> {
     Prepared::from_file(case.robot, case.variant, &case.file, folder, &poses)
 }
 
-/// Sums of squares of the closures of each pose at some values of the variant, in the noise and in what is not known of
-/// the values, and their numbers: `rᵀ(1 + J·C·Jᵀ)⁻¹r`.
-fn sums_under(
+/// Weighs poses by their closures at some values of the variant, in the noise and in what is not known of the values:
+/// `rᵀ(1 + J·C·Jᵀ)⁻¹r`.
+fn weigh_predicted(
     known: &Uncertainty,
     (prepared, samples, noise): (Prepared, &[Sample], Noise),
     values: &[f64],
-) -> Result<Vec<(f64, f64)>, Error> {
+    treatment: Treatment,
+) -> Result<Weighing, Error> {
     let joint = Joint::of_residuals(prepared.machine, &prepared.nominal, samples, noise)?;
     let joint = joint.with_path_noise(samples, noise.position_m);
     let each = joint.rows.len() / samples.len().max(1);
@@ -153,15 +151,21 @@ fn sums_under(
     let linear = joint.linearize(&joint.fitted(values), &factors);
     let spread = spread_of(known, &joint, &linear.jacobian, samples);
     let of_sample = |sample: usize| {
-        let own = linear.residuals.rows(sample * each, each).into_owned();
         let rows = spread.rows(sample * each, each);
         let covariance = DMatrix::identity(each, each) + rows * rows.transpose();
-        let sum = covariance
-            .cholesky()
-            .map_or_else(|| own.norm_squared(), |c| own.dot(&c.solve(&own)));
-        (sum, joint.noisy_closures() as f64)
+        Deleted {
+            error: linear.residuals.rows(sample * each, each).into_owned(),
+            covariance: covariance.cholesky(),
+        }
     };
-    Ok((0..samples.len()).map(of_sample).collect())
+    let deleted: Vec<Deleted> = (0..samples.len()).map(of_sample).collect();
+    let machine = joint.machine.with_values(values.to_vec());
+    Ok(Weighing::of_predicted(
+        (&joint, &machine),
+        &deleted,
+        samples,
+        treatment,
+    ))
 }
 
 /// χ² of residuals at known values under the noise and what is not known of the values: with S = J·F for their covariance

@@ -1,7 +1,7 @@
 //! Outliers and repeated readings in sentences.
 
 use crate::trust::{LEVEL, general};
-use crate::weighing::{LackOfFit, Loss, Outlier, Repeats, Weighing};
+use crate::weighing::{LackOfFit, Loss, Misread, Outlier, Repeats, Weighing};
 
 /// Outliers that are named one by one.
 const NAMED: usize = 8;
@@ -38,13 +38,32 @@ pub(super) fn outliers(weighing: &Weighing) -> Option<String> {
     } else {
         format!("{} to {}", general(least, 2), general(most, 2))
     };
+    let misread = all.iter().filter_map(|outlier| {
+        let misread = outlier.misread.as_ref()?;
+        Some(misread_in_words(outlier.pose, misread))
+    });
+    let misread: String = misread.take(NAMED).collect();
     Some(format!(
-        "{} {} ({} of {poses}) {done}: {off} times the noise off, where the largest of {poses} hardly exceeds {}.",
+        "{} {} ({} of {poses}) {done}: {off} times the noise off, where the largest of {poses} hardly exceeds {}.{misread}",
         if is_one { "Pose" } else { "Poses" },
         names.join(", "),
         all.len(),
         general(weighing.limit_sigmas, 2)
     ))
+}
+
+/// A command that explains an outlier.
+fn misread_in_words(pose: u32, misread: &Misread) -> String {
+    let off = if misread.column.ends_with("_rad") {
+        format!("{} mrad", general(1e3 * misread.off.abs(), 3))
+    } else {
+        format!("{} mm", general(1e3 * misread.off.abs(), 3))
+    };
+    let direction = if misread.off > 0.0 { "much" } else { "little" };
+    format!(
+        " Pose {pose} is as if `{}` were {off} too {direction}.",
+        misread.column
+    )
 }
 
 /// Repeated readings.

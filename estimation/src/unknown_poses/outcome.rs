@@ -178,6 +178,7 @@ impl GrossRow {
             pose: self.place.pose,
             sigmas: self.sigmas,
             weight: self.weight,
+            misread: None,
         }
     }
 

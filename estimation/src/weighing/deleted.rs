@@ -1,6 +1,6 @@
 //! Poses against a fit to all others.
 
-use nalgebra::DMatrix;
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use crate::joint::descent::Descent;
 use crate::numerics::factor::Factor;
@@ -12,16 +12,42 @@ pub(crate) fn variance_of_most(fit: &Judged) -> f64 {
     outliers::variance_of_most(&deleted(fit.descent(), fit.factor()))
 }
 
-/// Sum of squares of each pose's residuals against a fit to all others, in units of the noise and of what that fit leaves
-/// open, and the number of those that have noise.
+/// Whitened residuals of a pose against a fit to all others.
 ///
 /// With P what the fit leaves open of a pose's residuals r, and f the factor with which they take part in it, a fit to the
 /// others misses them by e = (1 − f²P)⁻¹r, which have the covariance 1 + P(1 − f²P)⁻¹ (R. D. Cook and S. Weisberg,
 /// *Residuals and Influence in Regression*, 1982, section 2.2).
+pub(crate) struct Deleted {
+    /// The error e; r where nothing controls the pose but itself.
+    pub(crate) error: DVector<f64>,
+    /// Its covariance, but for the latter.
+    pub(crate) covariance: Option<Cholesky<f64, Dyn>>,
+}
+
+impl Deleted {
+    /// Sum of squares of the residuals in units of the noise and of what the fit to the others leaves open.
+    pub(super) fn sum(&self) -> f64 {
+        let own = || self.error.norm_squared();
+        (self.covariance.as_ref()).map_or_else(own, |c| self.error.dot(&c.solve(&self.error)))
+    }
+}
+
+/// Sum of squares of each pose's residuals against a fit to all others, and the number of those that have noise.
 pub(super) fn deleted(descent: &Descent, factor: &DMatrix<f64>) -> Vec<(f64, f64)> {
+    let noisy = descent.joint.noisy_closures() as f64;
+    let poses = 0..descent.weights.len();
+    errors(descent, factor, poses, |deleted| (deleted.sum(), noisy))
+}
+
+/// The same of some poses, as something reads them.
+pub(super) fn errors<T>(
+    descent: &Descent,
+    factor: &DMatrix<f64>,
+    poses: impl Iterator<Item = usize>,
+    read: impl Fn(Deleted) -> T,
+) -> Vec<T> {
     let joint = &descent.joint;
     let residuals = joint.rows.len() / descent.weights.len().max(1);
-    let noisy = joint.noisy_closures() as f64;
     let plain;
     // The descent's own residuals and derivatives are those in question but for the weights of poses that take part.
     let is_whole = descent.weights.iter().all(|weight| *weight > 0.0);
@@ -34,20 +60,28 @@ pub(super) fn deleted(descent: &Descent, factor: &DMatrix<f64>) -> Vec<(f64, f64
     };
     let factor = Factor::of(factor);
     let one = DMatrix::identity(residuals, residuals);
-    let of_pose = |(pose, weight): (usize, &f64)| {
+    let of_pose = |pose: usize| {
+        let weight = descent.weights[pose];
         let plain = if is_whole { weight.recip() } else { 1.0 };
         let own = all.rows(pose * residuals, residuals) * plain;
         let rows = jacobian.rows(pose * residuals..(pose + 1) * residuals);
         let open = factor.covariance_of(&rows) * plain.powi(2);
-        let missed = (&one - &open * weight.powi(2))
+        let found = (&one - &open * weight.powi(2))
             .cholesky()
             .and_then(|others| {
-                let error = others.solve(&own);
                 let covariance = &one + others.solve(&open);
-                Some(error.dot(&covariance.cholesky()?.solve(&error)))
+                Some((others.solve(&own), covariance.cholesky()?))
             });
-        let sum = missed.unwrap_or_else(|| own.norm_squared());
-        (sum, noisy)
+        read(match found {
+            Some((error, covariance)) => Deleted {
+                error,
+                covariance: Some(covariance),
+            },
+            None => Deleted {
+                error: own,
+                covariance: None,
+            },
+        })
     };
-    descent.weights.iter().enumerate().map(of_pose).collect()
+    poses.map(of_pose).collect()
 }

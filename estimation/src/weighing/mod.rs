@@ -8,10 +8,14 @@
 mod deleted;
 mod lack_of_fit;
 mod loss;
+mod misread;
 mod repeats;
 mod trimmed;
 
+use std::collections::BTreeMap;
+
 use nalgebra::{DMatrix, DVector};
+use tau_kinematics::Machine;
 use tau_robot::measurements::TCP_POSES;
 use tau_robot::robot_file::Noise;
 
@@ -25,12 +29,14 @@ use crate::samples::outliers;
 use crate::trust::NEARER;
 use crate::trust::judged::Judged;
 use deleted::deleted;
+
 use repeats::ByVisit;
 
-pub(crate) use deleted::variance_of_most;
+pub(crate) use deleted::{Deleted, variance_of_most};
 pub use lack_of_fit::LackOfFit;
 pub(crate) use lack_of_fit::{along, apart, together};
 pub use loss::Loss;
+pub use misread::Misread;
 pub use repeats::Repeats;
 
 /// Treatment of outliers.
@@ -53,6 +59,8 @@ pub struct Outlier {
     pub sigmas: f64,
     /// Weight of its squares in the fit, between 0 and 1.
     pub weight: f64,
+    /// The command that explains it, if one alone does.
+    pub misread: Option<Misread>,
 }
 
 impl Outlier {
@@ -127,7 +135,13 @@ impl Weighing {
     }
 
     /// Lists outliers among samples, with the weights that they have.
-    fn list(&mut self, sums: &[(f64, f64)], is_outlier: &[bool], samples: &[Sample]) {
+    fn list(
+        &mut self,
+        sums: &[(f64, f64)],
+        is_outlier: &[bool],
+        mut misread: BTreeMap<usize, Misread>,
+        samples: &[Sample],
+    ) {
         let far = (0..samples.len()).filter(|&index| is_outlier[index]);
         self.outliers = far
             .map(|index| Outlier {
@@ -135,30 +149,38 @@ impl Weighing {
                 pose: samples[index].number,
                 sigmas: (sums[index].0 / sums[index].1.max(1.0)).sqrt(),
                 weight: self.fit[index],
+                misread: misread.remove(&index),
             })
             .collect();
         self.outliers.sort_by_key(|outlier| outlier.pose);
     }
 
-    /// Of poses that took no part in a fit, by their sums of squares in the noise and in what the fit leaves open, and
-    /// their numbers of residuals.
+    /// Of poses that took no part in a fit, by their residuals at a machine.
     pub(crate) fn of_predicted(
-        sums: &[(f64, f64)],
+        (joint, machine): (&Joint, &Machine),
+        deleted: &[Deleted],
         samples: &[Sample],
         treatment: Treatment,
     ) -> Self {
-        let far = Far::of(sums, samples);
-        let is_outlier = far.outliers(sums, samples);
+        let noisy = joint.noisy_closures() as f64;
+        let sums: Vec<(f64, f64)> = deleted.iter().map(|own| (own.sum(), noisy)).collect();
+        let far = Far::of(&sums, samples);
+        let is_outlier = far.outliers(&sums, samples);
         let mut weighing = Self::even(samples.len());
-        weighing.limit_sigmas = far.limit_sigmas(sums);
-        weighing.kept_because = far.too_many(sums, &is_outlier);
+        weighing.limit_sigmas = far.limit_sigmas(&sums);
+        weighing.kept_because = far.too_many(&sums, &is_outlier);
         if !treatment.keep_outliers {
             for (index, is_outlier) in is_outlier.iter().enumerate() {
                 weighing.judged[index] = !is_outlier;
                 weighing.fit[index] = f64::from(u8::from(!is_outlier));
             }
         }
-        weighing.list(sums, &is_outlier, samples);
+        let outliers = deleted
+            .iter()
+            .enumerate()
+            .filter(|(index, _)| is_outlier[*index]);
+        let misread = Misread::of_all((joint, machine), samples, outliers, far);
+        weighing.list(&sums, &is_outlier, misread, samples);
         weighing
     }
 
@@ -305,7 +327,12 @@ fn weighed_from(
             weighing.information[index] = 0.0;
         }
     }
-    weighing.list(&all, &is_outlier, samples);
+    let misread = if few.len() == samples.len() {
+        fit.misread(&is_outlier, samples)
+    } else {
+        BTreeMap::new()
+    };
+    weighing.list(&all, &is_outlier, misread, samples);
     let kept: Vec<bool> = few.iter().map(|&index| weighing.judged[index]).collect();
     if !ByVisit::of(of_few, &fit.plain_residuals(), &kept).has_repeats() {
         let is_of_all = few.len() == samples.len();

@@ -48,6 +48,10 @@ pub(crate) fn outlier(outlier: &Outlier) -> Value {
         "sigmas": outlier.sigmas,
         "weight": outlier.weight,
         "left_out": outlier.is_left_out(),
+        "misread": outlier.misread.as_ref().map(|misread| json!({
+            "command": misread.column,
+            "off": misread.off,
+        })),
     })
 }
 
