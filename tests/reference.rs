@@ -61,6 +61,7 @@ pub(crate) fn residuals(
         ResidualKind::Closure | ResidualKind::ClosureByPose => vec![reference.closure(instance.of)],
         ResidualKind::CartPose => reference.target(instance.of, 2),
         ResidualKind::CartPosition => reference.target(instance.of, 3),
+        ResidualKind::TrackerError => vec![reference.tracker_error(instance.of)],
     }
 }
 
@@ -403,6 +404,29 @@ impl Reference<'_> {
         }
         let rod = minus(point, base);
         length * length - dot(rod, rod)
+    }
+
+    fn tracker_error(&self, axis: usize) -> Dual64 {
+        let mut total = Dual64::from(0.0);
+        for (effect, used) in self.described.effects.iter().enumerate() {
+            let scope = Scope {
+                effect,
+                command: None,
+                link: None,
+                length_of: None,
+                ..self.of_link(Owner::Robot)
+            };
+            if used.place != Place::Tcp {
+                continue;
+            }
+            for term in &self.model.effects[used.effect].terms {
+                match &term.formula {
+                    Formula::Vector(parts) => total += self.formula(&parts[axis], scope),
+                    other => panic!("{other:?} is no vector"),
+                }
+            }
+        }
+        total
     }
 
     fn displaced(&self, track: usize) -> bool {

@@ -7,7 +7,7 @@
 use std::sync::Arc;
 
 use tau_model_dsl::Model;
-use tau_model_dsl::model::{Arm, TrackShape, Variant};
+use tau_model_dsl::model::{Arm, Place, TrackShape, Variant};
 use tau_runtime::{self as runtime, Input, ResidualKind, Shape};
 
 use crate::equations::{self, Context, Equations, Parameter, Staging};
@@ -75,7 +75,7 @@ pub struct Family {
 pub struct CompiledInstance {
     /// Kind of the residual.
     pub kind: ResidualKind,
-    /// Index of the link, cluster or track.
+    /// Index of the link, cluster or track; of an error of the tracker the axis.
     pub of: usize,
     /// Index in [`CompiledVariant::families`].
     pub family: usize,
@@ -191,7 +191,7 @@ fn is_same_variant(one: &Model, other: &Model, index: usize) -> bool {
 }
 
 /// Compiles those residuals of one variant, by its index, that are wanted, by their kind and the index
-/// of their link, cluster or track; the parameters are those of all.
+/// of their link, cluster, track or axis; the parameters are those of all.
 pub fn compile_some(
     model: &Model,
     variant: usize,
@@ -265,8 +265,18 @@ fn compile_known(
     for of in carts().filter(|&of| wanted(ResidualKind::CartPosition, of)) {
         compiled.add(equations::cart_position(context(), of), known);
     }
+    let axes = 0..if has_tracker_errors(variant) { 3 } else { 0 };
+    for of in axes.filter(|&of| wanted(ResidualKind::TrackerError, of)) {
+        compiled.add(equations::tracker_error(context(), of), known);
+    }
     compiled.name_families(model);
     compiled
+}
+
+/// True if a variant has effects of the tracker.
+fn has_tracker_errors(variant: &Variant) -> bool {
+    let mut effects = variant.effects.iter();
+    effects.any(|used| used.place == Place::Tcp)
 }
 
 impl CompiledVariant {
@@ -312,6 +322,7 @@ impl CompiledVariant {
                 ResidualKind::ClosureByPose => "closure_by_pose",
                 ResidualKind::CartPose => "cart_pose",
                 ResidualKind::CartPosition => "cart_position",
+                ResidualKind::TrackerError => "tracker_error",
             };
             let alone = self
                 .families
@@ -328,8 +339,9 @@ impl CompiledVariant {
                     .find(|instance| instance.family == index)
                     .expect("every family was added for an instance");
                 let of = match (kind, self.arm) {
+                    (ResidualKind::TrackerError, _) => ["x", "y", "z"][first.of],
                     (ResidualKind::CartPose | ResidualKind::CartPosition, _) => {
-                        &model.tracks[first.of].name
+                        model.tracks[first.of].name.as_str()
                     }
                     (_, runtime::Arm::Full) => &model.links[first.of].name,
                     (_, runtime::Arm::Reduced) => &model.clusters[first.of].name,

@@ -5,7 +5,7 @@ use tau_estimation::calibration::Prepared;
 use tau_estimation::joint::descent::not_converged;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::joint::unknown::{self, Start};
-use tau_estimation::joint::variant;
+use tau_estimation::joint::variant::{self, PosesOf};
 use tau_estimation::joint::{CLOSURE_SHARE, Component, Joint};
 use tau_estimation::samples::Sample;
 use tau_estimation::samples::frames::Frames;
@@ -37,7 +37,11 @@ pub(super) fn base_fit(
         options,
         ..
     } = *input;
-    let free = variant::free_turning(model, index, Some(variant));
+    // Errors of a tracker that the base has already are in its compiled closures.
+    let poses = input.poses();
+    let has_errors = poses == PosesOf::Machine && !variant.tracker_effects().is_empty();
+    let closures = (!has_errors).then_some(variant);
+    let free = variant::free_turning(model, index, closures, poses);
     let prepared = Prepared::new(robot, &free, file, Some(folder), &division.calibration)?;
     if let Some(unknown) = input.unknown {
         return of_unknown_poses(input, unknown, &prepared);

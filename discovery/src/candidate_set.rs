@@ -22,7 +22,6 @@ use super::candidates::{self, Candidate, Entry};
 use super::constants::Constants;
 use super::generic::Family;
 use super::linear_model::{Freed, LinearModel};
-use super::measured::HiddenTracker;
 use super::p_value::PValue;
 use super::probes::Probes;
 use super::response::{Displacements, Responses};
@@ -146,7 +145,7 @@ impl CandidateSet {
         samples: Vec<Sample>,
         probes: Probes,
         (fit, options): (&Fit, &Options),
-        hidden_tracker: Option<HiddenTracker>,
+        hides_tracker: Option<&'static str>,
     ) -> Self {
         let surroundings = fit.joint.machine.surroundings.clone();
         let candidates = candidates::all(&model, base, families);
@@ -157,8 +156,8 @@ impl CandidateSet {
                 return Err("it has no amplitude to fit");
             }
             let is_of_tracker = model.effects[candidate.effect].subject == Subject::Tcp;
-            if let Some(hidden) = hidden_tracker.filter(|_| is_of_tracker && candidate.is_named()) {
-                return Err(hidden.reason());
+            if let Some(why) = hides_tracker.filter(|_| is_of_tracker && candidate.is_named()) {
+                return Err(why);
             }
             if candidate.search.is_some() && !candidate.is_named() {
                 return Ok(Columns::Later);

@@ -16,7 +16,6 @@ use super::constants::Constants;
 use super::evidence::{self, whiteness::Series};
 use super::held_out::HeldOut;
 use super::linear_model::LinearModel;
-use super::measured::HiddenTracker;
 use super::results::{
     Considered, Discovery, ErrorOf, Estimate, FoundEffect, Gap, LeftOut, Place, Rival,
     SerialCorrelation, Status, Unseen, Validation, Verdict, Whiteness,
@@ -377,18 +376,8 @@ fn remarks(search: &Search<'_>, whiteness: Option<&Whiteness>) -> Vec<String> {
     for scale in misfit::noise_scales(&search.state.fit) {
         let is_usual = (0.85..1.15).contains(&scale.factor);
         if !(is_usual || allows_more && scale.factor < 1.0) {
-            let tracker = search
-                .input
-                .unknown
-                .and_then(|unknown| unknown.hidden_tracker);
-            let is_there = tracker.is_some_and(|tracker| tracker != HiddenTracker::Absent);
-            let suspect = if is_there && scale.factor > 1.0 {
-                "; errors of the tracker, which are no candidates beside what it did not measure, may be part of it"
-            } else {
-                ""
-            };
             remarks.push(format!(
-                "the noise of set {} ({}) is {:.2} times the stated one{suspect}",
+                "the noise of set {} ({}) is {:.2} times the stated one",
                 scale.set, scale.of, scale.factor
             ));
         }

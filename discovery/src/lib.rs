@@ -46,6 +46,7 @@ use nalgebra::DMatrix;
 use tau_codegen::language::{self, Model, effects_from_text};
 use tau_estimation::calibration::{Calibration, Prepared, Stated, check_poses};
 use tau_estimation::joint::fit::Fit;
+use tau_estimation::joint::variant::PosesOf;
 use tau_estimation::numerics::order::extent;
 use tau_estimation::numerics::parallel;
 use tau_estimation::numerics::spread::spread;
@@ -155,6 +156,16 @@ struct Input<'a> {
     /// Where no pose was measured: what was, with estimates of the poses, which are those of `folder`.
     unknown: Option<&'a Unknown<'a>>,
     options: &'a Options,
+}
+
+impl Input<'_> {
+    /// Poses that closures are functions of. Where no tracker measured the plate, those that one would measure.
+    fn poses(&self) -> PosesOf {
+        match self.unknown {
+            Some(unknown) if unknown.hides_tracker.is_none() => PosesOf::Machine,
+            _ => PosesOf::Tracker,
+        }
+    }
 }
 
 /// Result of a discovery, with the model as fitted.
@@ -452,7 +463,7 @@ fn begun<'a>(
     progress("fitting the base to all sets");
     let (fitted, compiled) = parallel::both(
         || base_fit(input, &model, index, variant),
-        || probes::compiled(&model, index),
+        || probes::compiled(&model, index, input.poses()),
     );
     let (fit, samples) = fitted?;
     progress("looking at what could be seen");
@@ -463,7 +474,7 @@ fn begun<'a>(
             Probes::of(
                 &model,
                 own_effects,
-                compiled,
+                (compiled, input.poses()),
                 &fit.joint,
                 &fit.fitted,
                 &samples,
@@ -479,7 +490,7 @@ fn begun<'a>(
         samples,
         probes,
         (&fit, input.options),
-        input.unknown.and_then(|unknown| unknown.hidden_tracker),
+        input.unknown.and_then(|unknown| unknown.hides_tracker),
     );
     let linear = LinearModel::of(&fit);
     let table = set.table(&linear);

@@ -30,42 +30,6 @@ pub(super) fn with_unknown_poses<'a>(
     is_unknown.then_some(Cow::Borrowed(folder))
 }
 
-/// A tracker whose effects are not seen: true poses, of which what it did not measure tells, are all that closures know.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum HiddenTracker {
-    BesidePoses,
-    BesidePositions,
-    Absent,
-}
-
-impl HiddenTracker {
-    /// Of a folder; `None` where its effects are seen.
-    pub(super) fn of(folder: &Folder) -> Option<Self> {
-        folder.measured_without_tracker()?;
-        let has_positions = folder.rows_of(PlateKind::Position).next().is_some();
-        Some(if !folder.tcp_poses.is_empty() {
-            Self::BesidePoses
-        } else if has_positions {
-            Self::BesidePositions
-        } else {
-            Self::Absent
-        })
-    }
-
-    /// The reason why.
-    pub(super) fn reason(self) -> &'static str {
-        match self {
-            Self::BesidePoses => {
-                "heights, distances and ball bars, which stand beside poses, know nothing of the tracker"
-            }
-            Self::BesidePositions => {
-                "heights, distances and ball bars, which stand beside positions, know nothing of the tracker"
-            }
-            Self::Absent => "no tracker has measured the plate",
-        }
-    }
-}
-
 /// True if the poses are positions of a plate that is a point, taken for poses.
 fn are_positions(folder: &Folder) -> bool {
     let is_position = |pose: &TcpPose| {

@@ -1,13 +1,12 @@
 //! Derivatives of residuals by the targets of effects, from the generated equations.
 
 use nalgebra::DMatrix;
-use tau_codegen::compile::compile_some;
 use tau_codegen::language::model as language;
 use tau_codegen::language::model::{Model, Place, Subject, Target};
 use tau_estimation::calibration::{Error, Nominal};
 use tau_estimation::joint::Joint;
 use tau_estimation::joint::unknown;
-use tau_estimation::joint::variant::{add, additive, cart, free_turning};
+use tau_estimation::joint::variant::{PosesOf, add, additive, cart, free_turning, of_plate};
 use tau_estimation::samples::Sample;
 use tau_kinematics::Machine;
 use tau_robot::robot::{Arm, Variant};
@@ -111,7 +110,7 @@ pub(super) const TARGETS_OF_CART: [Target; 6] = [
 
 /// The variant (by index in the model) with a constant added to every target: the derivatives by these are
 /// those of the targets.
-pub(super) fn compiled(model: &Model, variant: usize) -> Variant {
+pub(super) fn compiled(model: &Model, variant: usize, poses: PosesOf) -> Variant {
     let mut probed = model.clone();
     let targets = TARGETS_OF_CART.map(|target| (target, None));
     let of_cart = additive("unnamed_probe_cart", Subject::Cart, &targets, None);
@@ -137,19 +136,19 @@ pub(super) fn compiled(model: &Model, variant: usize) -> Variant {
         let links = (0..model.links.len()).map(Place::Link);
         add(&mut probed, variant, of_link, links);
     }
-    let closures = Variant::from(&compile_some(&probed, variant, |kind, _| {
-        kind == ResidualKind::Closure
-    }));
-    free_turning(&probed, variant, Some(&closures))
+    let closures = of_plate(&probed, variant, poses, |kind, _| {
+        kind != ResidualKind::ClosureByPose
+    });
+    free_turning(&probed, variant, Some(&closures), poses)
 }
 
 impl Probes {
     /// At the values of a fit of a base with `first` effects; `compiled` is the base with a constant
-    /// added to every target.
+    /// added to every target, its closures functions of these poses.
     pub(super) fn of(
         model: &Model,
         first: usize,
-        compiled: Variant,
+        (compiled, poses): (Variant, PosesOf),
         base: &Joint,
         fitted: &[f64],
         samples: &[Sample],
@@ -189,7 +188,12 @@ impl Probes {
             .collect();
         let shift = Owner::Effect(first + tracks);
         let position = Target::Position.name();
-        let tcp = [0, 1, 2].map(|k| columns.add((shift, position, Some(k)), &is_of_set_1));
+        let tcp = [0, 1, 2].map(|axis| {
+            if poses == PosesOf::Machine {
+                return columns.of_tracker(axis);
+            }
+            columns.add((shift, position, Some(axis)), &is_of_set_1)
+        });
         let closures = columns.closures(model, first + tracks + 1);
         Ok(Self {
             all: columns.all,
@@ -311,6 +315,26 @@ impl Columns<'_> {
             moved.extend(rest);
         }
         moved
+    }
+
+    /// A probe of what a tracker measured along an axis; its index.
+    fn of_tracker(&mut self, axis: usize) -> usize {
+        let (mut moved, mut first) = (Vec::new(), 0);
+        for group in &self.joint.eliminated {
+            for row in 0..group.by_tracker.nrows() {
+                let tracked = group.tracked.iter().enumerate();
+                moved.extend(tracked.map(|(place, tracked)| {
+                    let share = group.by_tracker[(row, 3 * place + axis)];
+                    (first + row, tracked.sample, share)
+                }));
+            }
+            first += group.by_tracker.nrows();
+        }
+        let samples = self.samples.iter().enumerate();
+        let of_plate = samples.filter(|(_, sample)| is_of_set_1(sample));
+        let of_plate = of_plate.map(|(index, _)| index).collect();
+        self.all.push(Probe::of_rows(of_plate, moved.into_iter()));
+        self.all.len() - 1
     }
 
     /// Lengths and joints of the links, the first of which has the effect of an index; or lengths of the clusters where

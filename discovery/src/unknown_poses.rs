@@ -13,7 +13,6 @@ use tau_robot::robot_file::keys::effect_key;
 use tau_robot::robot_file::{RobotFile, Value};
 
 use super::constants::count;
-use super::measured::HiddenTracker;
 use super::results::GrossRow;
 use super::{DISCOVERED, Error, Input, Options, Outcome, remark_on_part, searched, variant_of};
 
@@ -48,8 +47,8 @@ pub(super) struct Unknown<'a> {
     pub(super) values: BTreeMap<String, f64>,
     /// True if those that validate take no part.
     pub(super) is_held_out: bool,
-    /// The tracker, where its effects are not seen.
-    pub(super) hidden_tracker: Option<HiddenTracker>,
+    /// Reason why effects of a tracker are not seen, where they aren't.
+    pub(super) hides_tracker: Option<&'static str>,
 }
 
 /// The search in a folder without poses.
@@ -99,7 +98,7 @@ pub(super) fn search(
         let unknown = Unknown {
             values: values.clone(),
             is_held_out: rows.is_disjoint(),
-            hidden_tracker: HiddenTracker::of(folder),
+            hides_tracker: folder.hides_tracker(),
             poses,
         };
         let (estimated, division) = unknown.poses.folder();

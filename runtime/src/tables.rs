@@ -198,6 +198,9 @@ pub enum ResidualKind {
     CartPose,
     /// Position (m) of a cart's target in set 3: three residuals.
     CartPosition,
+    /// Error of the tracker along an axis (m), measured less true position: of the measured position and the parameters of
+    /// effects on `tcp`; three instances where a variant has such effects. Closures have it in them already.
+    TrackerError,
 }
 
 /// A residual family applied to a link, a cluster or a cart.
@@ -205,7 +208,7 @@ pub enum ResidualKind {
 pub struct Instance {
     /// Kind of its residual.
     pub kind: ResidualKind,
-    /// Index of the link (full arm), cluster (reduced arm) or track (`CartPose`, `CartPosition`).
+    /// Index of the link (full arm), cluster (reduced arm), track (`CartPose`, `CartPosition`) or axis (`TrackerError`).
     pub of: usize,
     /// The function; instances of the same form share it.
     pub family: &'static dyn ResidualFamily,

@@ -102,6 +102,7 @@ pub(super) fn variant(
             ResidualKind::ClosureByPose => quote!(ResidualKind::ClosureByPose),
             ResidualKind::CartPose => quote!(ResidualKind::CartPose),
             ResidualKind::CartPosition => quote!(ResidualKind::CartPosition),
+            ResidualKind::TrackerError => quote!(ResidualKind::TrackerError),
         };
         let of = index(instance.of);
         let family = &families[instance.family];

@@ -10,7 +10,7 @@ use tau_model_dsl::model::{Arm, Place, Plate, Target, Value};
 use tau_runtime::{Input, Owner, ResidualKind};
 
 use super::formula::Scope;
-use super::{Context, Equations, SparseRows};
+use super::{Context, Equations, SparseRows, tracker};
 use crate::differentiate::gradient;
 use crate::graph::{Expr, Node, Stage, Symbol};
 use crate::vector::{self, Rotation, Vector};
@@ -155,15 +155,18 @@ fn residual(context: &mut Context<'_>, of: usize, turn: Option<Vector>) -> Expr 
         Arm::Full => Some(context.vector_value(owner, Value::PlateJoint)),
         Arm::Reduced => None,
     };
+    for error in tracker::errors(context) {
+        // The effect is part of what was measured; closure holds for the rest.
+        tcp = vector::subtract(&mut context.g, tcp, error);
+    }
     for (index, used) in context.variant.effects.clone().iter().enumerate() {
         let applies = match used.place {
-            Place::Tcp => true,
             Place::AllLinks => {
                 let subject = context.model.effects[used.effect].subject;
                 (links.iter()).any(|&link| subject.admits(&context.model.links[link]))
             }
             Place::Link(link) => links.contains(&link),
-            Place::Cart { .. } | Place::AllCarts => false,
+            Place::Tcp | Place::Cart { .. } | Place::AllCarts => false,
         };
         if !applies {
             continue;
@@ -183,11 +186,7 @@ fn residual(context: &mut Context<'_>, of: usize, turn: Option<Vector>) -> Expr 
                 (Target::Joint, &[x, y, z]) => {
                     joint = joint.map(|joint| vector::add(&mut context.g, joint, [x, y, z]));
                 }
-                (Target::Position, &[x, y, z]) => {
-                    // The effect is part of what was measured; closure holds for the rest.
-                    tcp = vector::subtract(&mut context.g, tcp, [x, y, z]);
-                }
-                _ => unreachable!("the checker admits only such targets on a link or the TCP"),
+                _ => unreachable!("the checker admits only such targets on a link"),
             }
         }
     }

@@ -2,7 +2,7 @@
 //!
 //! For each variant: a table of parameters, and for every link, cluster and cart the residuals
 //! `closure`, `closure_by_pose`, `cart_pose` and `cart_position` as expressions. One cart motion,
-//! effects included, stands behind all of them.
+//! effects included, stands behind all of them. Where a tracker has errors, `tracker_error` is these alone.
 
 mod closure;
 mod context;
@@ -11,6 +11,7 @@ mod motion;
 mod parameters;
 mod roles;
 mod targets;
+mod tracker;
 mod value;
 
 pub(crate) use closure::symbol;
@@ -19,6 +20,7 @@ pub use context::{Context, Staging};
 pub use formula::Scope;
 pub use parameters::{Parameter, parameters, places};
 pub use targets::{cart_pose, cart_position};
+pub use tracker::tracker_error;
 
 use crate::graph::{Expr, Graph, Stage};
 use crate::lower::{Programs, lower};

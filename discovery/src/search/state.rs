@@ -204,9 +204,10 @@ impl State {
         let variant = match members.split_last() {
             Some((newest, others)) if others == self.members => {
                 let place = set.candidates[newest.candidate].place;
-                free_turning_from(&model, base, &self.fit.joint.machine.variant, place)
+                let at = (place, input.poses());
+                free_turning_from(&model, base, &self.fit.joint.machine.variant, at)
             }
-            _ => free_turning(&model, base, None),
+            _ => free_turning(&model, base, None, input.poses()),
         };
         let Input {
             robot,

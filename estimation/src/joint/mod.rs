@@ -14,7 +14,7 @@ use tau_kinematics::Machine;
 use tau_robot::robot_file::Noise;
 use tau_solver::Problem;
 
-pub use crate::problem::{CLOSURE_SHARE, Component, Eliminated, Origin, RowPlace};
+pub use crate::problem::{CLOSURE_SHARE, Component, Eliminated, Origin, RowPlace, Tracked};
 
 use crate::calibration::error::Error;
 use crate::calibration::nominal::Nominal;

@@ -1,6 +1,6 @@
 //! Variants as discovery fits them: as described, but for how sets 2 and 3 see the carts turn.
 
-use tau_codegen::compile::compile_some;
+use tau_codegen::compile::{CompiledVariant, compile_some};
 use tau_codegen::language::model::{
     self as language, Effect, EffectParameter, EffectUse, Formula, Model, Place, Readable, Subject,
     Target, Term,
@@ -69,9 +69,65 @@ pub fn additive(
     }
 }
 
+/// Poses that closures are functions of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PosesOf {
+    /// What a tracker measured, its errors included, which closures take off.
+    Tracker,
+    /// Those of the machine: errors of the tracker stand for themselves.
+    Machine,
+}
+
+/// A variant of a model (by index) whose closures are functions of true poses: they leave out errors of the tracker, which
+/// instances of [`ResidualKind::TrackerError`] hold.
+pub(crate) fn at_true_poses(model: &Model, variant: usize, whole: &Variant) -> Variant {
+    let mut own = whole.clone();
+    own.instances.retain(|instance| !is_closure(instance.kind));
+    let closures = closures_of_true_poses(model, variant, |_| true);
+    adopt(&mut own, &Variant::from(&closures), |_| true);
+    sort(&mut own);
+    own
+}
+
+fn closures_of_true_poses(
+    model: &Model,
+    variant: usize,
+    wanted: impl Fn(usize) -> bool,
+) -> CompiledVariant {
+    let mut model = model.clone();
+    let effects = &mut model.variants[variant].effects;
+    effects.retain(|used| used.place != Place::Tcp);
+    compile_some(&model, variant, |kind, of| is_closure(kind) && wanted(of))
+}
+
+/// Those residuals of a variant that concern the plate.
+pub fn of_plate(
+    model: &Model,
+    variant: usize,
+    poses: PosesOf,
+    wanted: impl Fn(ResidualKind, usize) -> bool,
+) -> Variant {
+    if poses == PosesOf::Tracker {
+        return Variant::from(&compile_some(model, variant, |kind, of| {
+            is_closure(kind) && wanted(kind, of)
+        }));
+    }
+    let mut own = Variant::from(&compile_some(model, variant, |kind, of| {
+        kind == ResidualKind::TrackerError && wanted(kind, of)
+    }));
+    let closures = closures_of_true_poses(model, variant, |of| wanted(ResidualKind::Closure, of));
+    adopt(&mut own, &Variant::from(&closures), |_| true);
+    own
+}
+
 /// The variant of a model (by index), its carts turning freely in sets 2 and 3. `closures` is the same
-/// variant where its closures have been compiled already.
-pub fn free_turning(model: &Model, variant: usize, closures: Option<&Variant>) -> Variant {
+/// variant where its closures have been compiled already, as functions of these poses.
+pub fn free_turning(
+    model: &Model,
+    variant: usize,
+    closures: Option<&Variant>,
+    poses: PosesOf,
+) -> Variant {
     let stretching = stretching(model, variant);
     let (model, closures) = match &stretching {
         Some(stretching) => (stretching, None),
@@ -86,7 +142,7 @@ pub fn free_turning(model: &Model, variant: usize, closures: Option<&Variant>) -
     let closures = if let Some(closures) = closures {
         closures
     } else {
-        compiled = Variant::from(&compile_some(model, variant, |kind, _| !is_of_cart(kind)));
+        compiled = of_plate(model, variant, poses, |_, _| true);
         &compiled
     };
     adopt(&mut free, closures, |instance| !is_of_cart(instance.kind));
@@ -95,12 +151,19 @@ pub fn free_turning(model: &Model, variant: usize, closures: Option<&Variant>) -
 
 /// The same for a variant that differs from a compiled one, `before`, by one more effect at a place: only
 /// what that touches is compiled.
-pub fn free_turning_from(model: &Model, variant: usize, before: &Variant, place: Place) -> Variant {
+pub fn free_turning_from(
+    model: &Model,
+    variant: usize,
+    before: &Variant,
+    (place, poses): (Place, PosesOf),
+) -> Variant {
     let cluster_of = |closure: usize| match before.arm {
         Arm::Full => model.links[closure].cluster,
         Arm::Reduced => closure,
     };
     let touches = |kind: ResidualKind, of: usize| match place {
+        _ if kind == ResidualKind::TrackerError => place == Place::Tcp,
+        Place::Tcp if poses == PosesOf::Machine => false,
         Place::Cart { track, .. } if is_of_cart(kind) => of == track,
         Place::Cart { track, .. } => model.clusters[cluster_of(of)].track == Some(track),
         Place::AllCarts => true,
@@ -122,19 +185,19 @@ pub fn free_turning_from(model: &Model, variant: usize, before: &Variant, place:
                 is_of_cart(kind) && touches(kind, of)
             }))
         },
-        || {
-            Variant::from(&compile_some(model, variant, |kind, of| {
-                !is_of_cart(kind) && touches(kind, of)
-            }))
-        },
+        || of_plate(model, variant, poses, touches),
     );
     adopt(&mut free, &closures, |_| true);
     adopt(&mut free, before, |instance| {
         !touches(instance.kind, instance.of)
     });
-    free.instances
-        .sort_by_key(|instance| (order(instance.kind), instance.of));
+    sort(&mut free);
     free
+}
+
+/// Puts residuals in the order in which a variant has them.
+fn sort(variant: &mut Variant) {
+    (variant.instances).sort_by_key(|instance| (order(instance.kind), instance.of));
 }
 
 /// The model with carts that turn and drift in proportion to their commands.
@@ -218,11 +281,16 @@ fn is_of_cart(kind: ResidualKind) -> bool {
     matches!(kind, ResidualKind::CartPose | ResidualKind::CartPosition)
 }
 
+fn is_closure(kind: ResidualKind) -> bool {
+    matches!(kind, ResidualKind::Closure | ResidualKind::ClosureByPose)
+}
+
 fn order(kind: ResidualKind) -> usize {
     match kind {
         ResidualKind::Closure => 0,
         ResidualKind::ClosureByPose => 1,
         ResidualKind::CartPose => 2,
         ResidualKind::CartPosition => 3,
+        ResidualKind::TrackerError => 4,
     }
 }

@@ -27,7 +27,7 @@ use crate::calibration::registration::MOUNTING_M;
 use crate::samples::Sample;
 use whitened::WhitenedPose;
 
-pub use whitened::{Eliminated, Origin, RowPlace};
+pub use whitened::{Eliminated, Origin, RowPlace, Tracked};
 
 pub(crate) use attenuation::{corrected, whitened_bias};
 pub(crate) use path_noise::PathNoise;
@@ -365,24 +365,25 @@ impl Part {
         Ok(part)
     }
 
-    /// All closures, the poses eliminated: groups of as many samples and residuals are one part.
+    /// All closures and errors of the tracker, the poses eliminated: groups of as many samples and residuals are one part.
     fn eliminated(
         machine: &Machine,
         samples: &[Sample],
         groups: &[Eliminated],
     ) -> Result<Vec<Self>, Error> {
-        let closures: Vec<Instance> = (machine.variant.instances_of(ResidualKind::Closure))
-            .cloned()
-            .collect();
-        let mut parts: BTreeMap<[usize; 3], Self> = BTreeMap::new();
+        let instances = |kind| machine.variant.instances_of(kind).cloned();
+        let closures: Vec<Instance> = instances(ResidualKind::Closure).collect();
+        let errors: Vec<Instance> = instances(ResidualKind::TrackerError).collect();
+        let mut parts: BTreeMap<[usize; 4], Self> = BTreeMap::new();
         for group in groups {
-            let shape @ [poses, rows, exact] = group.shape();
+            let shape @ [poses, tracked, rows, exact] = group.shape();
             if rows == 0 {
                 continue;
             }
             let part = parts.entry(shape).or_insert_with(|| {
-                let all = closures.iter().cycle().take(poses * closures.len());
-                let family = WhitenedPose::eliminated(all.cloned().collect(), rows);
+                let of_tracker = std::iter::repeat_n(&errors, tracked);
+                let all = std::iter::repeat_n(&closures, poses).chain(of_tracker);
+                let family = WhitenedPose::eliminated(all.flatten().cloned().collect(), rows);
                 let parameters = family.parameters().to_vec();
                 Self::of(
                     "closures".to_owned(),
@@ -394,7 +395,18 @@ impl Part {
             for &sample in &group.samples {
                 samples[sample].fill_closures(machine, &mut part.data)?;
             }
-            part.data.extend(group.by_closure.transpose().iter());
+            for tracked in &group.tracked {
+                for error in &errors {
+                    tracked.measured.fill(machine, error, &mut part.data)?;
+                }
+            }
+            for row in 0..rows {
+                part.data.extend(group.by_closure.row(row).iter());
+                // Shares of errors that the variant does not have are of no account.
+                let of_tracker = 3 * if errors.is_empty() { 0 } else { tracked };
+                part.data
+                    .extend(group.by_tracker.row(row).columns(0, of_tracker).iter());
+            }
             part.data.extend(group.constants.iter());
             let first = group.samples[0];
             part.samples.push(first);
@@ -540,11 +552,21 @@ fn indices(samples: &[Sample], set: u8, track: Option<usize>) -> Vec<usize> {
         .collect()
 }
 
-/// Indices in the variant of its parameters that the closures depend on, ascending.
-pub(crate) fn used_by_closures(machine: &Machine) -> Vec<usize> {
-    true_pose::TruePose::new(&closures_of(machine))
+/// Indices in the variant of its parameters that what concerns the plate depends on, ascending: closures, and errors of the
+/// tracker.
+pub(crate) fn used_by_plate(machine: &Machine) -> Vec<usize> {
+    let closures = true_pose::TruePose::new(&closures_of(machine));
+    let tracker = machine.variant.instances_of(ResidualKind::TrackerError);
+    let of_tracker = tracker.flat_map(|own| &own.parameters);
+    let mut used: Vec<usize> = closures
         .parameters()
-        .to_vec()
+        .iter()
+        .chain(of_tracker)
+        .copied()
+        .collect();
+    used.sort_unstable();
+    used.dedup();
+    used
 }
 
 /// Closures by parameters, each with that by pose.

@@ -11,6 +11,7 @@ use tau_runtime::{Pattern, ResidualFamily, Shape};
 use super::times_noise;
 use crate::numerics::number;
 use crate::numerics::projection::inverse_factor;
+use crate::samples::Sample as Measured;
 
 /// Linear combinations of all closures of a pose: multiplied by the inverse Cholesky factor of their covariance, since
 /// they share the noise of one position and one rotation; or, where poses are unknown, what [`Eliminated`] leaves.
@@ -39,9 +40,13 @@ pub struct Eliminated {
     pub samples: Vec<usize>,
     /// Share of each closure (m²) in each residual: residuals × (samples · closures).
     pub by_closure: DMatrix<f64>,
+    /// What a tracker measured there.
+    pub tracked: Vec<Tracked>,
+    /// Share of each of the tracker's errors (m) in each residual: residuals × (3 · tracked).
+    pub by_tracker: DMatrix<f64>,
     /// Number of residuals, the last ones, that are of closures alone, and those exact.
     pub exact: usize,
-    /// Part that is none of the closures'.
+    /// Part that is none of the closures' and of the tracker's errors.
     pub constants: DVector<f64>,
     /// Derivatives by the unknowns of targets, surfaces and balls.
     pub by_object: DMatrix<f64>,
@@ -53,10 +58,20 @@ pub struct Eliminated {
     pub owners: Vec<usize>,
 }
 
+/// A measurement of a tracker.
+#[derive(Debug, Clone)]
+pub struct Tracked {
+    /// Index of the sample of the drives at the same pose.
+    pub sample: usize,
+    /// The plate or its target at the measured position.
+    pub measured: Measured,
+}
+
 impl Eliminated {
-    /// Number of samples, of residuals, and of exact ones among them.
-    pub(crate) fn shape(&self) -> [usize; 3] {
-        [self.samples.len(), self.by_closure.nrows(), self.exact]
+    /// Number of samples, of what a tracker measured, of residuals, and of exact ones among them.
+    pub(crate) fn shape(&self) -> [usize; 4] {
+        let (samples, tracked) = (self.samples.len(), self.tracked.len());
+        [samples, tracked, self.by_closure.nrows(), self.exact]
     }
 }
 
@@ -112,7 +127,7 @@ impl WhitenedPose {
         Self::with(closures, rows, 0, |row| row + 1)
     }
 
-    /// So many residuals of the closures of poses that are unknown.
+    /// So many residuals of the closures of poses that are unknown, and of what else stands beside them.
     pub(crate) fn eliminated(closures: Vec<Instance>, rows: usize) -> Self {
         let count = closures.len();
         Self::with(closures, rows, rows, |_| count)

@@ -56,7 +56,7 @@ fn lacks(effect: &Effect, model: &Model, file: &RobotFile, folder: &Folder) -> V
     let mut lacks = BTreeSet::new();
     let poses = &folder.tcp_poses;
     if effect.subject == Subject::Tcp {
-        lacks.extend(folder.hides_tracker(model.plate));
+        lacks.extend(folder.hides_tracker());
     }
     let is_on_cart = !effect.subject.is_link() && effect.subject != Subject::Tcp;
     if is_on_cart && model.guideways().next().is_none() {

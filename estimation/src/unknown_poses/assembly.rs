@@ -12,10 +12,11 @@ use super::kinds::{FIRST_GUESS_M, kinds_of_noise};
 use super::objects::{Object, ObjectUnknown, collect_objects};
 use super::quantity::{Measured, Quantity, base};
 use super::rows::{AXES, Kind, RowPlace, Rows};
+use super::tracker::{TrackerErrors, pose_sample, position_sample};
 use crate::calibration::error::Error;
 use crate::numerics::parallel;
 use crate::problem::POSE_UNKNOWNS;
-use crate::problem::used_by_closures;
+use crate::problem::used_by_plate;
 use crate::samples::Sample;
 
 /// A step of Newton's method (m, rad) that moves a pose by less than a drawing leaves open of it.
@@ -262,7 +263,7 @@ impl<'a> Assembly<'a> {
 
     /// Moves poses to the other minimum of what their closures leave where that is less.
     fn turn_to_closures(&mut self, machine: &Machine, chosen: &Chosen<'_>) -> Result<(), Error> {
-        let used = used_by_closures(machine);
+        let used = used_by_plate(machine);
         let blocks = [self.closures(machine, &used, chosen)?];
         let shared: Vec<f64> = used.iter().map(|&index| machine.values[index]).collect();
         let mut own = vec![0.0; POSE_UNKNOWNS * self.poses.len()];
@@ -338,12 +339,14 @@ impl<'a> Assembly<'a> {
     ) -> Result<Vec<Rows>, Error> {
         let mut rows = vec![self.closures(machine, used, chosen)?];
         let shared = used.len();
+        let errors = TrackerErrors::of(machine).map(Arc::new);
+        let tracker = (errors.as_ref(), used);
         let of_rows = |kind: PlateKind| {
             let own = self.folder.rows_of(kind);
             own.filter(|row| chosen.takes(&place_of(row)))
         };
         if let Some(kind) = self.kind(TCP_POSES) {
-            rows.extend(self.poses_measured(kind, chosen));
+            rows.extend(self.poses_measured(kind, (machine, tracker), chosen)?);
         }
         for kind in [PlateKind::Position, PlateKind::Height, PlateKind::BallBar] {
             let Some(component) = self.kind(kind.file()) else {
@@ -372,16 +375,17 @@ impl<'a> Assembly<'a> {
                     _ => Quantity::Ball,
                 };
                 let first = shared + object.map_or(0, |object| object.first);
-                let mut measured = Rows::new(
-                    kind.file(),
-                    Arc::new(Measured::new(quantity)),
-                    (first..first + quantity.shared()).collect(),
+                let has_errors = kind == PlateKind::Position;
+                let mut measured = Rows::of_tracker(
+                    (kind.file(), Measured::new(quantity)),
+                    first..first + quantity.shared(),
                     (0..quantity.residuals())
                         .map(|axis| component + if by_axis { axis } else { 0 })
                         .collect(),
+                    (errors.as_ref().filter(|_| has_errors), used),
                 );
                 for row in own {
-                    self.measured(row, quantity, &mut measured);
+                    self.measured(machine, row, quantity, &mut measured)?;
                 }
                 rows.push(measured);
             }
@@ -436,8 +440,17 @@ impl<'a> Assembly<'a> {
         sigma_m.map_or(1.0, |sigma| of_kind / sigma)
     }
 
-    fn measured(&self, row: &PlateRow, quantity: Quantity, to: &mut Rows) {
+    fn measured(
+        &self,
+        machine: &Machine,
+        row: &PlateRow,
+        quantity: Quantity,
+        to: &mut Rows,
+    ) -> Result<(), Error> {
         let index = self.index[&row.pose];
+        to.begin(machine, row.kind.file(), || {
+            position_sample(row, self.poses[index].base)
+        })?;
         to.own
             .extend((0..quantity.own()).map(|axis| POSE_UNKNOWNS * index + axis));
         to.data.extend(base(&self.poses[index].base));
@@ -448,16 +461,18 @@ impl<'a> Assembly<'a> {
             to.weights.push(if value.is_some() { weight } else { 0.0 });
         }
         to.places.push(place_of(row));
+        Ok(())
     }
 
-    fn poses_measured(&self, kind: usize, chosen: &Chosen<'_>) -> Option<Rows> {
+    fn poses_measured(
+        &self,
+        kind: usize,
+        (machine, tracker): (&Machine, (Option<&Arc<TrackerErrors>>, &[usize])),
+        chosen: &Chosen<'_>,
+    ) -> Result<Option<Rows>, Error> {
         let kinds = vec![kind, kind, kind, kind + 1, kind + 1, kind + 1];
-        let mut rows = Rows::new(
-            TCP_POSES,
-            Arc::new(Measured::new(Quantity::Pose)),
-            vec![],
-            kinds,
-        );
+        let of = (TCP_POSES, Measured::new(Quantity::Pose));
+        let mut rows = Rows::of_tracker(of, 0..0, kinds, tracker);
         for measured in &self.folder.tcp_poses {
             let place = RowPlace {
                 file: TCP_POSES,
@@ -469,6 +484,7 @@ impl<'a> Assembly<'a> {
                 continue;
             }
             let pose = self.index[&measured.pose];
+            rows.begin(machine, TCP_POSES, || pose_sample(measured))?;
             rows.own
                 .extend((0..POSE_UNKNOWNS).map(|axis| POSE_UNKNOWNS * pose + axis));
             rows.data.extend(base(&self.poses[pose].base));
@@ -491,7 +507,7 @@ impl<'a> Assembly<'a> {
             rows.weights.extend((0..POSE_UNKNOWNS).map(weight));
             rows.places.push(place);
         }
-        (!rows.places.is_empty()).then_some(rows)
+        Ok((!rows.places.is_empty()).then_some(rows))
     }
 }
 

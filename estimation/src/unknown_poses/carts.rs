@@ -8,10 +8,10 @@ use tau_robot::robot_file::RobotFile;
 
 use super::fit::Fit;
 use super::kinds::NoiseGroup;
-use super::refusals::refuse_tracker_effects;
+use super::tracker::of_true_poses;
 use super::{RowDivision, Settled, UnknownPoses};
 use crate::calibration::{self, Calibration, Error, Prepared};
-use crate::joint::variant::free_turning;
+use crate::joint::variant::{PosesOf, free_turning};
 use crate::problem::{Component, Part};
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
@@ -31,7 +31,7 @@ fn turning_freely(robot: &Robot, variant: &Variant) -> Result<Variant, Error> {
     let index = model.variants.iter().position(|v| v.name == variant.name);
     Ok(index.map_or_else(
         || variant.clone(),
-        |index| free_turning(&model, index, Some(variant)),
+        |index| free_turning(&model, index, Some(variant), PosesOf::Machine),
     ))
 }
 
@@ -47,7 +47,7 @@ pub(super) fn all_sets<'a>(
     division: &'a RowDivision,
     near: &Calibration,
 ) -> Result<Fit<'a>, Error> {
-    refuse_tracker_effects(variant, folder)?;
+    let variant = &*of_true_poses(robot, variant, folder)?;
     let calibrates = |&pose: &usize| {
         let number = folder.tcp_poses[pose].pose;
         division.calibration.contains(&number)

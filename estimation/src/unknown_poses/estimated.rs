@@ -16,7 +16,7 @@ use super::outcome::{RowDivision, UnknownPoses};
 use super::rows::{Kind, RowPlace, Rows};
 use crate::calibration::error::Error;
 use crate::calibration::nominal::Nominal;
-use crate::problem::{Eliminated, Origin, POSE_UNKNOWNS, by_pose, gradient};
+use crate::problem::{Eliminated, Origin, POSE_UNKNOWNS, Tracked, by_pose, gradient};
 use crate::samples::Sample;
 
 /// Rounds in which poses follow a machine; steps are those of Gauss and Newton, so that a handful is enough.
@@ -229,6 +229,7 @@ impl<'a> EstimatedPoses<'a> {
             .iter()
             .map(|group| (group.samples.as_slice(), group))
             .collect();
+        let tracked = assembly.tracked();
         let elimination = Elimination::new(&blocks, assembly, &shared, &own);
         let mut groups = elimination
             .raw_clusters()
@@ -240,7 +241,8 @@ impl<'a> EstimatedPoses<'a> {
                     assembly,
                     index: &index,
                 };
-                raw.eliminated(machine, &samples, (displaced, self.objects.len()), &known)
+                let objects = (displaced, self.objects.len());
+                raw.eliminated(machine, &samples, &tracked, objects, &known)
             })
             .collect::<Result<Vec<Eliminated>, Error>>()?;
         groups.retain(|group| group.by_closure.nrows() > 0);
@@ -305,6 +307,7 @@ impl Grouped<'_> {
         &self,
         machine: &Machine,
         samples: &[Sample],
+        tracked: &BTreeMap<RowPlace, Sample>,
         (displaced, objects): (&[f64], usize),
         known: &BTreeMap<&[usize], &Eliminated>,
     ) -> Result<Eliminated, Error> {
@@ -331,11 +334,12 @@ impl Grouped<'_> {
             });
         let shares = self.closure_shares(machine, samples, &own)?;
         self.angles_to_lengths(machine, samples, (&own, &shares), &mut origins)?;
+        let (tracked, by_tracker, errors) = self.tracked(machine, tracked, &origins);
         let measured = DVector::from_fn(raw.rows.len(), |row, _| {
             if is_closure(row) {
                 0.0
             } else {
-                raw.residuals[row]
+                raw.residuals[row] - errors[row]
             }
         });
         let width = raw.by_shared.ncols();
@@ -343,6 +347,8 @@ impl Grouped<'_> {
         let displaced = DVector::from_fn(objects, |k, _| displaced.get(k).copied().unwrap_or(0.0));
         Ok(Eliminated {
             by_closure: basis.tr_mul(&shares),
+            by_tracker: basis.tr_mul(&by_tracker),
+            tracked,
             exact,
             constants: basis.tr_mul(&measured) - &by_object * displaced,
             by_object,
@@ -351,6 +357,46 @@ impl Grouped<'_> {
             origins,
             owners,
         })
+    }
+
+    /// What a tracker measured, the share of each of its errors in each row, and what those of the machine add to the row.
+    fn tracked(
+        &self,
+        machine: &Machine,
+        known: &BTreeMap<RowPlace, Sample>,
+        origins: &[Origin],
+    ) -> (Vec<Tracked>, DMatrix<f64>, DVector<f64>) {
+        let rows = &self.raw.rows;
+        let mut tracked: Vec<Tracked> = vec![];
+        let (mut shares, mut added) = (vec![], DVector::zeros(rows.len()));
+        let mut before = None;
+        for (row, (&(block, sample, residual), origin)) in rows.iter().zip(origins).enumerate() {
+            let of = &self.blocks[block];
+            let measured = known.get(&of.places[sample]);
+            let Some(measured) = measured.filter(|_| block > 0 && residual < 3) else {
+                continue;
+            };
+            if before != Some((block, sample)) {
+                before = Some((block, sample));
+                tracked.push(Tracked {
+                    sample: origin.sample,
+                    measured: measured.clone(),
+                });
+            }
+            let weight = origin.sigma.recip();
+            shares.push((row, 3 * (tracked.len() - 1) + residual, weight));
+            if let Some(errors) = &of.errors {
+                let width = of.family.shape().data;
+                let data = &of.data[sample * width..][..width];
+                let found = errors.at(data, &errors.values(machine), |_, _, _| ());
+                added[row] = weight * found[residual];
+            }
+        }
+        let mut by_tracker = DMatrix::zeros(rows.len(), 3 * tracked.len());
+        for (row, column, share) in shares {
+            by_tracker[(row, column)] = share;
+        }
+        (tracked, by_tracker, added)
     }
 
     fn origins(&self, samples: &[Sample], own: &[usize]) -> Vec<Origin> {

@@ -12,7 +12,7 @@ use super::{KindFit, ObjectEstimate, Rank, UnknownPoses, heldout, quantity};
 use crate::calibration::{self, Calibration, Combination, Error, Fitted, combinations};
 use crate::numerics::order::extent;
 use crate::numerics::{number, triangle};
-use crate::problem::used_by_closures;
+use crate::problem::used_by_plate;
 use crate::samples::Sample;
 
 /// Tolerance (m or rad) of places that had none: beyond any machine, so that it says nothing.
@@ -114,7 +114,7 @@ impl Fit<'_> {
             .collect();
         let described = &machine.variant.parameters;
         let place = |index: &usize| own.get(described[*index].name.as_str()).copied();
-        let known = used_by_closures(machine).into_iter();
+        let known = used_by_plate(machine).into_iter();
         let known = known.filter_map(|index| Some((index, place(&index)?)));
         let (used, places): (Vec<usize>, Vec<usize>) = known.unzip();
         let mut found = machine.values.clone();

@@ -19,7 +19,7 @@ use super::rows::{RowPlace, Rows, noise_of_rows};
 use super::{GrossRow, KindFit, Rank, RowDivision};
 use crate::calibration::{Error, Nominal, Prepared};
 use crate::numerics::singular;
-use crate::problem::used_by_closures;
+use crate::problem::used_by_plate;
 use crate::problem::{self, POSE_UNKNOWNS, Part};
 use crate::weighing::Loss;
 
@@ -105,7 +105,7 @@ impl<'a> Fit<'a> {
             let message = "no pose of the plate is left to calibrate";
             return Err(InputError::whole(&folder.name, message).into());
         }
-        let mut used = used_by_closures(&machine);
+        let mut used = used_by_plate(&machine);
         used.extend(carts.iter().flat_map(|part| &part.parameters));
         used.sort_unstable();
         used.dedup();

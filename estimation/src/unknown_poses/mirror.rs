@@ -12,7 +12,7 @@ use tau_kinematics::{Machine, Pose, Sample};
 use super::starts::AT_REFERENCE;
 use crate::calibration::{Nominal, Prepared, centres, turn_of};
 use crate::numerics::order::smallest_first;
-use crate::problem::{priors, used_by_closures};
+use crate::problem::{priors, used_by_plate};
 
 /// Standard deviation of a joint that is exact, as a share of the mean length of the links: small beside any sketch.
 const EXACT: f64 = 1e-3;
@@ -83,7 +83,7 @@ impl Drawing {
         let mut points = joints(machine)?;
         let (pose, sample) = at_reference(machine)?;
         let length_m = machine.mean_length_m(&sample).ok()?;
-        let unknowns = used_by_closures(machine);
+        let unknowns = used_by_plate(machine);
         let priors = priors(&machine.variant, &unknowns, &prepared.nominal);
         let mut moves = DMatrix::zeros(3 * points.len() + 3, unknowns.len());
         for (column, (&index, prior)) in unknowns.iter().zip(&priors).enumerate() {

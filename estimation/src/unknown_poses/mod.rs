@@ -41,6 +41,7 @@ mod starts;
 mod stated_noise;
 #[cfg(test)]
 mod tests;
+mod tracker;
 mod trials;
 mod unsolved;
 mod verdict;
@@ -61,8 +62,9 @@ use crate::trust::Mistake;
 use crate::weighing::Loss;
 use elimination::Reduced;
 use fit::{Fit, UNSEEN};
-use refusals::{refuse_commands, refuse_contradictions, refuse_tracker_effects};
+use refusals::{refuse_commands, refuse_contradictions};
 use starts::Search;
+use tracker::of_true_poses;
 use trials::Case;
 
 pub use estimated::{EstimatedPoses, Placed, Side};
@@ -142,7 +144,7 @@ fn observed<T>(
     of: impl FnOnce(&Fit<'_>, &Reduced) -> Result<T, Error>,
 ) -> Result<T, Error> {
     let file = &file.completed(robot);
-    refuse_tracker_effects(variant, folder)?;
+    let variant = &*of_true_poses(robot, variant, folder)?;
     let fit = Fit::new(robot, variant, file, folder, division)?;
     refuse_commands(&fit.prepared.machine, folder)?;
     refuse_contradictions(&fit)?;
@@ -176,6 +178,7 @@ pub fn calibrate(
     division: &RowDivision,
     options: &calibration::Options,
 ) -> Result<UnknownPoses, Error> {
+    let variant = &*of_true_poses(robot, variant, folder)?;
     let of = (robot, variant);
     let (plate, mistakes) = of_plate(of, file, folder, division, options)?;
     let completed = &file.completed(robot);
@@ -227,7 +230,6 @@ fn recognising<'a>(
         ..
     } = *case;
     let file = &case.file.completed(robot);
-    refuse_tracker_effects(variant, folder)?;
     let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
     let mut prepared = Prepared::new(robot, variant, file, Some(folder), &all)?;
     refuse_commands(&prepared.machine, folder)?;

@@ -14,6 +14,7 @@ use tau_robot::robot_file::RobotFile;
 
 use super::fit::Fit;
 use super::starts;
+use super::tracker::of_true_poses;
 use super::trials::{Case, Dimensions, Trial};
 use super::{KindFit, ROUGH_COST, RowDivision, UnknownPoses, recognising};
 use crate::calibration::{self, Error, Prepared};
@@ -66,6 +67,7 @@ pub fn mistakes(
     folder: &Folder,
     division: &RowDivision,
 ) -> Result<Vec<Mistake>, Error> {
+    let variant = &*of_true_poses(robot, variant, folder)?;
     let case = Case {
         robot,
         variant,

@@ -3,7 +3,6 @@
 use tau_kinematics::{Machine, Sample};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Folder, SAME_POSE};
-use tau_robot::robot::Variant;
 
 use super::Rank;
 use super::elimination::Reduced;
@@ -186,19 +185,4 @@ pub(super) fn refuse_contradictions(fit: &Fit<'_>) -> Result<(), Error> {
         }
     }
     Ok(())
-}
-
-/// Effects of a tracker have no part in what is measured without one.
-pub(super) fn refuse_tracker_effects(variant: &Variant, folder: &Folder) -> Result<(), Error> {
-    let effects = variant.tracker_effects();
-    match (effects.first(), folder.measured_without_tracker()) {
-        (Some(effect), Some(file)) => {
-            let message = format!(
-                "`{effect}` of variant `{}` is an error of the tracker, and {file} is measured without it",
-                variant.name
-            );
-            Err(InputError::whole(&folder.name, message).into())
-        }
-        _ => Ok(()),
-    }
 }

@@ -1,14 +1,20 @@
 //! Measurements as residuals of unknown poses.
 
+use std::ops::Range;
 use std::sync::Arc;
 
+use tau_kinematics::Machine;
 use tau_robot::measurements::{CART_POSES, CART_POSITIONS, TCP_POSES};
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::StatedNoise;
 use tau_runtime::ResidualFamily;
 use tau_solver::{Block, Loss};
 
+use super::quantity::Measured;
+use super::tracker::{TrackerErrors, WithErrors};
+use crate::calibration::error::Error;
 use crate::problem::{Component, POSE_UNKNOWNS, Part};
+use crate::samples::Sample;
 use crate::weighing::LackOfFit;
 
 pub use crate::problem::RowPlace;
@@ -217,6 +223,8 @@ pub(super) struct Rows {
     /// Index of the kind of each residual of a sample.
     pub(super) kinds: Vec<usize>,
     pub(super) places: Vec<RowPlace>,
+    /// Errors of the tracker that measured them.
+    pub(super) errors: Option<Arc<TrackerErrors>>,
 }
 
 impl Rows {
@@ -235,7 +243,50 @@ impl Rows {
             weights: vec![],
             kinds,
             places: vec![],
+            errors: None,
         }
+    }
+
+    /// Rows that a tracker measured, with its errors if it has some; `used` numbers their parameters.
+    pub(super) fn of_tracker(
+        (label, quantity): (&str, Measured),
+        shared: Range<usize>,
+        kinds: Vec<usize>,
+        (errors, used): (Option<&Arc<TrackerErrors>>, &[usize]),
+    ) -> Self {
+        let Some(errors) = errors else {
+            return Self::new(label, Arc::new(quantity), shared.collect(), kinds);
+        };
+        let place = |index| used.binary_search(index).unwrap_or_default();
+        let of_errors = errors.parameters.iter().map(place);
+        let family = WithErrors::new(Arc::new(quantity), Arc::clone(errors));
+        Self {
+            errors: Some(Arc::clone(errors)),
+            ..Self::new(
+                label,
+                Arc::new(family),
+                of_errors.chain(shared).collect(),
+                kinds,
+            )
+        }
+    }
+
+    /// Begins a row at the position that a tracker measured, before the data of what it measured.
+    ///
+    /// # Errors
+    /// What its errors read is missing.
+    pub(super) fn begin(
+        &mut self,
+        machine: &Machine,
+        file: &str,
+        sample: impl FnOnce() -> Sample,
+    ) -> Result<(), Error> {
+        let Some(errors) = &self.errors else {
+            return Ok(());
+        };
+        let sample = sample();
+        let filled = errors.fill(machine, &sample, &mut self.data);
+        filled.map_err(|missing| sample.lacks_in(file, &missing))
     }
 
     /// Carts as measured; `used` numbers their parameters, and kinds are those [of carts](super::kinds::kinds_of_carts)
@@ -273,6 +324,7 @@ impl Rows {
                     .iter()
                     .map(|weight| f64::from(u8::from(*weight > 0.0)))
                     .collect(),
+                errors: None,
                 label: part.label,
                 family: part.family,
                 shared: part.parameters,

@@ -7,6 +7,7 @@ use tau_robot::robot_file::RobotFile;
 use tau_solver::Problem;
 
 use super::kinds::drive_sigmas;
+use super::tracker::of_true_poses;
 use super::{RowDivision, carts, fit::Fit, starts};
 use crate::calibration::{Calibration, Error, prepared::Prepared};
 
@@ -26,6 +27,7 @@ impl<'a> Unsolved<'a> {
         folder: &'a Folder,
         division: &'a RowDivision,
     ) -> Result<Self, Error> {
+        let variant = &*of_true_poses(robot, variant, folder)?;
         let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
         let prepared = Prepared::new(robot, variant, file, Some(folder), &all)?;
         let is_sketch = starts::sketched(&prepared).is_some();

@@ -160,30 +160,23 @@ impl Folder {
         !self.tcp_poses.is_empty()
     }
 
-    /// A file in which something of the plate was measured without a tracker; where nothing was measured with one, that
-    /// of the readings.
+    /// A file of what was measured of the plate, where no tracker measured any of it.
     pub fn measured_without_tracker(&self) -> Option<&'static str> {
         let has = |kind: PlateKind| self.rows_of(kind).next().is_some();
+        if !self.tcp_poses.is_empty() || has(PlateKind::Position) {
+            return None;
+        }
         let others = [PlateKind::Height, PlateKind::BallBar];
         let file = others.into_iter().find(|kind| has(*kind));
         let file = file.map(PlateKind::file);
         let file = file.or((!self.distances.is_empty()).then_some(DISTANCES));
-        let has_tracker = !self.tcp_poses.is_empty() || has(PlateKind::Position);
-        file.or((!has_tracker).then_some(PlateKind::Reading.file()))
+        Some(file.unwrap_or(PlateKind::Reading.file()))
     }
 
-    /// Reason why a search sees no effects of a tracker, where it doesn't: it compares poses, or else all that was
-    /// measured of the plate, in which a pose is where a tracker sees it.
-    pub fn hides_tracker(&self, plate: Plate) -> Option<&'static str> {
-        if !self.tcp_poses.is_empty() || self.clone().take_positions_for_poses(plate) {
-            return None;
-        }
-        self.measured_without_tracker()?;
-        Some(if self.rows_of(PlateKind::Position).next().is_some() {
-            "heights, distances and ball bars, which stand beside positions, know nothing of the tracker"
-        } else {
-            "no tracker has measured the plate"
-        })
+    /// Reason why effects of a tracker are not seen, where they aren't.
+    pub fn hides_tracker(&self) -> Option<&'static str> {
+        let hidden = self.measured_without_tracker();
+        hidden.map(|_| "no tracker has measured the plate")
     }
 
     /// True if the tension of a link was measured anywhere.

@@ -22,9 +22,9 @@ use super::assembly::Chosen;
 use super::elimination::{Elimination, Reduced};
 use super::fit::Fit;
 use super::predicted::{HeldOutKind, predicted};
-use super::refusals::refuse_tracker_effects;
 use super::rows::ABSORBED;
 use super::rows::{Kind, RowPlace, Rows, noise_of_rows};
+use super::tracker::of_true_poses;
 use super::{GrossRow, ROUNDS, RowDivision, SAME_NOISE, SAME_POSE};
 use crate::calibration::{self, EXACT_COST, Error, Prepared};
 use crate::numerics::order::largest_first;
@@ -210,7 +210,7 @@ fn evaluated(
     is_loose: bool,
 ) -> Result<(HeldErrors, bool), Error> {
     let file = &file.completed(robot);
-    refuse_tracker_effects(variant, folder)?;
+    let variant = &*of_true_poses(robot, variant, folder)?;
     let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
     let prepared = Prepared::from_file(robot, variant, file, Some(folder), &all)?;
     let of_parameters = Uncertainty::of_prepared(&prepared, file);
