@@ -226,6 +226,7 @@ fn an_effect_on_a_cart_is_seen_in_every_set() {
     assert!(touched.iter().all(|&(kind, of)| match kind {
         Closure | ClosureByPose => of == 1 || of == 2,
         CartPose | CartPosition => of == 1,
+        ResidualKind::TrackerError => false,
     }));
 }
 

@@ -160,7 +160,9 @@ fn samples_of(
             .unwrap()
     };
     match instance.kind {
-        ResidualKind::Closure | ResidualKind::ClosureByPose => poses.iter().map(of_pose).collect(),
+        ResidualKind::Closure | ResidualKind::ClosureByPose | ResidualKind::TrackerError => {
+            poses.iter().map(of_pose).collect()
+        }
         ResidualKind::CartPose => folder
             .cart_poses
             .iter()

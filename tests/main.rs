@@ -56,6 +56,7 @@ mod standard_robots;
 mod start;
 mod study;
 mod support;
+mod tracker_errors;
 mod trust;
 mod uncertainty;
 mod unknown_poses;

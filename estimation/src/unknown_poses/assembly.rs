@@ -339,7 +339,7 @@ impl<'a> Assembly<'a> {
     ) -> Result<Vec<Rows>, Error> {
         let mut rows = vec![self.closures(machine, used, chosen)?];
         let shared = used.len();
-        let errors = TrackerErrors::of(machine).map(Arc::new);
+        let errors = TrackerErrors::of(&machine.variant).map(Arc::new);
         let tracker = (errors.as_ref(), used);
         let of_rows = |kind: PlateKind| {
             let own = self.folder.rows_of(kind);

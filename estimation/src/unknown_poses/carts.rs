@@ -47,7 +47,6 @@ pub(super) fn all_sets<'a>(
     division: &'a RowDivision,
     near: &Calibration,
 ) -> Result<Fit<'a>, Error> {
-    let variant = &*of_true_poses(robot, variant, folder)?;
     let calibrates = |&pose: &usize| {
         let number = folder.tcp_poses[pose].pose;
         division.calibration.contains(&number)
@@ -57,12 +56,13 @@ pub(super) fn all_sets<'a>(
     let frames = Frames::of(&near.machine, folder);
     let mut samples = Sample::all(robot, folder, &poses, &frames);
     let described = Prepared::new(robot, variant, file, Some(folder), &poses)?;
+    let variant = &*of_true_poses(robot, variant, folder)?;
     let prepared = if samples.len() > poses.len() {
         place_plates(&near.machine, file, &mut samples);
         let free = turning_freely(robot, variant)?;
         Prepared::new(robot, &free, file, Some(folder), &poses)?
     } else {
-        described.clone()
+        Prepared::new(robot, variant, file, Some(folder), &poses)?
     };
     let mut values = prepared.machine.values.clone();
     for estimate in &near.parameters {

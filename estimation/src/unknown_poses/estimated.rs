@@ -16,7 +16,7 @@ use super::outcome::{RowDivision, UnknownPoses};
 use super::rows::{Kind, RowPlace, Rows};
 use crate::calibration::error::Error;
 use crate::calibration::nominal::Nominal;
-use crate::problem::{Eliminated, Origin, POSE_UNKNOWNS, Tracked, by_pose, gradient};
+use crate::problem::{Eliminated, Origin, POSE_UNKNOWNS, by_pose, gradient};
 use crate::samples::Sample;
 
 /// Rounds in which poses follow a machine; steps are those of Gauss and Newton, so that a handful is enough.
@@ -294,9 +294,9 @@ fn pose_of(sample: Sample) -> TcpPose {
 }
 
 /// The rows of poses that belong together, with what they are rows of.
-struct Grouped<'b> {
-    raw: &'b Raw,
-    blocks: &'b [Rows],
+pub(super) struct Grouped<'b> {
+    pub(super) raw: &'b Raw,
+    pub(super) blocks: &'b [Rows],
     assembly: &'b Assembly<'b>,
     /// Index of the sample of each reading.
     index: &'b [usize],
@@ -357,46 +357,6 @@ impl Grouped<'_> {
             origins,
             owners,
         })
-    }
-
-    /// What a tracker measured, the share of each of its errors in each row, and what those of the machine add to the row.
-    fn tracked(
-        &self,
-        machine: &Machine,
-        known: &BTreeMap<RowPlace, Sample>,
-        origins: &[Origin],
-    ) -> (Vec<Tracked>, DMatrix<f64>, DVector<f64>) {
-        let rows = &self.raw.rows;
-        let mut tracked: Vec<Tracked> = vec![];
-        let (mut shares, mut added) = (vec![], DVector::zeros(rows.len()));
-        let mut before = None;
-        for (row, (&(block, sample, residual), origin)) in rows.iter().zip(origins).enumerate() {
-            let of = &self.blocks[block];
-            let measured = known.get(&of.places[sample]);
-            let Some(measured) = measured.filter(|_| block > 0 && residual < 3) else {
-                continue;
-            };
-            if before != Some((block, sample)) {
-                before = Some((block, sample));
-                tracked.push(Tracked {
-                    sample: origin.sample,
-                    measured: measured.clone(),
-                });
-            }
-            let weight = origin.sigma.recip();
-            shares.push((row, 3 * (tracked.len() - 1) + residual, weight));
-            if let Some(errors) = &of.errors {
-                let width = of.family.shape().data;
-                let data = &of.data[sample * width..][..width];
-                let found = errors.at(data, &errors.values(machine), |_, _, _| ());
-                added[row] = weight * found[residual];
-            }
-        }
-        let mut by_tracker = DMatrix::zeros(rows.len(), 3 * tracked.len());
-        for (row, column, share) in shares {
-            by_tracker[(row, column)] = share;
-        }
-        (tracked, by_tracker, added)
     }
 
     fn origins(&self, samples: &[Sample], own: &[usize]) -> Vec<Origin> {

@@ -178,12 +178,14 @@ pub fn calibrate(
     division: &RowDivision,
     options: &calibration::Options,
 ) -> Result<UnknownPoses, Error> {
-    let variant = &*of_true_poses(robot, variant, folder)?;
-    let of = (robot, variant);
+    let fitted = of_true_poses(robot, variant, folder)?;
+    let of = (robot, &*fitted);
     let (plate, mistakes) = of_plate(of, file, folder, division, options)?;
     let completed = &file.completed(robot);
     let mut found = carts::beside(plate, of, (completed, folder), division, options)?;
     found.mistakes.extend(mistakes);
+    // Who takes the machine for poses that were measured wants closures with the errors in them, as they are described.
+    found.calibration.machine.variant.clone_from(variant);
     Ok(found)
 }
 

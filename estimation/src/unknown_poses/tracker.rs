@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
+use nalgebra::{DMatrix, DVector};
 use tau_kinematics::{Machine, Missing, Pose};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Folder, PlateKind, PlateRow, TCP_POSES, TcpPose};
@@ -11,10 +12,12 @@ use tau_robot::robot::{Input, Instance, ResidualKind, Robot, Variant};
 use tau_runtime::{Pattern, ResidualFamily, Shape};
 
 use super::assembly::{Assembly, place_of};
+use super::estimated::Grouped;
 use super::rows::RowPlace;
 use crate::calibration::error::Error;
 use crate::joint::variant::at_true_poses;
 use crate::numerics::number;
+use crate::problem::{Origin, Tracked};
 use crate::samples::Sample;
 
 /// The variant that a folder with unknown poses is fitted with: closures of true poses, errors of the tracker apart.
@@ -120,9 +123,9 @@ fn union<T: Ord>(of: impl Iterator<Item = T>) -> Vec<T> {
 }
 
 impl TrackerErrors {
-    /// Those of a machine; `None` where its variant has none.
-    pub(super) fn of(machine: &Machine) -> Option<Self> {
-        let instances = machine.variant.instances_of(ResidualKind::TrackerError);
+    /// Those of a variant, if it has some.
+    pub(super) fn of(variant: &Variant) -> Option<Self> {
+        let instances = variant.instances_of(ResidualKind::TrackerError);
         let instances: Vec<&Instance> = instances.collect();
         let instances: [&Instance; 3] = instances.try_into().ok()?;
         let all = || instances.iter();
@@ -188,6 +191,48 @@ impl TrackerErrors {
             }
             error[0]
         })
+    }
+}
+
+impl Grouped<'_> {
+    /// What a tracker measured, the share of each of its errors in each row, and what those of the machine add to the row.
+    pub(super) fn tracked(
+        &self,
+        machine: &Machine,
+        known: &BTreeMap<RowPlace, Sample>,
+        origins: &[Origin],
+    ) -> (Vec<Tracked>, DMatrix<f64>, DVector<f64>) {
+        let rows = &self.raw.rows;
+        let mut tracked: Vec<Tracked> = vec![];
+        let (mut shares, mut added) = (vec![], DVector::zeros(rows.len()));
+        let mut before = None;
+        for (row, (&(block, sample, residual), origin)) in rows.iter().zip(origins).enumerate() {
+            let of = &self.blocks[block];
+            let measured = known.get(&of.places[sample]);
+            let Some(measured) = measured.filter(|_| block > 0 && residual < 3) else {
+                continue;
+            };
+            if before != Some((block, sample)) {
+                before = Some((block, sample));
+                tracked.push(Tracked {
+                    sample: origin.sample,
+                    measured: measured.clone(),
+                });
+            }
+            let weight = origin.sigma.recip();
+            shares.push((row, 3 * (tracked.len() - 1) + residual, weight));
+            if let Some(errors) = &of.errors {
+                let width = of.family.shape().data;
+                let data = &of.data[sample * width..][..width];
+                let found = errors.at(data, &errors.values(machine), |_, _, _| ());
+                added[row] = weight * found[residual];
+            }
+        }
+        let mut by_tracker = DMatrix::zeros(rows.len(), 3 * tracked.len());
+        for (row, column, share) in shares {
+            by_tracker[(row, column)] = share;
+        }
+        (tracked, by_tracker, added)
     }
 }
 
@@ -288,6 +333,117 @@ impl ResidualFamily for WithErrors {
         });
         for (residual, error) in residuals.iter_mut().zip(errors) {
             *residual += error;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::quantity::{Measured, Quantity};
+    use super::*;
+
+    const TEXT: &str = "
+        effect wave on tcp {
+            param a: length; param b[3]: velocity; search p: length in 100 mm ..= 1 m;
+            position += (a * sin(2*pi*x/p), 0 mm, a * y * z / (1 m)^2);
+            position += b * time;
+        }
+        robot Slide {
+            track one; cluster arm on one { link k, l, m, n, o, p; }
+            variant Plain { arm full; tracks linear per link; }
+            variant Waving = Plain + wave(tcp);
+        }";
+
+    /// Errors by hand, and six-point central differences of each residual by each parameter.
+    #[test]
+    fn errors_join_what_was_measured() {
+        let robot = Robot::from_text(TEXT).unwrap();
+        assert!(TrackerErrors::of(robot.variant("Plain").unwrap()).is_none());
+        let variant = robot.variant("Waving").unwrap();
+        let errors = Arc::new(TrackerErrors::of(variant).unwrap());
+        let named = |name: &str| -> usize {
+            let index = variant.index_of(&format!("wave(tcp).{name}"));
+            errors.parameters.binary_search(&index).unwrap()
+        };
+        let mut of_errors = [0.0; 5];
+        for (name, value) in [
+            ("a", 3e-2),
+            ("b.x", 1e-2),
+            ("b.y", -2e-2),
+            ("b.z", 4e-2),
+            ("p", 0.7),
+        ] {
+            of_errors[named(name)] = value;
+        }
+        let (position, time) = ([0.3, -0.2, 0.9], 2.5);
+        let datum = |input: &Input| match *input {
+            Input::Position(axis) => position[axis],
+            Input::Time => time,
+            ref other => panic!("{other:?}"),
+        };
+        let data: Vec<f64> = errors.inputs.iter().map(datum).collect();
+        let expected = [
+            3e-2 * (std::f64::consts::TAU * 0.3 / 0.7).sin() + 1e-2 * time,
+            -2e-2 * time,
+            3e-2 * (-0.2 * 0.9) + 4e-2 * time,
+        ];
+        let found = errors.at(&data, &of_errors, |_, _, _| ());
+        for (found, expected) in found.iter().zip(expected) {
+            assert!((found - expected).abs() < 1e-15, "{found} {expected}");
+        }
+
+        for quantity in [Quantity::Pose, Quantity::Tcp, Quantity::Target] {
+            let inner: Arc<dyn ResidualFamily> = Arc::new(Measured::new(quantity));
+            let family = WithErrors::new(Arc::clone(&inner), Arc::clone(&errors));
+            let (of, shape) = (inner.shape(), family.shape());
+            let pose = |at| super::super::quantity::base(&Pose::from_zyz(position, at));
+            let mut data = data.clone();
+            data.extend(pose([0.4, 0.9, -1.2]));
+            data.extend(pose([0.5, 0.8, -1.1]));
+            data.truncate(shape.data);
+            let mut at = of_errors.to_vec();
+            at.extend((0..of.parameters).map(|k| 0.03 * (k as f64 - 2.5)));
+            let residuals = |family: &dyn ResidualFamily, data: &[f64], at: &[f64]| {
+                let mut residuals = vec![0.0; family.shape().residuals];
+                let mut prepared = vec![0.0; family.shape().prepared];
+                family.prepare(data, &mut prepared);
+                family.value(&prepared, at, &mut residuals);
+                residuals
+            };
+            let with = residuals(&family, &data, &at);
+            let without = residuals(&*inner, &data[errors.inputs.len()..], &at[5..]);
+            for (row, (with, without)) in with.iter().zip(without).enumerate() {
+                let error = expected.get(row).copied().unwrap_or_default();
+                assert!((with - without - error).abs() < 1e-14, "{quantity:?} {row}");
+            }
+            let mut prepared = vec![0.0; shape.prepared];
+            family.prepare(&data, &mut prepared);
+            let mut again = vec![0.0; shape.residuals];
+            let mut entries = vec![f64::NAN; family.pattern().len()];
+            family.linearize(&prepared, &at, &mut again, &mut entries);
+            assert_eq!(again, with);
+            let pattern = family.pattern();
+            for column in 0..shape.parameters {
+                let moved = |steps: f64| {
+                    let mut at = at.clone();
+                    at[column] += steps * 1e-3;
+                    residuals(&family, &data, &at)
+                };
+                let pairs = [1.0, 2.0, 3.0].map(|s| (moved(s), moved(-s)));
+                for row in 0..shape.residuals {
+                    let slope = |k: usize| pairs[k].0[row] - pairs[k].1[row];
+                    let expected = (slope(0) * 45.0 - slope(1) * 9.0 + slope(2)) / 60e-3;
+                    let own =
+                        pattern.row_starts[row] as usize..pattern.row_starts[row + 1] as usize;
+                    let own = pattern.columns[own.clone()].iter().zip(&entries[own]);
+                    let found = own.filter(|(entry, _)| **entry as usize == column);
+                    let found: f64 = found.map(|(_, entry)| entry).sum();
+                    assert!(
+                        (found - expected).abs() < 1e-8,
+                        "{quantity:?} {row} {column}: {found} {expected}"
+                    );
+                }
+            }
         }
     }
 }
