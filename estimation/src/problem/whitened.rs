@@ -61,7 +61,7 @@ pub struct Eliminated {
 /// A measurement of a tracker.
 #[derive(Debug, Clone)]
 pub struct Tracked {
-    /// Index of the sample of the drives at the same pose.
+    /// Index of the sample of the drives at it.
     pub sample: usize,
     /// The plate or its target at the measured position.
     pub measured: Measured,

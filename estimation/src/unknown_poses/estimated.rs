@@ -334,7 +334,8 @@ impl Grouped<'_> {
             });
         let shares = self.closure_shares(machine, samples, &own)?;
         self.angles_to_lengths(machine, samples, (&own, &shares), &mut origins)?;
-        let (tracked, by_tracker, errors) = self.tracked(machine, tracked, &origins);
+        let (tracked, by_tracker, errors) =
+            self.tracked(machine, tracked, (samples, &of_samples), &origins);
         let measured = DVector::from_fn(raw.rows.len(), |row, _| {
             if is_closure(row) {
                 0.0

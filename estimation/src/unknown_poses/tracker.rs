@@ -195,11 +195,13 @@ impl TrackerErrors {
 }
 
 impl Grouped<'_> {
-    /// What a tracker measured, the share of each of its errors in each row, and what those of the machine add to the row.
+    /// What a tracker measured, the share of each of its errors in each row, and what those of the machine add to the row;
+    /// `own` are the indices of the samples of the drives.
     pub(super) fn tracked(
         &self,
         machine: &Machine,
         known: &BTreeMap<RowPlace, Sample>,
+        (samples, own): (&[Sample], &[usize]),
         origins: &[Origin],
     ) -> (Vec<Tracked>, DMatrix<f64>, DVector<f64>) {
         let rows = &self.raw.rows;
@@ -214,8 +216,12 @@ impl Grouped<'_> {
             };
             if before != Some((block, sample)) {
                 before = Some((block, sample));
+                let is_own = |&&own: &&usize| {
+                    let of = &samples[own];
+                    of.number == measured.number && of.commands_m == measured.commands_m
+                };
                 tracked.push(Tracked {
-                    sample: origin.sample,
+                    sample: own.iter().find(is_own).copied().unwrap_or(origin.sample),
                     measured: measured.clone(),
                 });
             }
