@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
 use tau_kinematics::{Machine, Pose};
-use tau_robot::measurements::{Distance, Folder, PlateKind, PlateRow, Split, TcpPose};
+use tau_robot::measurements::{Distance, Folder, PlateKind, PlateRow, Split, TCP_POSES, TcpPose};
 use tau_robot::prototype;
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::StatedNoise;
@@ -264,6 +264,84 @@ fn residuals_without_poses_have_the_derivatives_of_their_closures() {
     let [once, twice] = [1.0, 2.0].map(off);
     assert!(once < 1e-2 * predicted.norm(), "{once}");
     assert!((3.0..5.0).contains(&(twice / once)), "{once} {twice}");
+}
+
+/// A tracker that saw everything elsewhere by as much changes residuals, poses following, as its errors do with the other sign.
+#[test]
+fn errors_of_a_tracker_act_on_what_it_measured() {
+    let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
+    let variant = robot.variant("Full").unwrap();
+    let mut file = prototype::robot_file().unwrap();
+    file.measuring.drives = vec![StatedNoise::Known(2e-6)];
+    let file = file.completed(&robot);
+    let mut folder = prototype::folder().unwrap();
+    folder.cart_poses.clear();
+    folder.cart_positions.clear();
+    let poses = folder.tcp_poses.clone();
+    folder.tcp_poses = poses.iter().step_by(6).cloned().collect();
+    let folder = of_poses(folder, &poses);
+    let division = RowDivision::of(&folder, Split::All);
+    let options = Options::default();
+    let found = calibrate(&robot, variant, &file, &folder, &division, &options).unwrap();
+    let machine = &found.calibration.machine;
+    let residuals = |folder: &Folder, reference: &[Eliminated]| {
+        let estimated = EstimatedPoses::of(&found, &file, folder, &division).unwrap();
+        let (with_poses, division) = estimated.folder();
+        let frames = Frames::default();
+        let samples = Sample::all(&robot, &with_poses, &division.calibration, &frames);
+        let side = Side::Calibration;
+        let placed = estimated.placed(side, machine, &[], &samples, reference);
+        let placed = placed.unwrap();
+        let of_group = |group: &Eliminated| {
+            let closures = group.samples.iter().flat_map(|&sample| {
+                let at = machine.closures(&placed.samples[sample].view()).unwrap();
+                at.residuals.component_mul(&at.slopes).data.as_vec().clone()
+            });
+            let closures = DVector::from_iterator(group.by_closure.ncols(), closures);
+            let own = &group.by_closure * closures + &group.constants;
+            own.data.as_vec().clone()
+        };
+        let all: Vec<f64> = placed.groups.iter().flat_map(of_group).collect();
+        (DVector::from_vec(all), placed.groups)
+    };
+    let (before, groups) = residuals(&folder, &[]);
+    let shift = [3e-5, -2e-5, 5e-5];
+    let mut elsewhere = folder.clone();
+    for (axis, shift) in shift.iter().enumerate() {
+        for pose in &mut elsewhere.tcp_poses {
+            pose.position_m[axis] += shift;
+        }
+        let rows = elsewhere.plate_rows.iter_mut();
+        for row in rows.filter(|row| row.kind == PlateKind::Position) {
+            row.values[axis] = row.values[axis].map(|value| value + shift);
+        }
+    }
+    let (after, _) = residuals(&elsewhere, &groups);
+    let of_group = |group: &Eliminated| {
+        let count = group.by_tracker.ncols();
+        let errors = DVector::from_iterator(count, shift.iter().cycle().take(count).copied());
+        (&group.by_tracker * errors).data.as_vec().clone()
+    };
+    let predicted = DVector::from_vec(groups.iter().flat_map(of_group).collect());
+    let tracked = groups
+        .iter()
+        .map(|group| group.tracked.len())
+        .sum::<usize>();
+    let positions = folder.rows_of(PlateKind::Position).count();
+    let left_out = found.left_out();
+    let by_tracker = [TCP_POSES, PlateKind::Position.file()];
+    let left_out = left_out
+        .iter()
+        .filter(|place| by_tracker.contains(&place.file));
+    let left_out = left_out.filter(|place| place.drive.is_none()).count();
+    assert_eq!(tracked + left_out, folder.tcp_poses.len() + positions);
+    assert!(predicted.norm() > 10.0, "{}", predicted.norm());
+    let off = (after - before + &predicted).norm();
+    assert!(
+        off < 1e-2 * predicted.norm(),
+        "{off} of {}",
+        predicted.norm()
+    );
 }
 
 /// Two or three readings of most quantities, with noise of their own, and drives that read a little otherwise each time.
