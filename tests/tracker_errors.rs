@@ -134,7 +134,11 @@ fn an_evaluation_takes_them_off() {
 fn a_search_names_them() {
     let found = |effect: &str, seed: u64| {
         let folder = simulated("poses,heights,distances", seed, effect);
-        let found = tau_in(folder.path(), "tau discover DIR/measured --json -").json();
+        let found = tau_in(
+            folder.path(),
+            "tau discover DIR/measured --out DIR/out --json -",
+        )
+        .json();
         let unseen = found["cannot_see"].as_array().unwrap().iter();
         let mut names = unseen.map(|own| own["name"].as_str().unwrap());
         assert!(!names.any(|name| name.starts_with("tracker")));
@@ -157,7 +161,7 @@ fn what_a_search_found_is_a_base() {
     let path = folder.path().join("out/discovered.tau");
     let text = fs::read_to_string(&path).unwrap();
     fs::write(&path, text.replace("Discovered", "Found")).unwrap();
-    let line = "tau discover DIR/measured --model DIR/out/discovered.tau --base Found --json -";
+    let line = "tau discover DIR/measured --model DIR/out/discovered.tau --base Found --out DIR/again --json -";
     let again = tau_in(folder.path(), line).json();
     assert_eq!(again["status"], "nothing_missing", "{}", again["effects"]);
 }
