@@ -9,10 +9,11 @@ use std::collections::BTreeMap;
 use tau_model_dsl::model::{Arm, Place, Plate, Target, Value};
 use tau_runtime::{Input, Owner, ResidualKind};
 
+use super::context::symbol;
 use super::formula::Scope;
 use super::{Context, Equations, SparseRows, tracker};
 use crate::differentiate::gradient;
-use crate::graph::{Expr, Node, Stage, Symbol};
+use crate::graph::{Expr, Stage, Symbol};
 use crate::vector::{self, Rotation, Vector};
 
 const REDUCED: &str = "L² − ‖T − C(q)‖²";
@@ -120,13 +121,6 @@ fn equation(context: &Context<'_>, by_pose: bool) -> &'static str {
         (Plate::Body, Arm::Full) => FULL,
         (Plate::BodyInPlane, Arm::Reduced) => REDUCED_IN_PLANE,
         (Plate::BodyInPlane, Arm::Full) => IN_PLANE,
-    }
-}
-
-pub(crate) fn symbol(g: &crate::graph::Graph, expr: Expr) -> Symbol {
-    match g.node(expr) {
-        Node::Symbol(symbol) => symbol,
-        other => unreachable!("a variable is a symbol, not {other:?}"),
     }
 }
 

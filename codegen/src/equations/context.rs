@@ -7,7 +7,7 @@ use tau_runtime::{Input, Owner};
 
 use super::Parameter;
 use super::roles::role;
-use crate::graph::{Expr, Graph, Stage};
+use crate::graph::{Expr, Graph, Node, Stage, Symbol};
 use crate::vector::Vector;
 
 /// Treatment of data-only work.
@@ -205,5 +205,13 @@ impl<'a> Context<'a> {
             Input::SegmentEndCommand(_) => "segment_end_q".into(),
             Input::Held(index) => self.local_name(&self.table[index]),
         }
+    }
+}
+
+/// The symbol that a variable is.
+pub(crate) fn symbol(g: &Graph, expr: Expr) -> Symbol {
+    match g.node(expr) {
+        Node::Symbol(symbol) => symbol,
+        other => unreachable!("a variable is a symbol, not {other:?}"),
     }
 }

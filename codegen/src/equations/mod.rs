@@ -14,8 +14,8 @@ mod targets;
 mod tracker;
 mod value;
 
-pub(crate) use closure::symbol;
 pub use closure::{closure, closure_by_pose};
+pub(crate) use context::symbol;
 pub use context::{Context, Staging};
 pub use formula::Scope;
 pub use parameters::{Parameter, parameters, places};

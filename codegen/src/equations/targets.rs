@@ -5,7 +5,7 @@
 
 use tau_runtime::{Input, Owner, ResidualKind};
 
-use super::closure::symbol;
+use super::context::symbol;
 use super::{Context, Equations, SparseRows};
 use crate::differentiate::gradient;
 use crate::graph::{Expr, Symbol};

@@ -3,7 +3,7 @@
 use tau_model_dsl::model::{Place, Target};
 use tau_runtime::ResidualKind;
 
-use super::closure::symbol;
+use super::context::symbol;
 use super::formula::Scope;
 use super::{Context, Equations, SparseRows};
 use crate::differentiate::gradient;

@@ -41,6 +41,7 @@ mod starts;
 mod stated_noise;
 #[cfg(test)]
 mod tests;
+mod tracked;
 mod tracker;
 mod trials;
 mod unsolved;
