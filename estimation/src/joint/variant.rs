@@ -72,7 +72,7 @@ pub fn additive(
 /// Poses that closures are functions of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PosesOf {
-    /// What a tracker measured, its errors included, which closures take off.
+    /// Poses as a tracker measured them, its errors included, which closures take off.
     Tracker,
     /// Those of the machine: errors of the tracker stand for themselves.
     Machine,

@@ -40,7 +40,7 @@ pub struct Eliminated {
     pub samples: Vec<usize>,
     /// Share of each closure (m²) in each residual: residuals × (samples · closures).
     pub by_closure: DMatrix<f64>,
-    /// What a tracker measured there.
+    /// Measurements of a tracker there.
     pub tracked: Vec<Tracked>,
     /// Share of each of the tracker's errors (m) in each residual: residuals × (3 · tracked).
     pub by_tracker: DMatrix<f64>,

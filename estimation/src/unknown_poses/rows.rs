@@ -274,7 +274,7 @@ impl Rows {
     /// Begins a row at the position that a tracker measured, before the data of what it measured.
     ///
     /// # Errors
-    /// What its errors read is missing.
+    /// A quantity that its errors read is missing.
     pub(super) fn begin(
         &mut self,
         machine: &Machine,

@@ -1,4 +1,4 @@
-//! What a tracker measured of groups of unknown poses.
+//! Measurements of a tracker in groups of unknown poses.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ use crate::problem::{Origin, Tracked};
 use crate::samples::Sample;
 
 impl Assembly<'_> {
-    /// What a tracker measured of the poses, by its place.
+    /// Measurements of the poses by a tracker, each by its place.
     pub(super) fn tracked(&self) -> BTreeMap<RowPlace, Sample> {
         let of_poses = self.folder.tcp_poses.iter().filter_map(|row| {
             self.index.get(&row.pose)?;
@@ -35,7 +35,7 @@ impl Assembly<'_> {
 }
 
 impl Grouped<'_> {
-    /// What a tracker measured, the share of each of its errors in each row, and what those of the machine add to the row;
+    /// Measurements of a tracker, the share of each of its errors in each row, and what those of the machine add to the row;
     /// `own` are the indices of the samples of the drives.
     pub(super) fn tracked(
         &self,

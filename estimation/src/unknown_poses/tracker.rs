@@ -168,7 +168,7 @@ impl TrackerErrors {
     }
 }
 
-/// What a tracker measured of a pose, with its errors: the quantity plus the errors, less what was measured.
+/// Residuals of a pose that a tracker measured, with its errors: the quantity plus the errors, less what was measured.
 ///
 /// A sample's data are those of the errors, then the quantity's; parameters likewise. The first three residuals are the
 /// coordinates.
