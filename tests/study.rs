@@ -91,6 +91,25 @@ fn without_set_2_the_piecewise_variants_are_left_out() {
 }
 
 #[test]
+fn variants_that_too_few_poses_calibrate_are_left_out() {
+    let (mut folder, file) = prototype();
+    folder.cart_poses.clear();
+    let (low, high) = file.range_m.unwrap();
+    let is_in_range = |q: &f64| (low..=high).contains(q);
+    folder
+        .tcp_poses
+        .retain(|pose| pose.commands_m.iter().all(is_in_range));
+    // Nine calibrate, which are enough for `Nominal` alone.
+    folder.tcp_poses.truncate(18);
+    let session = Session::with_robot(gantry_tau(), folder, file);
+    let study = study::run(&session, &mut |_| {}).unwrap();
+    assert_eq!(study.variants.len(), 1);
+    assert_eq!(study.variants[0].name, "Nominal");
+    let left_out = |remark: &String| remark.starts_with("left out: `Full`: ");
+    assert!(study.remarks.iter().any(left_out), "{:?}", study.remarks);
+}
+
+#[test]
 fn commands_out_of_the_measured_range_are_refused() {
     let (mut folder, file) = prototype();
     folder

@@ -119,7 +119,6 @@ pub fn run<R>(
                 }
                 results.push(found);
             }
-            Err(error @ Error::Input(_)) => return Err(error),
             Err(error) => {
                 remarks.push(format!("left out: `{}`: {error}", variant.name));
                 failure.get_or_insert(error);
