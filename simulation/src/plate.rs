@@ -1,7 +1,7 @@
 //! Measurements that tell less of the plate than its pose: positions of targets, heights over a plane, distances, a
 //! ball bar, or the drives alone.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::str::FromStr;
 
 use nalgebra::Vector3;
@@ -244,13 +244,17 @@ impl Gauges<'_> {
         let count = states.len();
         let visits = displacements(self.seed, count);
         let mut series = Series::new(self.noise);
+        let mut taken = BTreeSet::new();
         for first in 0..count {
-            // Another pose: any but itself, and not the pair the other way round.
             let step = 1 + random.sample(1, (count - 1).max(1) / 2 + 1)[0];
-            let second = (first + step) % count;
-            if first == second {
+            // A pair that is had already, from its other end, gives way to that of a shorter step.
+            let mut others = (1..=step).rev().map(|step| (first + step) % count);
+            let is_new = |&second: &usize| {
+                first != second && taken.insert([first.min(second), first.max(second)])
+            };
+            let Some(second) = others.find(is_new) else {
                 continue;
-            }
+            };
             let way = states[first].pose.position_m - states[second].pose.position_m;
             // Two visits of variance one.
             let along = unit(way).dot(&(visits[first] - visits[second])) / 2f64.sqrt();

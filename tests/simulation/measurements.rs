@@ -1,5 +1,7 @@
 //! Noise, order, conditions and files.
 
+use std::collections::BTreeSet;
+
 use nalgebra::{Rotation3, Vector3};
 use tau::measurements::{Folder, PlateKind};
 use tau::robot_file::RobotFile;
@@ -487,6 +489,33 @@ fn distances_name_poses_where_each_reading_has_a_number() {
         let [from, to] = distance.poses.map(position);
         let off_m = (from - to).norm() - distance.distance_m;
         assert!(off_m.abs() < 1e-4, "{distance:?}: {off_m}");
+    }
+}
+
+/// The other way round, a pair is the same.
+#[test]
+fn no_distance_is_measured_twice() {
+    let (robot, file) = drawings();
+    for (count, seed) in (2..8).flat_map(|count| (1..=10).map(move |seed| (count, seed))) {
+        let simulation = Simulation {
+            poses: Poses::Random { count },
+            measures: vec![Measure::Distances],
+            track_points: TrackPoints {
+                count: 0,
+                ..TrackPoints::default()
+            },
+            random_poses: 0,
+            seed,
+            ..Simulation::new(robot.clone(), file.clone())
+        };
+        let distances = run(&simulation).folder.distances;
+        let pairs = distances.iter().map(|distance| {
+            let [one, other] = distance.poses;
+            [one.min(other), one.max(other)]
+        });
+        let distinct: BTreeSet<[u32; 2]> = pairs.collect();
+        assert_eq!(distinct.len(), distances.len(), "{count} poses, {seed}");
+        assert!(distances.len() >= count / 2, "{count} poses, {seed}");
     }
 }
 
