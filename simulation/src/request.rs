@@ -18,9 +18,6 @@ use super::plate::Measure;
 use super::session::{simulate, within_reach};
 use super::simulation::Simulation;
 
-/// Noise that a robot file may state at most (m or rad).
-const LARGEST_NOISE: f64 = 1.0;
-
 /// Everything that can be asked for, as it is typed.
 #[derive(Debug, Clone, PartialEq)]
 #[expect(
@@ -310,27 +307,28 @@ impl Request {
             }
         };
         let positive = |value: f64| value.is_finite() && value > 0.0;
-        let noise = |value: f64| positive(value) && value <= LARGEST_NOISE;
+        let noise = |value: f64| positive(value) && value <= plausible::LARGEST_NOISE;
         let size = |value: f64| value.is_finite() && (0.0..=1e6).contains(&value);
         for (option, found, expected) in [
             (
                 "--noise-position",
                 self.noise_position_m,
-                "a length above zero, in m, and at most 1",
+                "a length above zero, in m",
             ),
             (
                 "--noise-rotation",
                 self.noise_rotation_rad,
-                "an angle above zero, in rad, and at most 1",
+                "an angle above zero, in rad",
             ),
             (
                 "--noise-drives",
                 self.noise_drives,
-                "a length or an angle above zero, in m or rad, and at most 1",
+                "a length or an angle above zero, in m or rad",
             ),
         ] {
             if let Some(found) = found {
-                refuse(noise(found), option, &found, expected);
+                let expected = format!("{expected}, and at most {}", plausible::LARGEST_NOISE);
+                refuse(noise(found), option, &found, &expected);
             }
         }
         if let Some(found) = self.noise_force_n {

@@ -284,9 +284,9 @@ fn what_no_folder_may_hold_is_refused_with_what_was_found() {
             "found 45.0, expected a rise of the temperature, in K, that ends between -49 and 59 °C",
         ),
         (
-            with(|r| r.noise_position_m = Some(2.0)),
+            with(|r| r.noise_position_m = Some(0.2)),
             "--noise-position",
-            "found 2.0, expected a length above zero, in m, and at most 1",
+            "found 0.2, expected a length above zero, in m, and at most 0.1",
         ),
         (
             with(|r| r.grid = [0, 2, 2]),

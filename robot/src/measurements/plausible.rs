@@ -8,7 +8,7 @@ use super::table::{Column, Table};
 use crate::input_error::Mistakes;
 
 /// Beyond this (m or rad) a measurement says nothing of a machine.
-pub(crate) const LARGEST_NOISE: f64 = 0.1;
+pub const LARGEST_NOISE: f64 = 0.1;
 /// A standard deviation below this (m or rad) is no longer told from none: a picometre.
 pub(crate) const SMALLEST_DEVIATION: f64 = 1e-12;
 /// A workspace or a track farther across than this (m) has been given in millimetres.
