@@ -99,5 +99,11 @@ fn values() {
         "[range]",
         "[effects.\"rack_pitch(three)\"]\n[range]",
     );
+    answers.robot(
+        "negative number of poses",
+        "[range]",
+        "[calibration]\nprogram = \"tau 0.2.0\"\ndate = \"2026-01-01\"\nvariant = \"Full\"\nsplit = \"all\"\nposes = -3\n\
+         folder = \"\"\ndescription = \"\"\ncommands_m = []\nposition_m = []\n\n[range]",
+    );
     insta::assert_snapshot!(answers.0);
 }

@@ -152,7 +152,15 @@ impl Document<'_> {
         });
         let poses = self.required(table, "poses", &place);
         let poses = poses.and_then(|value| match value.get_ref() {
-            DeValue::Integer(count) => count.as_str().parse::<usize>().ok(),
+            DeValue::Integer(count) => {
+                let found = count.as_str();
+                let count = found.parse::<usize>().ok();
+                if count.is_none() {
+                    let message = format!("found `{found}`, expected a number of poses");
+                    self.mistakes.push(value.span(), message);
+                }
+                count
+            }
             other => {
                 self.wrong_type(value.span(), other, "a number of poses");
                 None
