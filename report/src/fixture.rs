@@ -7,7 +7,7 @@ use tau::calibration::{Combination, LinkResult, LinkSigma, ParameterEstimate};
 use tau::evaluation::{PoseError, Summary, VariantResult};
 use tau::kinematics::{Layout, Rail, Rod};
 use tau::measurements::PoseCounts;
-use tau::robot::{Architecture, Arm};
+use tau::robot::{Architecture, Arm, Owner};
 use tau::sensitivity::{LinkSensitivity, ParameterSensitivity, Sensitivity, Turn};
 use tau::session::{Input, Record, Stamp};
 use tau::study::results::Study;
@@ -179,17 +179,24 @@ fn variant(numbers: &mut Numbers, name: &str, size: f64, full: bool) -> VariantR
     };
     let parameters: Vec<_> = names
         .iter()
-        .flat_map(|link| {
+        .enumerate()
+        .flat_map(|(index, link)| {
+            let owner = if full {
+                Owner::Link(index)
+            } else {
+                Owner::Cluster(index)
+            };
             suffixes
                 .iter()
-                .map(move |suffix| format!("{link}.{suffix}"))
+                .map(move |suffix| (format!("{link}.{suffix}"), owner))
         })
-        .map(|name| {
+        .map(|(name, owner)| {
             let tolerance = if name.contains(".O") { 1e-2 } else { 3e-4 };
             let nominal = 2.0 * numbers.next();
             ParameterEstimate {
                 unit: if name.contains("Orient") { "" } else { "m" }.to_owned(),
                 name,
+                owner,
                 nominal,
                 tolerance: Some(tolerance),
                 value: nominal + 1.5 * tolerance * numbers.next(),

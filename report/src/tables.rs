@@ -3,7 +3,7 @@
 use tau::assumptions::{OrientationPoint, PathDeviation};
 use tau::calibration::{Combination, LinkResult, ParameterEstimate};
 use tau::evaluation::VariantResult;
-use tau::robot::{Architecture, Arm};
+use tau::robot::{Architecture, Arm, Owner};
 use tau::sensitivity::{ParameterSensitivity, Sensitivity, Turn};
 use tau::study::results::Study;
 
@@ -194,14 +194,8 @@ pub(super) fn geometry(variant: &VariantResult, of: Architecture) -> Table {
 
 /// Parameters of the whole machine and of its cranks, which belong to no link; `None` where there are none.
 pub(super) fn machine(variant: &VariantResult) -> Option<Table> {
-    let is_of_machine = |name: &str| {
-        let of_crank = name.contains(".centre.") || name.contains(".axis.");
-        of_crank || !name.contains(['.', '('])
-    };
-    let own = variant.parameters.iter();
-    let own: Vec<_> = own
-        .filter(|parameter| is_of_machine(&parameter.name))
-        .collect();
+    let is_own = |own: &&ParameterEstimate| matches!(own.owner, Owner::Crank(_) | Owner::Robot);
+    let own: Vec<_> = variant.parameters.iter().filter(is_own).collect();
     let widening = findings::widening(variant);
     let rows = own.iter().map(|parameter| {
         let sigma = widening * parameter.sigma;

@@ -2,9 +2,11 @@
 
 use roxmltree::{Document, Node};
 use tau::assumptions::Assumptions;
+use tau::calibration::ParameterEstimate;
+use tau::robot::Owner;
 use tau::study::results::Study;
 
-use super::{figures, fixture, html, json, terminal};
+use super::{figures, fixture, html, json, tables, terminal};
 
 /// The report as XML: HTML's only elements without an end in it are those of the head, and its script is left out.
 pub(super) fn parse_html(page: &str) -> String {
@@ -256,6 +258,26 @@ fn names_cannot_break_out() {
     for text in [page, terminal] {
         assert!(text.chars().all(|c| c == '\n' || !c.is_control()));
     }
+}
+
+/// A vector of an effect may be called as one of a crank is.
+#[test]
+fn a_machine_has_what_is_its_own_and_its_cranks() {
+    let mut variant = fixture::study().variants.remove(0);
+    assert!(tables::machine(&variant).is_none());
+    let any = variant.parameters[0].clone();
+    let of = |name: &str, owner: Owner| ParameterEstimate {
+        name: name.to_owned(),
+        owner,
+        ..any.clone()
+    };
+    variant.parameters = vec![
+        of("tilt(all).axis.x", Owner::Effect(0)),
+        of("a.axis.x", Owner::Crank(0)),
+        of("sled", Owner::Robot),
+    ];
+    let rows = tables::machine(&variant).unwrap().rows;
+    assert_eq!(rows.len(), 2);
 }
 
 #[test]

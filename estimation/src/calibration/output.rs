@@ -50,6 +50,8 @@ pub struct LinkSigma {
 pub struct ParameterEstimate {
     /// Full name.
     pub name: String,
+    /// The part of the robot that it belongs to.
+    pub owner: Owner,
     /// SI unit.
     pub unit: String,
     /// Value before calibration.
@@ -74,6 +76,7 @@ pub(super) fn estimates(
             let parameter = &machine.variant.parameters[index];
             ParameterEstimate {
                 name: parameter.name.clone(),
+                owner: parameter.owner,
                 unit: parameter.unit.clone(),
                 nominal: nominal[index].value,
                 tolerance: nominal[index].tolerance,
