@@ -161,6 +161,12 @@ fn degrees_in_robot_files_are_refused() {
             "robot.toml:6:29",
             "found 5 as the `tol` of `lead`",
         ),
+        (
+            "[noise]",
+            "[drives]\nnoise_m = [0.01, 0.5]\n[noise]",
+            "robot.toml:3:18",
+            "found a noise of 0.5, expected radians",
+        ),
     ] {
         fs::write(&path, given).unwrap();
         edit(&path, from, to);

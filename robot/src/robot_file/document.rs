@@ -9,14 +9,17 @@ use toml::de::{DeTable, DeValue};
 use super::{PLACEHOLDER, Value};
 use crate::input_error::{Mistakes, suggestion};
 use crate::measurements::plausible::{
-    FARTHEST_M, LARGEST_ANGLE_RAD, LONGEST_M, SMALLEST_DEVIATION,
+    FARTHEST_M, LARGEST_ANGLE_RAD, LARGEST_NOISE, LONGEST_M, SMALLEST_DEVIATION,
 };
+use crate::robot::Robot;
 
 /// A standard deviation of an effect's parameter below this is no longer told from none: its unit may be large.
 const SMALLEST_OF_EFFECT: f64 = 1e-30;
 
 /// A text being read.
 pub(super) struct Document<'a> {
+    /// The robot that it is for, where that is known.
+    pub(super) robot: Option<&'a Robot>,
     pub(super) mistakes: Mistakes<'a>,
 }
 
@@ -176,6 +179,21 @@ impl Document<'_> {
         let message = format!("found a {what} of {number:?}, expected {expected}");
         self.mistakes.push(value.span(), message);
         None
+    }
+
+    /// Noise (m or rad) is small enough to say something.
+    pub(super) fn noise_says_something(&mut self, place: Range<usize>, noise: f64, is_angle: bool) {
+        if noise > LARGEST_NOISE {
+            let (unit, other) = if is_angle {
+                ("radians", "degrees: multiply by pi/180")
+            } else {
+                ("metres", "millimetres: divide by 1000")
+            };
+            let message =
+                format!("found a noise of {noise}, expected {unit}, at most {LARGEST_NOISE}");
+            let help = format!("are these {other}");
+            self.mistakes.push_with_help(place, message, help);
+        }
     }
 
     pub(super) fn numbers<const N: usize>(

@@ -9,7 +9,7 @@ use toml::de::{DeTable, DeValue};
 use super::document::{Document, Kind};
 use super::write::{inline, key};
 use super::{RobotFile, Value};
-use crate::measurements::plausible::{FARTHEST_M, LARGEST_NOISE, SMALLEST_DEVIATION};
+use crate::measurements::plausible::{FARTHEST_M, SMALLEST_DEVIATION};
 use crate::measurements::{DISTANCES, PlateKind};
 
 /// Section of `[noise]` for what a link's length scatters by at standing drives.
@@ -123,7 +123,7 @@ impl Document<'_> {
             let axes = PlateKind::Position.columns();
             if section == section_of(PlateKind::Position.file()) {
                 self.known_keys(table, &[&[key], axes].concat());
-                found.axes = [0, 1, 2].map(|axis| self.stated_noise(table.get(axes[axis])?));
+                found.axes = [0, 1, 2].map(|axis| self.stated_noise(table.get(axes[axis])?, false));
                 if axes.iter().any(|axis| table.contains_key(*axis)) && !table.contains_key(key) {
                     continue;
                 }
@@ -131,7 +131,7 @@ impl Document<'_> {
                 self.known_keys(table, &[key]);
             }
             if let Some(value) = self.required(table, key, &place)
-                && let Some(stated) = self.stated_noise(value)
+                && let Some(stated) = self.stated_noise(value, false)
             {
                 found.noise.insert(section.to_owned(), stated);
             }
@@ -167,11 +167,17 @@ impl Document<'_> {
         let Some(value) = self.required(table, "noise_m", &section.span()) else {
             return vec![];
         };
+        let robot = self.robot;
+        let turns = |command| robot.is_some_and(|robot| robot.is_angle(command));
         if let DeValue::Array(array) = value.get_ref() {
-            let each: Vec<_> = array.iter().map(|value| self.stated_noise(value)).collect();
+            let each = array.iter().enumerate();
+            let each: Vec<_> = each
+                .map(|(command, value)| self.stated_noise(value, turns(command)))
+                .collect();
             return each.into_iter().flatten().collect();
         }
-        self.stated_noise(value).into_iter().collect()
+        let all_turn = robot.is_some_and(|robot| (0..robot.commands).all(turns));
+        self.stated_noise(value, all_turn).into_iter().collect()
     }
 
     /// Sections `[SECTION.NAME]` that hold `position_m`.
@@ -188,8 +194,12 @@ impl Document<'_> {
             .collect()
     }
 
-    /// A standard deviation in metres, or `"estimate"`.
-    fn stated_noise(&mut self, value: &Spanned<DeValue<'_>>) -> Option<StatedNoise> {
+    /// A standard deviation in metres, or of an angle in radians, or `"estimate"`.
+    fn stated_noise(
+        &mut self,
+        value: &Spanned<DeValue<'_>>,
+        is_angle: bool,
+    ) -> Option<StatedNoise> {
         if let DeValue::String(text) = value.get_ref()
             && text != super::PLACEHOLDER
         {
@@ -202,13 +212,7 @@ impl Document<'_> {
             return None;
         }
         let found = self.deviation(value, "standard deviation", SMALLEST_DEVIATION)?;
-        if found > LARGEST_NOISE {
-            self.mistakes.push_with_help(
-                value.span(),
-                format!("found a noise of {found}, expected metres, at most {LARGEST_NOISE}"),
-                "are these millimetres: divide by 1000",
-            );
-        }
+        self.noise_says_something(value.span(), found, is_angle);
         Some(StatedNoise::Known(found))
     }
 }

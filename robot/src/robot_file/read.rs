@@ -11,7 +11,7 @@ use super::keys::key_place;
 use super::measuring::noise_sections;
 use super::{LinkValues, Noise, Origin, Payload, Reference, RobotFile, Value, check};
 use crate::input_error::{self, InputError, Mistakes, Source};
-use crate::measurements::plausible::{FARTHEST_M, LARGEST_NOISE, LONGEST_M, SMALLEST_DEVIATION};
+use crate::measurements::plausible::{FARTHEST_M, LONGEST_M, SMALLEST_DEVIATION};
 use crate::robot::Robot;
 
 /// A plate or a tool larger than this (m) has been given in millimetres.
@@ -66,8 +66,9 @@ impl RobotFile {
 }
 
 impl<'a> Document<'a> {
-    fn parse(source: Source<'a>, robot: Option<&Robot>) -> Result<RobotFile, InputError> {
+    fn parse(source: Source<'a>, robot: Option<&'a Robot>) -> Result<RobotFile, InputError> {
         let mut document = Self {
+            robot,
             mistakes: Mistakes::new(source),
         };
         let (root, errors) = DeTable::parse_recoverable(source.text);
@@ -202,20 +203,7 @@ impl<'a> Document<'a> {
             else {
                 return f64::NAN;
             };
-            if deviation > LARGEST_NOISE {
-                let (unit, other) = if key == "position_m" {
-                    ("metres", "millimetres: divide by 1000")
-                } else {
-                    ("radians", "degrees: multiply by pi/180")
-                };
-                self.mistakes.push_with_help(
-                    value.span(),
-                    format!(
-                        "found a noise of {deviation}, expected {unit}, at most {LARGEST_NOISE}"
-                    ),
-                    format!("are these {other}"),
-                );
-            }
+            self.noise_says_something(value.span(), deviation, key == "rotation_rad");
             deviation
         };
         Noise {
