@@ -247,7 +247,7 @@ fn missing_sets_and_columns_are_remarked() {
     let with_note: Vec<String> = TCP_POSES
         .replace("dir2", "note")
         .lines()
-        .map(|line| format!("{line},\"a, b\""))
+        .map(|line| format!("{line},\"a, b\","))
         .collect();
     folder.write("tcp_poses.csv", with_note.join("\n"));
     let read = folder.read().unwrap();

@@ -55,10 +55,24 @@ impl<'a, const N: usize> Set<'a, N> {
         let is_known = |name: &str| {
             names.contains(&name) || commands.iter().chain(optional).any(|known| known == name)
         };
-        let unknown: Vec<&str> = table.names().filter(|name| !is_known(name)).collect();
+        let (mut before, mut unknown) = (None, Vec::new());
+        for name in table.names() {
+            match before {
+                _ if is_known(name) => {}
+                Some(before) if name.is_empty() => {
+                    unknown.push(format!("a column without a name (after `{before}`)"));
+                }
+                None if name.is_empty() => unknown.push("a first column without a name".to_owned()),
+                _ => unknown.push(format!("`{name}`")),
+            }
+            before = Some(name).filter(|name| !name.is_empty()).or(before);
+        }
         let unknown = (!unknown.is_empty()).then(|| {
             let file = file_name(source.name);
-            format!("{file}: unknown columns {} are ignored", quoted(unknown))
+            format!(
+                "{file}: unknown columns are ignored: {}",
+                unknown.join(", ")
+            )
         });
         Ok(Self {
             table,
