@@ -2,7 +2,7 @@
 //!
 //! All of it is written from [`Study`](tau::study::results::Study) or
 //! [`Discovery`](tau::discovery::Discovery) alone, and nothing here computes more than a mean or a largest
-//! value. [`write_study`] writes the output folder.
+//! value. [`study_files`] makes those of the output folder, [`write_files`] writes them.
 
 mod discovery;
 mod elements;
@@ -34,4 +34,4 @@ mod write;
 pub use discovery::method::Setting;
 pub use figures::Figure;
 pub use stale::stale_figures;
-pub use write::{finish_writing, folder_of, study_files, write_files, write_study};
+pub use write::{finish_writing, folder_of, study_files, write_files};

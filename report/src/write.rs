@@ -13,22 +13,7 @@ use tau::study::results::Study;
 use super::stale::{self, MANIFEST};
 use super::{figures, first_page, html, json};
 
-/// Writes `report.html`, `study.json`, the figures and a list of them all into a folder, which is made if it is not there, and
-/// returns the paths written.
-///
-/// Everything is rendered before anything is written, and written under temporary names before anything
-/// is renamed: a full disk or a folder without permission leaves no half-written file and replaces none.
-///
-/// # Errors
-///
-/// An error of the file system, with its path.
-pub fn write_study(folder: &Path, study: &Study, record: &Record) -> io::Result<Vec<PathBuf>> {
-    let files = study_files(folder, study, record);
-    write_files(&files)?;
-    Ok(files.into_iter().map(|(path, _)| path).collect())
-}
-
-/// Files of [`write_study`]: paths and contents.
+/// Paths in a folder and contents of `report.html`, `study.json`, the figures and a list of them all, for [`write_files`].
 pub fn study_files(folder: &Path, study: &Study, record: &Record) -> Vec<(PathBuf, String)> {
     let summed = |name: &str, text: String| (Input::new(name, text.as_bytes()), text);
     let drawn = || {
@@ -60,7 +45,13 @@ pub fn finish_writing() -> MutexGuard<'static, ()> {
     WRITING.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Writes all files or none; folders are made if they are not there.
+/// Writes files; folders are made if they are not there.
+///
+/// All of them are written under temporary names before any is renamed: a full disk or a folder without permission leaves
+/// no half-written file and replaces none. Where a renaming fails, those before it stand.
+///
+/// # Errors
+/// An error of the file system, with its path; two outputs on one file, or one on a folder.
 pub fn write_files(files: &[(PathBuf, String)]) -> io::Result<()> {
     let _writing = finish_writing();
     // A device or a pipe, such as /dev/null, is written to, never replaced.
@@ -155,6 +146,10 @@ mod tests {
         names
     }
 
+    fn of_study(folder: &Path) -> Vec<(PathBuf, String)> {
+        study_files(folder, &crate::fixture::study(), &crate::fixture::record())
+    }
+
     fn texts(folder: &Path, names: &[&str]) -> Vec<(PathBuf, String)> {
         let text = |name| (folder.join(name), "text".to_owned());
         names.iter().map(text).collect()
@@ -174,21 +169,16 @@ mod tests {
     #[test]
     fn writes_all_files_and_leaves_nothing_else() {
         let folder = tempfile::tempdir().unwrap();
-        let study = crate::fixture::study();
-        let written = write_study(
-            &folder.path().join("new/deep"),
-            &study,
-            &crate::fixture::record(),
-        )
-        .unwrap();
+        let files = of_study(&folder.path().join("new/deep"));
+        write_files(&files).unwrap();
         assert!(
-            written
+            files
                 .iter()
-                .all(|path| path.metadata().unwrap().len() > 1000)
+                .all(|(path, _)| path.metadata().unwrap().len() > 1000)
         );
-        let mut expected: Vec<_> = written
+        let mut expected: Vec<_> = files
             .iter()
-            .map(|path| path.file_name().unwrap().to_str().unwrap().to_owned())
+            .map(|(path, _)| path.file_name().unwrap().to_str().unwrap().to_owned())
             .collect();
         expected.sort();
         assert_eq!(names(&folder.path().join("new/deep")), expected);
@@ -213,12 +203,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let target = folder.path().join("study.json");
         fs::write(&target, "old").unwrap();
-        write_study(
-            folder.path(),
-            &crate::fixture::study(),
-            &crate::fixture::record(),
-        )
-        .unwrap();
+        write_files(&of_study(folder.path())).unwrap();
         assert!(fs::read_to_string(target).unwrap().starts_with('{'));
     }
 
@@ -249,8 +234,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("file");
         fs::write(&file, "").unwrap();
-        let error =
-            write_study(&file, &crate::fixture::study(), &crate::fixture::record()).unwrap_err();
+        let error = write_files(&of_study(&file)).unwrap_err();
         assert!(error.to_string().contains("file"), "{error}");
     }
 }

@@ -380,11 +380,11 @@ impl<'a> Setup<'a> {
         let (row, first) = beyond.next()?;
         let more = match beyond.count() {
             0 => String::new(),
-            more => format!(", and {more} more"),
+            more => format!(", as do {more} more"),
         };
         let why = first.outside.last()?;
         Some(format!(
-            "pose {} lies outside the region of calibration: {why}{more}",
+            "pose {} lies outside the region of calibration{more}: {why}",
             row.pose
         ))
     }

@@ -46,7 +46,7 @@ impl RobotFile {
             writeln!(out, "gravity_m_s2 = {:?}", payload.gravity_m_s2)?;
         }
         if let Some((low, high)) = self.range_m {
-            writeln!(out, "\n[range]  # of the commands that set 2 covers")?;
+            writeln!(out, "\n[range]  # of the commands, where set 2 is missing")?;
             writeln!(out, "q_m = {:?}", [low, high])?;
         }
         if let Some(reference) = &self.reference {
