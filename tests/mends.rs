@@ -73,6 +73,44 @@ fn an_unknown_tension_is_asked_for() {
     tau_in(folder.path(), line).done();
 }
 
+/// Where it was measured, kinematics takes it from the table.
+#[test]
+fn a_measured_tension_is_taken_from_the_table() {
+    let folder = with(&WINCH.replace("PULLED", "pulled"));
+    let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).unwrap();
+    write(
+        "robot.toml",
+        "robot = \"Winch\"\n[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n\
+         [effects.\"own_stretch(all)\"]\nstrain = { value = 1e-4, tol = 1e-5 }\n",
+    );
+    let with = "--model DIR/machine.tau --robot DIR/robot.toml --variant Stretched --json -";
+    let rows = "force1_N,force2_N,force3_N\n0.1,0,0,0,0\n0.1,0,20,20,20\n";
+    write("poses.csv", &format!("x_m,y_m,{rows}"));
+    let line = format!("tau kinematics inverse {with} --poses DIR/poses.csv");
+    let ran = tau_in(folder.path(), &line);
+    assert_eq!(ran.err, "");
+    let found = ran.json();
+    let commands = |pose: usize| -> Vec<f64> {
+        let commands = found["poses"][pose]["commands_m"].as_array().unwrap();
+        commands.iter().map(number).collect()
+    };
+    // A metre of line is two thousandths longer, by which less of it is let out.
+    let (slack, tight) = (commands(0), commands(1));
+    for (slack, tight) in slack.iter().zip(&tight) {
+        assert!((slack - tight - 2e-3).abs() < 1e-9, "{slack} {tight}");
+    }
+    let tight: Vec<String> = tight.iter().map(f64::to_string).collect();
+    let rows = format!(
+        "q1_m,q2_m,q3_m,force1_N,force2_N,force3_N\n{},20,20,20\n",
+        tight.join(",")
+    );
+    write("commands.csv", &rows);
+    let line = format!("tau kinematics forward {with} --poses DIR/commands.csv");
+    let found = tau_in(folder.path(), &line).json();
+    let x = number(&found["poses"][0]["position_m"][0]);
+    assert!((x - 0.1).abs() < 1e-9, "{x}");
+}
+
 /// The simulation has physics of its own, so that it plants no effect by the formulas that are to find it.
 #[test]
 fn an_effect_of_the_description_is_not_planted() {

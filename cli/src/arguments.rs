@@ -445,9 +445,10 @@ Examples:
   tau kinematics forward measured --variant Full --robot tau-calibration/robot.toml --poses path.csv
 
 Columns read: q1_m, q2_m, …; optional pose, the start x_m, y_m, z_m, alpha_rad, beta_rad, gamma_rad \
-(without angles where the plate is a point or the arm is reduced), and time_s, temperature_c, dir1, dir2, … where the variant's \
-effects need them. Columns written: pose, q1_m, …, x_m, y_m, z_m and, unless the plate is a point or the arm is reduced, alpha_rad, \
-beta_rad, gamma_rad (ZYZ Euler angles); then standard deviations sigma_x_m, …, sigma_rx_rad, … (of the \
+(without angles where the plate is a point or the arm is reduced), and time_s, temperature_c, dir1, dir2, …, force1_N, \
+force2_N, … where the variant's effects need them. Columns written: pose, q1_m, …, x_m, y_m, z_m and, unless the plate is a \
+point or the arm is reduced, alpha_rad, beta_rad, gamma_rad (ZYZ Euler angles); then standard deviations sigma_x_m, …, \
+sigma_rx_rad, … (of the \
 rotation vector), and inside: 1 in the region of calibration, else 0.")]
 pub(super) struct Forward {
     #[command(flatten)]
@@ -485,7 +486,7 @@ Examples:
   tau kinematics inverse measured --variant Full --robot tau-calibration/robot.toml --poses path.csv
 
 Columns read: x_m, y_m, z_m; optional pose, alpha_rad, beta_rad, gamma_rad (ZYZ Euler angles), and time_s, \
-temperature_c, dir1, dir2, … where the variant's effects need them. Columns written are those of \
+temperature_c, dir1, dir2, …, force1_N, force2_N, … where the variant's effects need them. Columns written are those of \
 `tau kinematics forward`, and the standard deviations of the commands, sigma_q1_m, ….")]
 pub(super) struct Inverse {
     #[command(flatten)]

@@ -45,6 +45,8 @@ pub struct InverseOptions {
     pub directions: Option<Vec<f64>>,
     /// Time and temperature, for effects that read them.
     pub conditions: Conditions,
+    /// Measured tension of each link (N), which goes before computed ones; NaN where it was not measured.
+    pub tensions_n: Option<Vec<f64>>,
 }
 
 impl InverseOptions {
@@ -52,6 +54,7 @@ impl InverseOptions {
         Sample {
             directions: self.directions.as_deref(),
             conditions: self.conditions,
+            tensions_n: self.tensions_n.as_deref(),
             ..Sample::new(pose, commands_m)
         }
     }
@@ -65,6 +68,7 @@ impl Default for InverseOptions {
             allowed_mismatch_m: 1e-6,
             directions: None,
             conditions: Conditions::default(),
+            tensions_n: None,
         }
     }
 }

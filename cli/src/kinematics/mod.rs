@@ -249,6 +249,7 @@ impl<'a> Setup<'a> {
             range_m: self.range_m.clone(),
             directions: row.directions.clone(),
             conditions: row.conditions,
+            tensions_n: row.tensions_n.clone(),
             ..InverseOptions::default()
         };
         let by_position = self.machine.is_given_by_position();

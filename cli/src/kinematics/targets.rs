@@ -7,8 +7,8 @@ use tau::kinematics::{Machine, Pose, Sample};
 use tau::robot::Plate;
 use tau_robot::input_error::{InputError, Mistakes, Source, quoted, read, utf8};
 use tau_robot::measurements::set::{
-    ANGLES, ConditionColumns, DIRECTION, NO_MOTION, POSITION, Set, TEMPERATURE, TIME, drop_idle,
-    read_directions, stays, vector,
+    ANGLES, ConditionColumns, DIRECTION, ForceColumns, NO_MOTION, POSITION, Set, TEMPERATURE, TIME,
+    drop_idle, read_directions, stays, vector,
 };
 use tau_robot::measurements::table::{Column, Table};
 use tau_robot::measurements::{Conditions, Shape, plausible};
@@ -32,6 +32,8 @@ pub(super) struct Row {
     pub(super) directions: Option<Vec<f64>>,
     /// Time and temperature, where the row gives them.
     pub(super) conditions: Conditions,
+    /// Tension of each link (N), where the row gives any; NaN of those that it does not.
+    pub(super) tensions_n: Option<Vec<f64>>,
 }
 
 impl Row {
@@ -44,6 +46,7 @@ impl Row {
             start: None,
             directions: None,
             conditions: Conditions::default(),
+            tensions_n: None,
         }
     }
 
@@ -52,6 +55,7 @@ impl Row {
         Sample {
             directions: self.directions.as_deref(),
             conditions: self.conditions,
+            tensions_n: self.tensions_n.as_deref(),
             ..Sample::new(pose, commands_m)
         }
     }
@@ -197,6 +201,7 @@ pub(super) fn of_file(
         .chain(&ANGLES)
         .map(ToString::to_string)
         .chain(directions.iter().cloned())
+        .chain(shape.force_names())
         .chain(machine.robot.command_columns())
         .chain(["rx_rad", "ry_rad", "rz_rad"].map(str::to_owned))
         .collect();
@@ -276,6 +281,7 @@ pub(super) fn of_file(
     let idle = drop_idle(&table, &shape, of_pose).filter(|_| asked == Asked::Poses);
     remarks.extend(idle.map(|idle| format!("{name}: {idle}")));
     let conditions = ConditionColumns::read(&table, &mut mistakes);
+    let forces = ForceColumns::read(&table, &shape, &mut mistakes);
     let directions: Option<Vec<Column>> = directions
         .iter()
         .map(|name| read_directions(&table, name, &mut mistakes))
@@ -315,6 +321,7 @@ pub(super) fn of_file(
                 .as_ref()
                 .map(|columns| columns.iter().map(|column| column.values[row]).collect()),
             conditions: conditions.at(row),
+            tensions_n: forces.at(row),
             ..Row::new(&name, numbered.unwrap_or(counted))
         }
     });
