@@ -67,6 +67,8 @@ fn names_and_numbers() {
         "tau kinematics forward --variant Full --commands 0.1,0.2",
         "tau kinematics forward --variant Full --commands 0,0,0 --start 1,2,3",
         "tau kinematics inverse --variant Full --pose 1,2",
+        "tau kinematics inverse --variant Full --pose 0,0,140",
+        "tau kinematics forward --variant Full --commands 100,0.2,0.3",
         "tau kinematics inverse --variant Full --poses DATA/cart_poses.csv --out DIR/x.csv --json DIR",
         "tau generate GANTRY --out DIR/x --lang rust,c",
         "tau generate GANTRY --out DIR/x --lang latex",

@@ -29,12 +29,12 @@ use trust::Certainty;
 
 pub(super) fn forward(arguments: &arguments::Forward) -> Result<Outcome, Failure> {
     let mut setup = Setup::resolve(&arguments.with, arguments.poses.as_ref())?;
-    let commands = setup.machine.robot.commands;
     let ((rows, unknown), start) = both(
         match (&arguments.poses, &arguments.commands) {
             (Some(path), _) => targets::of_file(path, Asked::Poses, &setup.machine),
             (None, Some(numbers)) => {
-                targets::commands_of_option(numbers, commands).map(|rows| (rows, Vec::new()))
+                let rows = targets::commands_of_option(numbers, &setup.machine.robot);
+                rows.map(|rows| (rows, Vec::new()))
             }
             (None, None) => Ok((Vec::new(), Vec::new())),
         },

@@ -4,7 +4,7 @@ use std::io::{self, Read};
 use std::path::Path;
 
 use tau::kinematics::{Machine, Pose, Sample};
-use tau::robot::Plate;
+use tau::robot::{Plate, Robot};
 use tau_robot::input_error::{InputError, Mistakes, Source, quoted, read, utf8};
 use tau_robot::measurements::set::{
     ANGLES, ConditionColumns, DIRECTION, ForceColumns, NO_MOTION, POSITION, Set, TEMPERATURE, TIME,
@@ -63,12 +63,21 @@ impl Row {
 
 pub(super) fn commands_of_option(
     Numbers(numbers): &Numbers,
-    commands: usize,
+    robot: &Robot,
 ) -> Result<Vec<Row>, InputError> {
-    check_count("--commands", numbers, &[commands])?;
+    let option = "--commands";
+    check_count(option, numbers, &[robot.commands])?;
+    let mut lengths = (0..robot.commands).filter(|&command| !robot.is_angle(command));
+    let is_long = |command: &usize| numbers[*command].abs() > plausible::LONGEST_M;
+    if let Some(command) = lengths.find(is_long) {
+        let (found, most) = (numbers[command], plausible::LONGEST_M);
+        let name = robot.command_column(command);
+        let message = format!("found {found} as `{name}`, expected metres, at most {most}");
+        return Err(in_millimetres(option, message));
+    }
     Ok(vec![Row {
         commands_m: numbers.clone(),
-        ..Row::new("--commands", 1)
+        ..Row::new(option, 1)
     }])
 }
 
@@ -119,6 +128,14 @@ fn pose_of_option(
         _ => ([0.0; 3], None),
     };
     check_angles(option, &angles_rad.unwrap_or_default())?;
+    let far_m = Pose::from_zyz(position_m, [0.0; 3]).position.norm();
+    if far_m > plausible::FARTHEST_M {
+        let most = plausible::FARTHEST_M;
+        let message = format!(
+            "found a position {far_m:.1} m from the origin, expected metres, at most {most}"
+        );
+        return Err(in_millimetres(option, message));
+    }
     let named = POSITION.into_iter().zip(position_m);
     let named = named.chain(ANGLES.into_iter().zip(angles_rad.unwrap_or_default()));
     let idle = Shape::from(&machine.robot).idle_names();
@@ -172,6 +189,11 @@ fn check_angles(option: &str, angles_rad: &[f64]) -> Result<(), InputError> {
         let message = format!("found the angle {angle}, expected radians between -2*pi and 2*pi");
         Err(InputError::whole(option, message).help("are these degrees? multiply by pi/180"))
     })
+}
+
+/// The mistake of an option whose lengths are too large for metres.
+fn in_millimetres(option: &str, message: String) -> InputError {
+    InputError::whole(option, message).help("these look like millimetres: divide by 1000")
 }
 
 /// Kind of targets in a CSV.

@@ -14,9 +14,9 @@ pub(crate) const SMALLEST_DEVIATION: f64 = 1e-12;
 /// A workspace or a track farther across than this (m) has been given in millimetres.
 const WIDEST_M: f64 = 20.0;
 /// A position, or a point of the base, farther from the frame's origin than a laser tracker reaches (m).
-pub(crate) const FARTHEST_M: f64 = 100.0;
+pub const FARTHEST_M: f64 = 100.0;
 /// A command, a link or a track longer than this (m) has been given in millimetres.
-pub(crate) const LONGEST_M: f64 = 50.0;
+pub const LONGEST_M: f64 = 50.0;
 /// No link of a machine in a hall is loaded by a hundred tonnes (N).
 const LARGEST_FORCE_N: f64 = 1e6;
 /// Angles may be unwrapped once, and rounded.
