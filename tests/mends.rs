@@ -287,6 +287,24 @@ fn a_refused_reference_is_mended_by_what_is_said() {
     );
 }
 
+/// A joint farther out of the plane than its rod is long, which level parts of lengths do not show.
+#[test]
+fn a_joint_out_of_the_plane_is_named() {
+    let folder = with("robot Raised {
+    plate point in plane;
+    cluster lines on base {
+        link a actuated length { length = 1 m tol 1 mm; track_offset = (-0.8, 0.6, 1.5) m tol 1 mm; }
+        link b actuated length { length = 1 m tol 1 mm; track_offset = (0.8, 0.6, 0) m tol 1 mm; }
+    }
+    reference { position = (0, 0, 0) m; }
+    variant Full { arm full; }
+}");
+    let line = "tau kinematics forward --model DIR/machine.tau --variant Full --commands 0,0";
+    let expected = "`a` would have to be 1802.8 mm long there, and has 1000.0 mm: across the plane alone its joints are \
+                    1500.0 mm apart";
+    says(&tau_in(folder.path(), line), 2, &[expected]);
+}
+
 /// Six parallel legs hold neither x nor y: the simulation names what is free, as kinematics does.
 #[test]
 fn a_singular_machine_is_called_singular() {

@@ -68,11 +68,12 @@ impl Machine {
             return error;
         };
         let closures = self.closures(stated).ok();
-        match closures.and_then(|closures| closures.worst()) {
-            Some((row, length_m, distance_m)) => Error::Unassembled {
-                closure: self.name_of(row),
-                length_m,
-                distance_m,
+        match closures.and_then(|closures| self.farthest(&closures, stated)) {
+            Some(span) => Error::Unassembled {
+                closure: span.closure,
+                length_m: span.length_m,
+                distance_m: span.distance_m,
+                across_m: span.across_m,
             },
             None => error,
         }

@@ -54,6 +54,8 @@ pub enum Error {
         length_m: f64,
         /// The distance that it would have to bridge (m).
         distance_m: f64,
+        /// The part of that distance (m) across the plane in which the plate stays; 0 where it does not.
+        across_m: f64,
     },
     /// A link does not reach.
     OutOfReach {
@@ -134,12 +136,20 @@ impl fmt::Display for Error {
                 closure,
                 length_m,
                 distance_m,
-            } => write!(
-                f,
-                "the arm can't be assembled near the reference: `{closure}` would have to be {} long there, and has {}",
-                length(*distance_m),
-                length(*length_m)
-            ),
+                across_m,
+            } => {
+                write!(
+                    f,
+                    "the arm can't be assembled near the reference: `{closure}` would have to be {} long there, and has {}",
+                    length(*distance_m),
+                    length(*length_m)
+                )?;
+                if across_m > length_m {
+                    let across = length(*across_m);
+                    write!(f, ": across the plane alone its joints are {across} apart")?;
+                }
+                Ok(())
+            }
             Self::OutOfReach { closure, short_m } => {
                 write!(
                     f,

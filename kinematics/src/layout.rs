@@ -116,6 +116,19 @@ impl Machine {
         }
     }
 
+    /// The joint of a closure on its cart, its crank or the base, and that on the plate, at a pose and its commands (m).
+    pub(crate) fn ends(
+        &self,
+        closure: &Instance,
+        pose: &Pose,
+        commands_m: &[f64],
+    ) -> [Vector3<f64>; 2] {
+        let joint = self.joint(closure);
+        let command = joint.track.and_then(|track| commands_m.get(track));
+        let plate = pose.position + pose.rotation * self.value(closure, Value::PlateJoint);
+        [joint.at(command.copied().unwrap_or(0.0)), plate]
+    }
+
     /// The joints at a pose and its commands (m); `ranges_m` are the lowest and highest of each command, between which
     /// tracks are drawn.
     pub fn layout(&self, pose: &Pose, commands_m: &[f64], ranges_m: &[(f64, f64)]) -> Layout {
@@ -131,17 +144,14 @@ impl Machine {
                 tau_robot::robot::Arm::Reduced => (None, closure.of),
             };
             let cluster = &self.robot.clusters[cluster];
-            let joint = self.joint(closure);
-            let plate = pose.position + pose.rotation * self.value(closure, Value::PlateJoint);
-            let start = joint.at(command(cluster.track).unwrap_or(0.0));
             links.push(Rod {
                 name: self.closure_name(closure).to_owned(),
                 cluster: cluster.name.clone(),
                 track: cluster.track,
                 driven_by: link.and_then(|link| link.actuated_by),
-                ends_m: [start.into(), plate.into()],
+                ends_m: self.ends(closure, pose, commands_m).map(Into::into),
             });
-            joints.push(joint);
+            joints.push(self.joint(closure));
         }
         let tracks = (self.robot.tracks.iter().enumerate())
             .filter_map(|(track, name)| {

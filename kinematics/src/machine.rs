@@ -97,23 +97,46 @@ impl Closures {
     }
 }
 
-impl Closures {
-    /// Of the closure that is farthest from holding: its index, the length that its link has, and the distance that it
-    /// bridges (m); in a plane the level parts of both. Residuals say so only to first order.
-    pub(crate) fn worst(&self) -> Option<(usize, f64, f64)> {
-        let of_row = |row: usize| {
-            let slope = self.slopes[row];
-            // A closure is the square of a length less that of a distance, by which its slope is twice the distance.
-            let distance = slope / 2.0 * self.jacobian.fixed_view::<1, 3>(row, 0).norm();
-            let square = self.residuals[row] * slope + distance * distance;
-            (row, square.max(0.0).sqrt(), distance)
-        };
-        let rows = (0..self.residuals.len()).map(of_row);
-        rows.max_by(|a, b| (a.1 - a.2).abs().total_cmp(&(b.1 - b.2).abs()))
-    }
+/// A link or cluster as it is, and as a pose would have it.
+pub(crate) struct Span {
+    /// Its name.
+    pub(crate) closure: String,
+    /// The length that it has (m).
+    pub(crate) length_m: f64,
+    /// The distance that it bridges (m).
+    pub(crate) distance_m: f64,
+    /// The part of that distance (m) which no motion of the plate changes: across the plane of a plate that stays in one.
+    pub(crate) across_m: f64,
 }
 
 impl Machine {
+    /// The closure that is farthest from holding at a sample. Residuals say so only to first order, and in a plane of the
+    /// level parts alone.
+    pub(crate) fn farthest(&self, closures: &Closures, sample: &Sample<'_>) -> Option<Span> {
+        let of_row = |(row, closure): (usize, &Instance)| {
+            let slope = closures.slopes[row];
+            // A closure is the square of a length less that of a distance, by which its slope is twice the distance.
+            let along = slope / 2.0 * closures.jacobian.fixed_view::<1, 3>(row, 0).norm();
+            let across_m = if self.robot.plate.is_in_plane() {
+                let [base, plate] = self.ends(closure, &sample.pose, sample.commands_m);
+                (plate - base).z.abs()
+            } else {
+                0.0
+            };
+            let distance_m = along.hypot(across_m);
+            let square = closures.residuals[row] * slope + distance_m * distance_m;
+            Span {
+                closure: self.closure_name(closure).to_owned(),
+                length_m: square.max(0.0).sqrt(),
+                distance_m,
+                across_m,
+            }
+        };
+        let off_m = |span: &Span| (span.length_m - span.distance_m).abs();
+        let spans = self.closure_instances().enumerate().map(of_row);
+        spans.max_by(|a, b| off_m(a).total_cmp(&off_m(b)))
+    }
+
     /// Closures by pose, in order of link or cluster.
     pub fn closure_instances(&self) -> impl Iterator<Item = &Instance> {
         self.variant.instances_of(ResidualKind::ClosureByPose)
@@ -284,12 +307,6 @@ impl Machine {
             row *= *slope;
         }
         Ok(scatter)
-    }
-
-    /// Name of the closure of an index, in the order of [`Self::closure_instances`].
-    pub(crate) fn name_of(&self, row: usize) -> String {
-        let own = self.closure_instances().nth(row);
-        own.map_or_else(String::new, |own| self.closure_name(own).to_owned())
     }
 
     /// An error at a sample, with the effects that are at fault where a number is not finite.

@@ -57,11 +57,7 @@ pub(crate) fn solve_to(
     let mut commands = start.commands_m.to_vec();
     let mut scratch = Scratch::default();
     let mut at = |closures: &mut Closures, pose: Pose, commands: &[f64]| {
-        let sample = Sample {
-            commands_m: commands,
-            ..start.at(pose)
-        };
-        closures.fill(machine, &sample, &mut scratch)
+        closures.fill(machine, &there(start, pose, commands), &mut scratch)
     };
     let (mut closures, mut next) = (Closures::default(), Closures::default());
     at(&mut closures, pose, &commands)?;
@@ -76,11 +72,22 @@ pub(crate) fn solve_to(
                 closures,
             });
         }
-        let step = newton_step(&closures, unknowns)
-            .ok_or_else(|| not_converged(machine, iteration, &closures))?;
+        let step = newton_step(&closures, unknowns).ok_or_else(|| {
+            not_converged(
+                machine,
+                iteration,
+                &closures,
+                &there(start, pose, &commands),
+            )
+        })?;
         let longest = step.amax();
         if !longest.is_finite() {
-            return Err(not_converged(machine, iteration, &closures));
+            return Err(not_converged(
+                machine,
+                iteration,
+                &closures,
+                &there(start, pose, &commands),
+            ));
         }
         let mut share = (LONGEST_STEP / longest).min(1.0);
         let moved = loop {
@@ -115,7 +122,12 @@ pub(crate) fn solve_to(
                     closures,
                 })
             } else {
-                Err(not_converged(machine, iteration, &closures))
+                Err(not_converged(
+                    machine,
+                    iteration,
+                    &closures,
+                    &there(start, pose, &commands),
+                ))
             };
         }
     }
@@ -130,15 +142,34 @@ pub(crate) fn solve_to(
             closures,
         });
     }
-    Err(not_converged(machine, MAX_ITERATIONS, &closures))
+    Err(not_converged(
+        machine,
+        MAX_ITERATIONS,
+        &closures,
+        &there(start, pose, &commands),
+    ))
 }
 
-fn not_converged(machine: &Machine, iterations: usize, closures: &Closures) -> Error {
-    let (row, length_m, distance_m) = closures.worst().unwrap_or_default();
+/// A sample with other commands at another pose.
+fn there<'a>(sample: &Sample<'a>, pose: Pose, commands_m: &'a [f64]) -> Sample<'a> {
+    Sample {
+        commands_m,
+        ..sample.at(pose)
+    }
+}
+
+fn not_converged(
+    machine: &Machine,
+    iterations: usize,
+    closures: &Closures,
+    at: &Sample<'_>,
+) -> Error {
+    let span = machine.farthest(closures, at);
+    let excess_m = span.as_ref().map(|span| span.length_m - span.distance_m);
     Error::NotConverged {
         iterations,
-        closure: machine.name_of(row),
-        excess_m: length_m - distance_m,
+        closure: span.map_or_else(String::new, |span| span.closure),
+        excess_m: excess_m.unwrap_or_default(),
     }
 }
 
