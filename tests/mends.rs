@@ -254,6 +254,10 @@ fn a_refused_reference_is_mended_by_what_is_said() {
         ],
     );
     assert!(!ran.err.contains("of the robot file"), "{}", ran.err);
+    // Not in the simulation alone: the same is said where it begins.
+    let simulate = "tau simulate --model DIR/machine.tau --out DIR/m";
+    let simulated = tau_in(folder.path(), simulate);
+    assert_eq!((simulated.code, simulated.err), (2, ran.err.clone()));
     let mend = ran
         .err
         .split("write `")
@@ -285,6 +289,28 @@ fn a_refused_reference_is_mended_by_what_is_said() {
             "`reference { commands = (0, 0, 0) m; position = (x, y, 0) m; orientation = (alpha, 0, 0) rad; }`",
         ],
     );
+}
+
+/// A calibration without measured poses begins at the reference: no row is to blame for a wrong one.
+#[test]
+fn a_wrong_reference_is_no_mistake_of_a_row() {
+    let folder = TempDir::new().unwrap();
+    let simulate = "tau simulate --model linear_delta --measure heights --noise-position 1e-5 --random --poses 40 --out DIR/m";
+    tau_in(folder.path(), simulate).done();
+    let robot = folder.path().join("m/robot.toml");
+    edit(
+        &robot,
+        "position_m = [0.0, 0.0, 0.0]",
+        "position_m = [0.0, 0.0, 0.2]",
+    );
+    let line = "tau calibrate DIR/m --model linear_delta --variant Full --out DIR/c";
+    let ran = tau_in(folder.path(), line);
+    says(
+        &ran,
+        2,
+        &["robot.toml", "the plate stands", "write `[reference]` with"],
+    );
+    assert!(!ran.err.contains("heights.csv"), "{}", ran.err);
 }
 
 /// A joint farther out of the plane than its rod is long, which level parts of lengths do not show.

@@ -2,14 +2,15 @@
 
 use serde_json::{Value, json};
 use tau::Files;
-use tau::simulation::{Request, Summary};
+use tau::input_error::InputError;
+use tau::simulation::{Request, Simulation, Summary};
 use tau_report as report;
 use tau_robot::input_error::both;
 
 use super::deliver::{Outcome, Target, check_folder};
 use super::kept::Kept;
 use super::resolve::robot;
-use super::{Failure, arguments};
+use super::{Failure, arguments, kinematics};
 
 pub(super) fn run(arguments: &arguments::Simulate) -> Result<Outcome, Failure> {
     let out = &arguments.out;
@@ -20,7 +21,13 @@ pub(super) fn run(arguments: &arguments::Simulate) -> Result<Outcome, Failure> {
     let robot = robot(arguments.model.as_deref(), &files)?;
     let kept = Kept::of(None, arguments.model.iter().chain(&arguments.robot));
     let (target, ()) = both(Target::resolve(&arguments.json, &kept), check_folder(out))?;
-    let made = request(arguments).run(&robot, out)?;
+    let request = request(arguments);
+    let made = request.run(&robot, out);
+    let made = made.map_err(|error| {
+        let simulation = request.simulation(&robot).ok();
+        let misplaced = simulation.as_ref().and_then(misplaced);
+        misplaced.unwrap_or(error)
+    })?;
     let effects: Vec<String> = made
         .effects
         .iter()
@@ -65,6 +72,17 @@ pub(super) fn run(arguments: &arguments::Simulate) -> Result<Outcome, Failure> {
         }),
         ..Outcome::default()
     })
+}
+
+/// The mistake of a reference at which the machine does not stand: kinematics, of which the simulation knows nothing, names
+/// the link, or the pose to write.
+fn misplaced(simulation: &Simulation) -> Option<InputError> {
+    let Simulation { robot, file, .. } = simulation;
+    let variant = match &simulation.variant {
+        Some(name) => robot.variant(name),
+        None => robot.base(),
+    };
+    kinematics::misplaced(robot, variant?, file, None)
 }
 
 /// Numbers of what was measured, in words.

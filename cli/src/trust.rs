@@ -1,12 +1,13 @@
 //! Verdicts at the command line: what is said of them, and what is not written.
 
 use serde_json::json;
+use tau::input_error::InputError;
 use tau::trust::{Status, Verdict};
 use tau::{Error, Session};
 use tau_report as report;
 
-use super::Failure;
 use super::deliver::{Outcome, Target};
+use super::{Failure, kinematics};
 
 impl Outcome {
     /// The outcome with the verdict on it. Where it is absurd, and not forced, nothing is written and the command fails.
@@ -44,7 +45,7 @@ pub(super) fn explained(
     };
     let is_said = |what: &str| first.is_some_and(|problem| problem.message == what);
     if found.is_empty() || found.iter().any(|mistake| is_said(&mistake.what)) {
-        return error.into();
+        return misplaced(session, variant, &error).map_or_else(|| error.into(), Failure::Input);
     }
     let reason = first.map(|problem| format!("{}: {}", problem.source, problem.message));
     let verdict = Verdict::without_fit(found, &reason.unwrap_or_else(|| error.to_string()));
@@ -53,6 +54,21 @@ pub(super) fn explained(
         failure: Some(verdict.line()),
         ..Outcome::default()
     }))
+}
+
+/// The mistake of a reference at which the machine does not stand, which no row of the measurements is to blame for.
+fn misplaced(session: &Session, variant: &str, error: &Error) -> Option<InputError> {
+    use tau::kinematics::Error::{Reference, Unassembled};
+    let Error::Kinematics {
+        error: Reference { .. } | Unassembled { .. },
+        ..
+    } = error
+    else {
+        return None;
+    };
+    let robot = session.robot();
+    let variant = robot.variant(variant)?;
+    kinematics::misplaced(robot, variant, session.robot_file(), Some(session.folder()))
 }
 
 /// A verdict alone for programs, where there is no more to say; files are not written.

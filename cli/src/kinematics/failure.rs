@@ -2,9 +2,12 @@
 
 use std::f64::consts::PI;
 
+use tau::calibration::Prepared;
 use tau::input_error::InputError;
-use tau::kinematics::{self, Pose};
-use tau::robot_file::Reference as Stated;
+use tau::kinematics::{self, Machine, Pose, Sample};
+use tau::measurements::Folder;
+use tau::robot::{Robot, Variant};
+use tau::robot_file::{Reference as Stated, RobotFile};
 use tau_robot::measurements::plausible::LARGEST_ANGLE_RAD;
 use tau_robot::measurements::{Actuator, Shape};
 use tau_robot::number::shortest;
@@ -12,6 +15,70 @@ use tau_robot::number::shortest;
 use super::super::Failure;
 use super::Setup;
 use super::targets::Row;
+
+/// The mistake of a reference near which the arm of a file can't be assembled, or stands elsewhere; `None` where it does not.
+pub(in super::super) fn misplaced(
+    robot: &Robot,
+    variant: &Variant,
+    file: &RobotFile,
+    folder: Option<&Folder>,
+) -> Option<InputError> {
+    let Prepared { machine, .. } = Prepared::from_file(robot, variant, file, folder, &[]).ok()?;
+    let nowhere = Pose::from_zyz([0.0; 3], [0.0; 3]);
+    let error = machine.at_reference(&Sample::new(nowhere, &[])).err()?;
+    of_reference(&error, &machine, file)
+}
+
+/// The same of an error, with the remedy; `None` of others.
+fn of_reference(
+    error: &kinematics::Error,
+    machine: &Machine,
+    file: &RobotFile,
+) -> Option<InputError> {
+    let help = match error {
+        kinematics::Error::Reference { found, .. } => corrected(**found, machine, file),
+        kinematics::Error::Unassembled { .. } => {
+            "compare lengths, joints and the reference with the drawing: in metres, and of the assembly that was built"
+                .to_owned()
+        }
+        _ => return None,
+    };
+    let source = source_of_reference(file, &machine.robot);
+    Some(InputError::whole(source, error.to_string()).help(help))
+}
+
+/// Name of what a machine's reference is from: the robot file or the description.
+pub(super) fn source_of_reference<'a>(file: &'a RobotFile, robot: &'a Robot) -> &'a str {
+    if file.reference.is_some() {
+        &file.source.0
+    } else {
+        &robot.source
+    }
+}
+
+/// Remedy for a reference far from the pose that the links give: that pose, as its file writes it.
+fn corrected(found: Pose, machine: &Machine, file: &RobotFile) -> String {
+    let robot = &machine.robot;
+    let advice = match &machine.surroundings.reference {
+        Some(stated) => {
+            let found = Stated {
+                position_m: found.position_m(),
+                orientation_rad: found.angles_rad(),
+                ..stated.clone()
+            };
+            if source_of_reference(file, robot) == robot.source {
+                format!("`{}` in the description", found.in_description(robot))
+            } else {
+                format!("{} in the robot file", found.in_robot_file(robot))
+            }
+        }
+        None => file.reference_advice(robot),
+    };
+    format!(
+        "if the machine is assembled as at the pose found, write {advice}; otherwise compare commands and pose with \
+         the drawing"
+    )
+}
 
 impl Setup<'_> {
     /// Commands of cranks are radians: farther than a turn from where the machine is known to stand they are none.
@@ -113,35 +180,12 @@ impl Setup<'_> {
         ))
     }
 
-    /// Remedy for a reference far from the pose that the links give: that pose, as its file writes it.
-    fn corrected(&self, found: Pose) -> String {
-        let robot = &self.machine.robot;
-        let advice = match &self.machine.surroundings.reference {
-            Some(stated) => {
-                let found = Stated {
-                    position_m: found.position_m(),
-                    orientation_rad: found.angles_rad(),
-                    ..stated.clone()
-                };
-                if self.reference == self.file && self.file != robot.source {
-                    format!("{} in the robot file", found.in_robot_file(robot))
-                } else {
-                    format!("`{}` in the description", found.in_description(robot))
-                }
-            }
-            None => self.reference_advice.clone(),
-        };
-        format!(
-            "if the machine is assembled as at the pose found, write {advice}; otherwise compare commands and pose with \
-             the drawing"
-        )
-    }
-
     /// An error of a row; what the input lacks is the input's fault.
     pub(super) fn fail(&self, row: &Row, error: &kinematics::Error) -> Failure {
-        use kinematics::Error::{
-            Commands, Missing, NoReference, Partial, Reference, Target, Unassembled,
-        };
+        use kinematics::Error::{Commands, Missing, NoReference, Partial, Target};
+        if let Some(error) = of_reference(error, &self.machine, &self.file) {
+            return error.into();
+        }
         let of_input = || InputError::whole(&row.source, format!("pose {}: {error}", row.pose));
         match error {
             Missing { what, .. } if what.is_column() => {
@@ -157,10 +201,10 @@ impl Setup<'_> {
             NoReference => {
                 let message = "found no `[reference]`, expected the pose at which the machine stands at some \
                                commands: an arm can be assembled in several ways, and nothing says in which";
-                InputError::whole(&self.file, message)
+                InputError::whole(&self.file.source, message)
                     .help(format!(
                         "{}, or name a measurement FOLDER{}",
-                        self.reference_advice,
+                        self.file.reference_advice(&self.machine.robot),
                         if row.commands_m.is_empty() {
                             ""
                         } else {
@@ -169,15 +213,6 @@ impl Setup<'_> {
                     ))
                     .into()
             }
-            Reference { found, .. } => InputError::whole(&self.reference, error.to_string())
-                .help(self.corrected(**found))
-                .into(),
-            Unassembled { .. } => InputError::whole(&self.reference, error.to_string())
-                .help(
-                    "compare lengths, joints and the reference with the drawing: in metres, and of the assembly that \
-                     was built",
-                )
-                .into(),
             Missing { .. } | Commands { .. } | Partial { .. } | Target(_) => of_input().into(),
             error => {
                 let pose = row

@@ -24,6 +24,8 @@ use super::deliver::{Outcome, Target, check_file};
 use super::kept::Kept;
 use super::resolve::{self, files};
 use super::{Failure, arguments};
+pub(super) use failure::misplaced;
+use failure::source_of_reference;
 use targets::{Asked, Row};
 use trust::Certainty;
 
@@ -91,12 +93,7 @@ struct Setup<'a> {
     measured: Vec<TcpPose>,
     /// Name of the folder that the measured poses are of.
     folder: String,
-    /// Name of the robot file.
-    file: String,
-    /// Name of what the machine's reference is from: the robot file or the description.
-    reference: String,
-    /// Remedy where there is none.
-    reference_advice: String,
+    file: RobotFile,
     /// The known pose from which the first way started.
     known: Option<Known>,
     /// Effects of the tracker, which kinematics leaves out.
@@ -163,11 +160,6 @@ impl<'a> Setup<'a> {
         })?;
         let certainty = Certainty::new(&prepared, &file);
         let machine = prepared.machine;
-        let reference = match &file.reference {
-            None => &robot.source,
-            Some(_) => &file.source.0,
-        };
-        let reference = reference.clone();
         let of_tracker = (!left_out.is_empty()).then(|| {
             format!(
                 "{} of `{}` are errors of the tracker, not of the machine, and are left out",
@@ -187,9 +179,6 @@ impl<'a> Setup<'a> {
             range_m,
             measured,
             folder,
-            file: file.source.0.clone(),
-            reference,
-            reference_advice: file.reference_advice(&robot),
             known: None,
             left_out,
             json,
@@ -201,6 +190,7 @@ impl<'a> Setup<'a> {
                 .chain(certainty.remark())
                 .collect(),
             certainty,
+            file,
         })
     }
 
@@ -307,14 +297,15 @@ impl<'a> Setup<'a> {
         use kinematics::Error::{NoReference, Reference, Unassembled};
         let anywhere = Pose::from_zyz(row.position_m, [0.0; 3]);
         let at_reference = self.machine.at_reference(&row.sample(&[], anywhere));
-        let is_described = self.reference != self.file;
+        let reference = source_of_reference(&self.file, &self.machine.robot);
+        let is_described = reference != self.file.source.0;
         let (from, reached) = match at_reference {
             Err(NoReference) => self.measured_near(row).ok_or(NoReference)?,
             // Measurements in another frame than the description's say it better.
             Err(error @ (Reference { .. } | Unassembled { .. })) if is_described => {
                 self.measured_near(row).ok_or(error)?
             }
-            found => (self.reference.clone(), found?),
+            found => (reference.to_owned(), found?),
         };
         self.known.get_or_insert_with(|| Known {
             from,

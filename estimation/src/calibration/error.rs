@@ -60,11 +60,20 @@ impl Error {
 
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        use kinematics::Error::{Reference, Unassembled};
         match self {
             Self::Input(error) => error.fmt(f),
             Self::NotConverged { variant, why } => {
                 write!(f, "the calibration of `{variant}` did not converge: {why}")
             }
+            // No row is to blame, whose way begins at the reference.
+            Self::Kinematics {
+                error: error @ (Reference { .. } | Unassembled { .. }),
+                ..
+            } => write!(
+                f,
+                "{error}; compare lengths, joints and `[reference]` with the drawing"
+            ),
             Self::Kinematics {
                 pose,
                 error,
