@@ -320,6 +320,12 @@ fn an_absurd_result_is_not_written() {
         let kept = ["measured"];
         assert_eq!(listing(folder.path()), kept, "{command}");
     }
+    let unasked = machine.run(folder.path(), "evaluate --variant Full");
+    assert!(
+        unasked.err.contains("--force") && !unasked.err.contains("written"),
+        "{}",
+        unasked.err
+    );
     let line = "calibrate --variant Full --out DIR/out --quiet --force";
     let forced = machine.run(folder.path(), line);
     assert_eq!(forced.code, 0, "{}", forced.err);

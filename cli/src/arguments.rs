@@ -7,7 +7,7 @@ mod trust;
 
 use std::path::{Path, PathBuf};
 
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
 
 use super::numbers::{Numbers, Triple, positive};
@@ -429,6 +429,11 @@ pub(super) enum Kinematics {
     Inverse(Inverse),
 }
 
+/// Options of which exactly one is given.
+fn one_of(options: [&'static str; 2]) -> ArgGroup {
+    ArgGroup::new("asked").args(options).required(true)
+}
+
 /// Compute the pose of the plate at given commands
 ///
 /// Several poses can belong to the same commands: the arm can be assembled in several ways. `[reference]` of
@@ -439,7 +444,7 @@ pub(super) enum Kinematics {
 /// links than hold the plate and they differ from their lengths by more than a millimetre at best, it fails,
 /// too.
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(group(one_of(["commands", "poses"])), after_help = "\
 Examples:
   tau kinematics forward --variant Full --commands 0.1,0.2,-0.1
   tau kinematics forward measured --variant Full --robot tau-calibration/robot.toml --poses path.csv
@@ -457,12 +462,7 @@ pub(super) struct Forward {
     #[arg(long, value_name = "Q1,Q2,…", allow_hyphen_values = true)]
     pub(super) commands: Option<Numbers>,
     /// CSV with the commands of many poses; - is standard input
-    #[arg(
-        long,
-        value_name = "FILE",
-        conflicts_with = "commands",
-        required_unless_present = "commands"
-    )]
+    #[arg(long, value_name = "FILE")]
     pub(super) poses: Option<PathBuf>,
     /// Pose near the first one (m, rad); X,Y,ALPHA in a plane, the position of a point
     #[arg(
@@ -480,7 +480,7 @@ pub(super) struct Forward {
 /// them. Without angles, the way from the row before decides, for the first row from `[reference]` of the
 /// robot file or of the description, without it from the nearest measured pose of the folder.
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(group(one_of(["pose", "poses"])), after_help = "\
 Examples:
   tau kinematics inverse --variant Full --pose -1.5,-4.6,0.2
   tau kinematics inverse measured --variant Full --robot tau-calibration/robot.toml --poses path.csv
@@ -491,20 +491,11 @@ temperature_c, dir1, dir2, …, force1_N, force2_N, … where the variant's effe
 pub(super) struct Inverse {
     #[command(flatten)]
     pub(super) with: Kinematic,
-    /// One position, with or without orientation (m, rad); in a plane X,Y or X,Y,ALPHA
-    #[arg(
-        long,
-        value_name = "X,Y,Z[,ALPHA,BETA,GAMMA]",
-        allow_hyphen_values = true
-    )]
+    /// One position, with or without orientation (m, rad): X,Y,Z[,ALPHA,BETA,GAMMA]; in a plane X,Y or X,Y,ALPHA
+    #[arg(long, value_name = "X,Y,Z,…", allow_hyphen_values = true)]
     pub(super) pose: Option<Numbers>,
     /// CSV with many poses; - is standard input
-    #[arg(
-        long,
-        value_name = "FILE",
-        conflicts_with = "pose",
-        required_unless_present = "pose"
-    )]
+    #[arg(long, value_name = "FILE")]
     pub(super) poses: Option<PathBuf>,
 }
 

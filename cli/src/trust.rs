@@ -13,21 +13,29 @@ impl Outcome {
     /// The outcome with the verdict on it. Where it is absurd, and not forced, nothing is written and the command fails.
     pub(super) fn judged(mut self, verdict: &Verdict, force: bool) -> Self {
         if verdict.status == Status::Absurd && !force {
+            let to_file = |(_, target): &(String, Target)| *target != Target::StandardOutput;
+            let writes = !self.files.is_empty() || self.json.as_ref().is_some_and(to_file);
+            let unsaid = match (writes, &self.json) {
+                (true, _) => "\nnothing was written; `--force` writes it all the same",
+                (false, None) if !self.summary.is_empty() => {
+                    "\nthe figures are left out; `--force` shows them all the same"
+                }
+                // There are none, or programs have them.
+                (false, _) => "",
+            };
             self.files.clear();
             self.stale.clear();
             self.json = self
                 .json
                 .filter(|(_, target)| *target == Target::StandardOutput);
             self.summary.clear();
-            self.failure = Some(format!("{}\n{UNWRITTEN}", verdict.line()));
+            self.failure = Some(verdict.line() + unsaid);
         } else if verdict.status != Status::Consistent {
             self.verdict = Some(verdict.line());
         }
         self
     }
 }
-
-const UNWRITTEN: &str = "nothing was written; `--force` writes it all the same";
 
 /// A failure, or the mistake of the input that explains it, with the verdict for programs: there is none on a fit.
 pub(super) fn explained(

@@ -48,6 +48,7 @@ fn usage() {
         "tau sensitivity --variant Full --step 0",
         "tau kinematics",
         "tau kinematics forward --variant Full",
+        "tau kinematics inverse --variant Full",
         "tau kinematics forward --variant Full --commands 0.1,a,0.2",
         "tau kinematics forward --variant Full --commands 0.1,0.2,0.3 --poses DATA/tcp_poses.csv",
         "tau generate --out DIR/x",
