@@ -380,7 +380,7 @@ pub(super) struct SimulatedPlan {
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub(super) readings: usize,
     /// Take random TCP poses instead of a grid
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["grid", "grid_step"])]
     pub(super) random: bool,
     /// Turn the plate at each TCP pose at random, up to this angle (rad), where the drives can; without it, it stays as
     /// level as its position leaves it

@@ -3,6 +3,7 @@
 use serde_json::json;
 use tau::Session;
 use tau::calibration::{Calibration, Options};
+use tau::input_error::InputError;
 use tau::study;
 use tau::trust::Status;
 use tau_report as report;
@@ -144,6 +145,14 @@ fn unknown_poses(
     target: Option<Target>,
     console: &Console<'_>,
 ) -> Result<Outcome, Failure> {
+    if arguments.errors_in_variables {
+        let message = "found measurements from which poses are unknown, expected measured poses alone: with others, true \
+                       poses are among the unknowns of the ordinary fit, too";
+        let help = "leave `--errors-in-variables` out";
+        return Err(InputError::whole("--errors-in-variables", message)
+            .help(help)
+            .into());
+    }
     let variant = arguments.variant.name.as_str();
     let options = Options {
         free_scale: arguments.free_scale,

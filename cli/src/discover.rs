@@ -35,7 +35,7 @@ pub(super) fn run(
         Target::resolve(&arguments.json, &kept),
         check_folder(out).and_then(|()| kept.check_all(out, FILES)),
     );
-    let (session, (target, ())) = both(resolve::session(&arguments.input), outputs)?;
+    let (session, (target, ())) = both(resolve::of_search(&arguments.input), outputs)?;
     let (base, catalogues) = both(
         base(&session, arguments.base.as_deref()),
         session.catalogues(&arguments.effects),

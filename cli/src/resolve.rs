@@ -14,6 +14,12 @@ use super::arguments;
 
 /// Input of a command; mistakes of several sources are reported together.
 pub(super) fn session(input: &arguments::Input) -> Result<Session, InputError> {
+    let (session, ()) = both(of_search(input), check_seed(input))?;
+    Ok(session)
+}
+
+/// Input of a search, whose resamples have the seed, too.
+pub(super) fn of_search(input: &arguments::Input) -> Result<Session, InputError> {
     open(robot_of(input)?, input)
 }
 
@@ -24,7 +30,7 @@ pub(super) fn with_variant(
 ) -> Result<Session, InputError> {
     let robot = robot_of(input)?;
     let known = robot.find(&variant.name, "--variant").map(|_| ());
-    let (session, ()) = both(open(robot, input), known)?;
+    let (session, ((), ())) = both(open(robot, input), both(known, check_seed(input)))?;
     Ok(session)
 }
 
@@ -129,16 +135,41 @@ pub(super) fn asked_split(input: &arguments::Input) -> Result<Option<Split>, Inp
     text.map(|text| split(Some(text), input.seed)).transpose()
 }
 
+/// Poses that calibrate where nothing is asked for.
+const USUAL_SPLIT: &str = "alternate";
+
 /// Split of the poses; the seed is that of `--seed` unless the text names its own.
 fn split(text: Option<&str>, seed: Option<u64>) -> Result<Split, InputError> {
-    let text = text.unwrap_or("alternate");
-    let has_own_seed = text.split(':').count() > 2;
+    let text = text.unwrap_or(USUAL_SPLIT);
     Ok(match (text.parse()?, seed) {
-        (Split::Fraction { share, .. }, Some(seed)) if !has_own_seed => {
+        (Split::Fraction { share, .. }, Some(seed)) if !has_seed(text) => {
             Split::Fraction { share, seed }
         }
         (split, _) => split,
     })
+}
+
+/// True if a split names its own seed.
+fn has_seed(split: &str) -> bool {
+    split.split(':').count() > 2
+}
+
+/// A seed that the split has no use for is refused; a split that is none has its own error.
+fn check_seed(input: &arguments::Input) -> Result<(), InputError> {
+    let split = input.split.as_deref().unwrap_or(USUAL_SPLIT);
+    let (Some(seed), Ok(parsed)) = (input.seed, split.parse()) else {
+        return Ok(());
+    };
+    let (why, help) = match parsed {
+        Split::Fraction { .. } if !has_seed(split) => return Ok(()),
+        Split::Fraction { .. } => ("names its own", "leave out one of the two"),
+        _ => (
+            "leaves nothing to chance",
+            "leave `--seed` out, or give `--split fraction:F`",
+        ),
+    };
+    let message = format!("found the seed {seed} beside `--split {split}`, which {why}");
+    Err(InputError::whole("--seed", message).help(help))
 }
 
 #[cfg(test)]

@@ -78,6 +78,20 @@ fn names_and_numbers() {
 }
 
 #[test]
+fn options_that_contradict_each_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let simulate = "tau simulate --model linear_delta --measure heights --noise-position 1e-5 --poses 30 --out DIR/heights";
+    tau_in(folder.path(), simulate).done();
+    let lines = [
+        "tau simulate --out DIR/x --random --grid-step 0.1,0.1,0.1",
+        "tau evaluate DATA --variant Full --split fraction:0.5:3 --seed 4",
+        "tau study DATA --out DIR/x --split alternate --seed 4",
+        "tau calibrate DIR/heights --model linear_delta --variant Full --errors-in-variables --out DIR/x",
+    ];
+    insta::assert_snapshot!(answers(folder.path(), &lines));
+}
+
+#[test]
 fn outputs_on_one_file() {
     let folder = tempfile::tempdir().unwrap();
     let lines = [
