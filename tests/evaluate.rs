@@ -372,3 +372,43 @@ fn measurements_that_calibrated_are_known_in_a_folder_that_was_changed() {
         assert_eq!(evaluated(), 29.0);
     }
 }
+
+/// Positions of a plate that is a point are its poses, and count once: a study knows the parameters as well as a
+/// calibration of the same rows does, and neither finds anything amiss.
+#[test]
+fn positions_of_a_point_count_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |line: &str| tau_in(folder.path(), line);
+    run("tau simulate --model rotary_delta --random --measure positions --seed 4 --out DIR/m")
+        .done();
+    let calibrated = run("tau calibrate DIR/m --variant Full --out DIR/c --json -").json();
+    let studied = run("tau study DIR/m --no-discover --out DIR/s --json -").json();
+    let full = &studied["variants"]["Full"];
+    let rows = |fit: &Value| -> f64 {
+        let files = fit["by_file"].as_array().unwrap().iter();
+        files.map(|file| file["rows"].as_f64().unwrap()).sum()
+    };
+    assert_eq!(
+        rows(&full["fit"]),
+        rows(&calibrated["fit"]),
+        "{}",
+        full["fit"]
+    );
+    for fit in [&full["fit"], &calibrated["fit"]] {
+        assert_eq!(fit["status"], "consistent", "{fit:#}");
+    }
+    let sigmas = |found: &Value| -> Vec<f64> {
+        let parameters = found["parameters"].as_array().unwrap();
+        let sigmas = parameters.iter().filter_map(|own| own["sigma"].as_f64());
+        sigmas.collect()
+    };
+    let pairs = sigmas(full).into_iter().zip(sigmas(&calibrated));
+    let ratios: Vec<f64> = pairs
+        .map(|(study, calibration)| study / calibration)
+        .collect();
+    assert!(ratios.len() > 10);
+    assert!(
+        ratios.iter().all(|ratio| (0.8..1.25).contains(ratio)),
+        "{ratios:?}"
+    );
+}

@@ -128,35 +128,34 @@ impl Folder {
     }
 
     /// Takes positions of a plate that is a point for its poses, where all its coordinates were measured at the TCP and
-    /// there are no other poses: of rows of one pose the first. True if there are such.
+    /// there are no other poses: of rows of one pose the first; the others stay what they are. True if there are such.
     pub fn take_positions_for_poses(&mut self, plate: Plate) -> bool {
         if !plate.is_point() || !self.tcp_poses.is_empty() {
             return false;
         }
         let freedoms = plate.freedoms();
-        let pose = |row: &PlateRow| {
-            let is_whole = freedoms.iter().all(|&axis| row.values[axis].is_some());
-            (is_whole && row.of.is_none()).then(|| TcpPose {
-                pose: row.pose,
-                line: row.line,
-                commands_m: row.commands_m.clone(),
-                position_m: row.values.map(Option::unwrap_or_default),
-                angles_rad: [0.0; 3],
-                conditions: row.conditions,
-                directions: row.directions.clone(),
-                tensions_n: row.tensions_n.clone(),
-                sigmas: PoseSigmas {
-                    position_m: row.sigmas,
-                    rotation_rad: None,
-                },
-            })
-        };
-        let poses: Vec<TcpPose> = self.rows_of(PlateKind::Position).filter_map(pose).collect();
         let mut known = BTreeSet::new();
-        self.tcp_poses = poses
-            .into_iter()
-            .filter(|pose| known.insert(pose.pose))
-            .collect();
+        let (positions, others) = (self.plate_rows.drain(..)).partition(|row: &PlateRow| {
+            let is_whole = freedoms.iter().all(|&axis| row.values[axis].is_some());
+            let is_position = row.kind == PlateKind::Position && row.of.is_none();
+            is_position && is_whole && known.insert(row.pose)
+        });
+        self.plate_rows = others;
+        let pose = |row: PlateRow| TcpPose {
+            pose: row.pose,
+            line: row.line,
+            commands_m: row.commands_m,
+            position_m: row.values.map(Option::unwrap_or_default),
+            angles_rad: [0.0; 3],
+            conditions: row.conditions,
+            directions: row.directions,
+            tensions_n: row.tensions_n,
+            sigmas: PoseSigmas {
+                position_m: row.sigmas,
+                rotation_rad: None,
+            },
+        };
+        self.tcp_poses = Vec::into_iter(positions).map(pose).collect();
         !self.tcp_poses.is_empty()
     }
 

@@ -37,15 +37,31 @@ impl<R> Session<R> {
         if !self.folder.take_positions_for_poses(plate) {
             return Ok(self);
         }
-        if !self.robot_file.noise.position_m.is_finite() {
-            let stated = self.robot_file.noise_of(PlateKind::Position.file());
-            let Some(StatedNoise::Known(sigma)) = stated else {
+        let file = PlateKind::Position.file();
+        let of_axes = self.robot_file.noise_of_axes();
+        let of_axes = of_axes.unwrap_or([self.robot_file.noise_of(file); 3]);
+        let mut known = [None; 3];
+        for &axis in plate.freedoms_of_tcp() {
+            let Some(StatedNoise::Known(sigma)) = of_axes[axis] else {
                 let message =
                     "the noise of positions is to be estimated, but this command needs it";
                 return Err(InputError::whole(&self.robot_file.source, message)
                     .help("write what `tau calibrate` found as `position_m` of `[noise]`"));
             };
-            self.robot_file.noise.position_m = sigma;
+            known[axis] = Some(sigma);
+        }
+        let general_m = &mut self.robot_file.noise.position_m;
+        let first_m = known.into_iter().flatten().next().unwrap_or(*general_m);
+        if !general_m.is_finite() {
+            *general_m = first_m;
+        }
+        // That of poses is stated for trackers of all files; where that of positions differs, each has its own.
+        if known.iter().flatten().any(|sigma| sigma != general_m) {
+            for pose in &mut self.folder.tcp_poses {
+                for (own, known) in pose.sigmas.position_m.iter_mut().zip(known) {
+                    *own = own.or(known);
+                }
+            }
         }
         // A point does not turn.
         let rotation_rad = &mut self.robot_file.noise.rotation_rad;
