@@ -74,3 +74,23 @@ fn what_lies_outside_is_said_in_radians() {
         assert_eq!(named["commands"], named["commands_m"]);
     }
 }
+
+/// What drives that turn are off by is an angle wherever it is told, and makes a length at the end of their arms: 3 mrad
+/// of encoders on 0.2 m of arm are no machine apart.
+#[test]
+fn residuals_of_drives_that_turn_are_angles() {
+    let folder = TempDir::new().unwrap();
+    let line = "tau simulate --model five_bar --poses 40 --random --seed 2 --measure positions --noise-drives 3e-3 --out DIR/m";
+    tau_in(folder.path(), line).done();
+    let calibrate = "tau calibrate DIR/m --variant Full --out DIR/c --json -";
+    let calibrated = tau_in(folder.path(), calibrate).json();
+    let evaluate = "tau evaluate DIR/m --variant Full --robot DIR/c/robot.toml --json -";
+    let evaluated = tau_in(folder.path(), evaluate).json();
+    for found in [&calibrated, &evaluated] {
+        let files = found["fit"]["by_file"].as_array().unwrap();
+        let drives = files.iter().find(|own| own["file"] == "drives").unwrap();
+        assert_eq!(drives["unit"], "rad", "{files:#?}");
+        let rms = number(&drives["rms"]);
+        assert!((1e-3..5e-3).contains(&rms), "{rms}");
+    }
+}

@@ -95,12 +95,12 @@ fn unknown_poses(
     let verdict = found.verdict();
     let (robot, folder) = (session.robot(), &session.folder().name);
     let title = format!("{}, {variant}, {folder}", robot.name);
-    let said = report::held_errors::terminal(&found, robot, basis, console.width);
+    let said = report::held_errors::terminal(&found, basis, console.width);
     let outcome = Outcome {
         summary: format!("{title}\n\n{said}"),
         remarks: remarks(session, variant)?,
         json: target.map(|target| {
-            let mut value = report::held_errors::json(&found, robot);
+            let mut value = report::held_errors::json(&found);
             value["variant"] = json!(variant);
             value["robot"] = json!(robot.name);
             value["folder"] = json!(folder);

@@ -163,11 +163,9 @@ impl VariantResult {
         let Some(held) = &self.held else {
             return self.position_um;
         };
-        let lengths = held
-            .errors
-            .iter()
-            .filter(|own| own.expected.is_some() && own.is_length);
-        let errors: Vec<f64> = lengths.map(|own| 1e6 * own.error.abs()).collect();
+        let judged = held.errors.iter().filter(|own| own.expected.is_some());
+        let lengths_m = judged.filter_map(|own| own.error_m);
+        let errors: Vec<f64> = lengths_m.map(|error_m| 1e6 * error_m.abs()).collect();
         let mean =
             |of: &dyn Fn(&f64) -> f64| errors.iter().map(of).sum::<f64>() / errors.len() as f64;
         Summary {

@@ -1,7 +1,6 @@
 //! Errors of measurements with the parameters of a robot file, in words and as JSON.
 
 use serde_json::{Value, json};
-use tau::Robot;
 use tau::session::Basis;
 use tau::study::results::Study;
 use tau::unknown_poses::{HeldErrors, KindErrors, RowDivision, RowError, RowPlace};
@@ -16,7 +15,7 @@ use crate::unknown_poses::{self, LEFT_OUT, far_off, length};
 const LISTED: usize = 5;
 
 /// Errors of measurements, for the terminal.
-pub fn terminal(found: &HeldErrors, robot: &Robot, basis: Basis, width: usize) -> String {
+pub fn terminal(found: &HeldErrors, basis: Basis, width: usize) -> String {
     let mut screen = Screen::new(width);
     let (rows, poses, spent) = (found.rows, found.poses, found.spent);
     let placed = match found.placed {
@@ -32,7 +31,7 @@ pub fn terminal(found: &HeldErrors, robot: &Robot, basis: Basis, width: usize) -
         "measurements", "kind", "rows", "noise", "rms", "expected", "largest"
     ));
     for own in &found.kinds {
-        let unit = own.kind.unit_on(robot);
+        let unit = own.kind.unit;
         let noise = length(own.noise, unit);
         let [rms, expected, max] = if own.is_judged() {
             [own.rms, own.expected_rms, own.max].map(|value| length(value, unit))
@@ -65,7 +64,7 @@ pub fn terminal(found: &HeldErrors, robot: &Robot, basis: Basis, width: usize) -
     screen.line("Farthest off");
     for own in worst(found).into_iter().take(LISTED) {
         let kind = kind_of(found, own);
-        let unit = kind.map_or("m", |kind| kind.kind.unit_on(robot));
+        let unit = kind.map_or("m", |kind| kind.kind.unit);
         let sigmas = own.sigmas().unwrap_or_default();
         screen.say_within(
             "  ",
@@ -195,12 +194,12 @@ pub(crate) fn of_variant(found: &HeldErrors) -> Value {
     json!({
         "poses": found.poses,
         "rows": found.rows,
-        "kinds": found.kinds.iter().map(|own| kind(own, own.kind.unit)).collect::<Vec<_>>(),
+        "kinds": found.kinds.iter().map(kind).collect::<Vec<_>>(),
         "fit": trust::json::verdict(&found.verdict()),
     })
 }
 
-fn kind(own: &KindErrors, unit: &str) -> Value {
+fn kind(own: &KindErrors) -> Value {
     json!({
         "file": own.kind.file,
         "kind": own.kind.quantity,
@@ -210,7 +209,7 @@ fn kind(own: &KindErrors, unit: &str) -> Value {
         "noise": own.kind.stated.map(|_| own.kind.sigma),
         "noise_of_rows": own.kind.stated.map(|_| own.noise),
         "estimated": own.kind.is_estimated(),
-        "unit": unit,
+        "unit": own.kind.unit,
         "rms": own.rms,
         "expected_rms": own.expected_rms,
         "max": own.max,
@@ -218,9 +217,8 @@ fn kind(own: &KindErrors, unit: &str) -> Value {
 }
 
 /// Errors of measurements as JSON. Keys of comparisons of poses are there, and empty.
-pub fn json(found: &HeldErrors, robot: &Robot) -> Value {
-    let kinds = found.kinds.iter();
-    let kinds = kinds.map(|own| kind(own, own.kind.unit_on(robot)));
+pub fn json(found: &HeldErrors) -> Value {
+    let kinds = found.kinds.iter().map(kind);
     let errors = found.errors.iter().map(|own| {
         let kind = kind_of(found, own).map(|own| own.kind);
         json!({
@@ -232,7 +230,7 @@ pub fn json(found: &HeldErrors, robot: &Robot) -> Value {
             "coordinate": own.coordinate,
             "error": own.error,
             "expected": own.expected,
-            "unit": kind.map(|kind| kind.unit_on(robot)),
+            "unit": kind.map(|kind| kind.unit),
         })
     });
     json!({

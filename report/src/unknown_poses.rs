@@ -30,7 +30,7 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
     ));
     // A plate that can't turn has no rows of rotation.
     for fit in found.kinds.iter().filter(|fit| fit.rows > 0) {
-        let unit = fit.kind.unit_on(&found.calibration.machine.robot);
+        let unit = fit.kind.unit;
         let noise = match fit.kind.stated {
             None => "exact".to_owned(),
             Some(_) if fit.kind.is_estimated() => {
@@ -228,7 +228,7 @@ pub fn json(found: &UnknownPoses) -> Value {
             "redundancy": fit.redundancy,
             "noise": fit.kind.stated.map(|_| fit.kind.sigma),
             "noise_of_rows": fit.kind.stated.map(|_| fit.noise),
-            "unit": fit.kind.unit_on(&found.calibration.machine.robot),
+            "unit": fit.kind.unit,
             "estimated": fit.kind.is_estimated(),
             "residual_over_noise": fit.residual_over_noise(),
             "repeats": fit.repeats.as_ref().map(repeats),

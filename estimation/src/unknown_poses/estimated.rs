@@ -403,7 +403,7 @@ impl Grouped<'_> {
     ) -> Result<(), Error> {
         let kinds = &self.blocks[0].kinds;
         let kind = &self.assembly.kinds[kinds[0]];
-        if kind.unit_on(&machine.robot) == kind.unit {
+        if kind.unit == "m" {
             return Ok(());
         }
         let closures = closures_of(machine);
@@ -416,6 +416,7 @@ impl Grouped<'_> {
                 * slope(machine, closures[residual], &samples[self.index[reading]])?;
             if by_length > 0.0 {
                 origins[row].sigma = by_length.recip();
+                origins[row].unit = "m";
             }
         }
         Ok(())

@@ -171,10 +171,12 @@ pub(super) fn kinds_of_noise(
         let usual = usual_drive(file, machine.robot.commands);
         (Some(StatedNoise::Known(usual)), usual)
     };
+    // Closures of exact drives are lengths, whatever the drives do.
+    let turn = (0..machine.robot.commands).all(|command| machine.robot.is_angle(command));
     kinds.push(Kind {
         file: DRIVES,
         quantity: "closure",
-        unit: "m",
+        unit: if turn && !are_exact { "rad" } else { "m" },
         stated,
         sigma,
     });

@@ -8,7 +8,7 @@ use super::outcome::{GroupFit, SIGNIFICANT};
 use super::rows::ABSORBED;
 use super::rows::RowPlace;
 use super::{GrossRow, KindFit};
-use crate::numerics::distribution::{chi2_quantile_above, chi2_survival, f_quantile_above};
+use crate::numerics::distribution::{chi2_quantile_above, chi2_survival};
 use crate::numerics::order::largest_first;
 use crate::problem::Component;
 use crate::samples::outliers;
@@ -17,11 +17,14 @@ use crate::samples::outliers;
 const NEARLY_WORST: f64 = 0.7;
 /// Factor by which estimated noise changes in a round at most, so that a first round far off does not throw the others away.
 const LARGEST_CHANGE: f64 = 10.0;
-/// Share of all rows, and of those of a file or of a drive, above which those far off are no gross ones but part of what
-/// is measured: the model or the noise is wrong then.
-const MOST_GROSS: f64 = 0.1;
-/// Median of the absolute value of a normal deviate.
-const MEDIAN_OF_NORMAL: f64 = 0.674_489_750_196_081_7;
+/// Fewest rows of a file or a drive of which one can be told to be off the others: of three, a scale that one does not
+/// widen is that of two.
+const LEAST_OF_GROUP: usize = 4;
+
+/// Rows of one file, or readings of one drive.
+fn group_of(place: RowPlace) -> (&'static str, Option<usize>) {
+    (place.file, place.drive)
+}
 
 impl Fit<'_> {
     /// Squares of each group in units of the stated noise, and the number of residuals. That of the plate counts what is
@@ -107,44 +110,44 @@ impl Fit<'_> {
     /// Rows that are farther off than the largest of so many, worst first. Readings of drives are rows by themselves where
     /// each drive moves one link.
     ///
-    /// One gross row makes all residuals larger, many of them or a model that lacks something do the same: a row is
-    /// compared with the smaller of the scale of most residuals and of that of all others, had it been left out
-    /// (externally Studentized, R. D. Cook and S. Weisberg, *Residuals and Influence in Regression*, 1982, section 2.2).
+    /// One gross row makes all residuals larger, many of them or a model that lacks something do the same, and most those
+    /// of one file or drive: a row is compared with others of its own, by [`outliers::variance`].
     pub(super) fn gross_rows(&self, reduced: &Reduced, leverages: &[Vec<f64>]) -> Vec<GrossRow> {
         let tuned = self.loss.map(|loss| loss.tuned(1));
         // A row that the fit follows anyway can't be told to be off.
-        let judged = || {
-            let all = self.judged(reduced, leverages);
-            all.filter(|(_, _, _, left)| *left > 1.0 - ABSORBED)
-        };
-        let mut far: Vec<GrossRow> = judged()
+        let judged = self.judged(reduced, leverages);
+        let mut far: Vec<GrossRow> = judged
+            .filter(|(_, _, _, left)| *left > 1.0 - ABSORBED)
             .map(|(block, k, residual, left)| GrossRow {
                 place: self.place(block, k),
                 sigmas: residual.abs() / left.sqrt(),
                 weight: tuned.map_or(1.0, |tuned| tuned.weight(residual.abs())),
             })
             .collect();
-        let (mut squares, mut degrees) = (0.0, 0.0);
-        for (_, _, residual, left) in self.judged(reduced, leverages) {
-            squares += residual * residual;
-            degrees += left;
+        // What was left out before is as far off as can be.
+        let mut squares: BTreeMap<_, Vec<(f64, f64)>> = BTreeMap::new();
+        let known = self.gross.iter().map(|row| (row.place, f64::INFINITY));
+        for (place, square) in (far.iter().map(|row| (row.place, row.sigmas.powi(2)))).chain(known)
+        {
+            squares
+                .entry(group_of(place))
+                .or_default()
+                .push((square, 1.0));
         }
-        let mut sorted: Vec<f64> = far.iter().map(|row| row.sigmas).collect();
-        sorted.sort_by(f64::total_cmp);
-        let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+        let all: Vec<(f64, f64)> = squares.values().flatten().copied().collect();
         let level = outliers::LEVEL / far.len().max(1) as f64;
-        let normal = chi2_quantile_above(level, 1.0).sqrt();
-        let of_most = normal * median / MEDIAN_OF_NORMAL;
-        let others = degrees - 1.0;
-        let student = if others > 1.0 {
-            f_quantile_above(level, 1.0, others).sqrt()
-        } else {
-            f64::INFINITY
-        };
-        far.retain(|row| {
-            let of_others = ((squares - row.sigmas.powi(2)).max(0.0) / others.max(1.0)).sqrt();
-            row.sigmas > of_most.min(student * of_others).max(normal)
-        });
+        let normal = chi2_quantile_above(level, 1.0);
+        let limits: BTreeMap<_, f64> = (squares.into_iter())
+            .map(|(group, own)| {
+                let own = if own.len() < LEAST_OF_GROUP {
+                    &all
+                } else {
+                    &own
+                };
+                (group, normal * outliers::variance(own).max(1.0))
+            })
+            .collect();
+        far.retain(|row| row.sigmas.powi(2) > limits[&group_of(row.place)]);
         largest_first(&mut far, |row| row.sigmas);
         far
     }
@@ -166,23 +169,7 @@ impl Fit<'_> {
         let worst = far.first().map_or(0.0, |row| row.sigmas);
         let mut seen = BTreeSet::new();
         far.retain(|row| row.sigmas > NEARLY_WORST * worst && seen.insert(row.place.pose));
-        let of = |place: RowPlace| (place.file, place.drive);
-        let (mut totals, mut gross) = (BTreeMap::new(), BTreeMap::new());
-        let judged = self.judged(reduced, leverages);
-        let judged = judged.map(|(block, k, _, _)| self.place(block, k));
-        for place in judged.chain(self.gross.iter().map(|row| row.place)) {
-            *totals.entry(of(place)).or_insert(0.0) += 1.0;
-        }
-        for row in self.gross.iter().chain(&far) {
-            *gross.entry(of(row.place)).or_insert(0.0) += 1.0;
-        }
-        far.retain(|row| {
-            let own = of(row.place);
-            gross[&own] <= f64::max(MOST_GROSS * totals[&own], 1.0)
-        });
-        let total: f64 = totals.values().sum();
-        let most = f64::max(MOST_GROSS * total, 1.0);
-        if far.is_empty() || (self.gross.len() + far.len()) as f64 > most {
+        if far.is_empty() {
             return false;
         }
         for row in &mut far {

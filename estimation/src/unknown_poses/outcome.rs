@@ -325,12 +325,16 @@ impl UnknownPoses {
         left_out.map(|gross| gross.place).collect()
     }
 
-    /// Root mean square of the noise of lengths that residuals are weighed by (m).
+    /// Root mean square of the noise of lengths that residuals are weighed by (m), and of what drives that turn make of
+    /// theirs.
     pub fn usual_noise_m(&self) -> f64 {
-        let lengths = self.kinds.iter().filter(|kind| kind.kind.unit == "m");
-        let (rows, squares) = lengths.fold((0.0, 0.0), |(rows, squares), kind| {
-            let own = kind.rows as f64;
-            (rows + own, squares + own * kind.kind.sigma.powi(2))
+        let arm_m = self.length_m();
+        let lengths = self.kinds.iter().filter_map(|kind| {
+            let sigma_m = kind.kind.as_length_m(kind.kind.sigma, arm_m)?;
+            sigma_m.is_finite().then_some((kind.rows as f64, sigma_m))
+        });
+        let (rows, squares) = lengths.fold((0.0, 0.0), |(rows, squares), (own, sigma_m)| {
+            (rows + own, squares + own * sigma_m.powi(2))
         });
         (squares / f64::max(rows, 1.0)).sqrt()
     }

@@ -5,7 +5,6 @@ use std::sync::Arc;
 
 use tau_kinematics::Machine;
 use tau_robot::measurements::{CART_POSES, CART_POSITIONS, TCP_POSES};
-use tau_robot::robot::Robot;
 use tau_robot::robot_file::StatedNoise;
 use tau_runtime::ResidualFamily;
 use tau_solver::{Block, Loss};
@@ -40,7 +39,7 @@ pub struct Kind {
     pub file: &'static str,
     /// Measured quantity.
     pub quantity: &'static str,
-    /// SI unit of the noise.
+    /// SI unit of the noise: of drives that are read it is theirs, rad where all of them turn.
     pub unit: &'static str,
     /// Noise as stated; `None`: exact but for what is allowed for numbers' sake.
     pub stated: Option<StatedNoise>,
@@ -72,13 +71,13 @@ impl Kind {
         self.stated.is_none()
     }
 
-    /// Unit of the noise on a robot: that of drives is theirs, rad where all of them turn.
-    pub fn unit_on(&self, robot: &Robot) -> &'static str {
-        let turn = (0..robot.commands).all(|command| robot.is_angle(command));
-        if self.quantity == "closure" && turn {
-            "rad"
-        } else {
-            self.unit
+    /// A value of the kind as a length (m): drives that turn move joints by as much at the end of an arm of `arm_m`. `None`
+    /// of rotations, which move no point.
+    pub(super) fn as_length_m(&self, value: f64, arm_m: f64) -> Option<f64> {
+        match (self.unit, self.file) {
+            ("m", _) => Some(value),
+            (_, DRIVES) => Some(value * arm_m),
+            _ => None,
         }
     }
 

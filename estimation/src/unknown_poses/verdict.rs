@@ -21,7 +21,7 @@ pub(super) const ESTIMATED_FROM_RESIDUALS: &str =
 
 impl UnknownPoses {
     /// Mean length of the links at the reference (m); infinite where there is none.
-    fn length_m(&self) -> f64 {
+    pub(super) fn length_m(&self) -> f64 {
         let machine = &self.calibration.machine;
         let stated = machine.surroundings.reference.as_ref();
         let length_m = stated.and_then(|stated| {
@@ -34,22 +34,29 @@ impl UnknownPoses {
     /// Largest rms (m) of what a kind of lengths is missed by, where no machine that is the right one would miss it by as much;
     /// `None` where none is missed so. Some may be as rough as that and state it, but not all.
     pub(super) fn missed_m(&self) -> Option<f64> {
+        let length_m = self.length_m();
+        let limit_m = LARGEST_MISFIT * length_m;
         let judged = self.kinds.iter().filter(|fit| fit.is_listed());
-        let lengths: Vec<&KindFit> = judged.filter(|fit| fit.kind.unit == "m").collect();
-        let limit_m = LARGEST_MISFIT * self.length_m();
-        let is_rough = |fit: &&KindFit| fit.usual_rms() > limit_m;
+        let lengths: Vec<(&KindFit, f64)> = judged
+            .filter_map(|fit| Some((fit, fit.kind.as_length_m(fit.rms(), length_m)?)))
+            .collect();
+        let is_rough = |(fit, _): &(&KindFit, f64)| {
+            let usual_m = fit.kind.as_length_m(fit.usual_rms(), length_m);
+            usual_m.is_some_and(|usual_m| usual_m > limit_m)
+        };
         let is_consistent = self.is_consistent();
         let is_all = lengths.iter().all(is_rough);
-        let is_missed =
-            |fit: &KindFit| fit.rms() > limit_m && fit.rms() > fit.expected_rms() && !is_consistent;
-        let missed = (lengths.into_iter()).filter(|fit| is_all || is_missed(fit));
-        missed.map(KindFit::rms).reduce(f64::max)
+        let is_missed = |(fit, rms_m): &(&KindFit, f64)| {
+            *rms_m > limit_m && fit.rms() > fit.expected_rms() && !is_consistent
+        };
+        let missed = (lengths.into_iter()).filter(|own| is_all || is_missed(own));
+        missed.map(|(_, rms_m)| rms_m).reduce(f64::max)
     }
 
     /// Repeated readings of a kind.
-    fn repeatability(&self, fit: &KindFit) -> Option<String> {
+    fn repeatability(fit: &KindFit) -> Option<String> {
         let repeats = fit.repeats?;
-        let unit = fit.kind.unit_on(&self.calibration.machine.robot);
+        let unit = fit.kind.unit;
         let subject = format!(
             "Of {}, {} readings of {} values",
             fit.kind.words(),
@@ -81,7 +88,6 @@ impl UnknownPoses {
     /// Reasons for the size of the residuals, as far as repeated readings tell: noise that scatters more than stated, or a
     /// misfit of the model; of the kinds that `takes` says.
     fn causes(&self, takes: impl Fn(&Kind) -> bool) -> Vec<String> {
-        let robot = &self.calibration.machine.robot;
         let noisy = || {
             self.kinds
                 .iter()
@@ -98,7 +104,7 @@ impl UnknownPoses {
         for fit in noisy().filter(|fit| takes(&fit.kind)) {
             let Some(repeats) = fit.repeats else { continue };
             let own = fit.kind.words();
-            let in_words = |sigma| deviation(sigma, fit.kind.unit_on(robot));
+            let in_words = |sigma| deviation(sigma, fit.kind.unit);
             if is_too_small(fit) {
                 causes.push(format!(
                     "The stated noise of {own} is too small: readings of one value scatter by {}.",
@@ -255,10 +261,7 @@ impl UnknownPoses {
                 missed.join(", ")
             ));
         }
-        let repeatability = self
-            .kinds
-            .iter()
-            .filter_map(|kind| self.repeatability(kind));
+        let repeatability = self.kinds.iter().filter_map(Self::repeatability);
         why.extend(repeatability);
         let kinds = self.kinds.iter().filter(|kind| kind.is_listed());
         let mut verdict = Verdict {

@@ -67,10 +67,10 @@ pub struct RowError {
     pub kind: usize,
     /// Coordinate, where a row has several.
     pub coordinate: Option<&'static str>,
-    /// True if it is a length, false if an angle.
-    pub is_length: bool,
     /// The machine's value less the measured one, in the unit of the kind.
     pub error: f64,
+    /// The same as a length (m), where it is one or what drives that turn make of it.
+    pub error_m: Option<f64>,
     /// Share of it that poses and places do not follow.
     pub redundancy: f64,
     /// Standard deviation of that by noise and covariance of the parameters; `None` where poses and places follow the row,
@@ -477,6 +477,7 @@ impl Fit<'_> {
         let residuals = self.residuals_after(values, &DVector::zeros(self.shared()));
         let absorbed = elimination.leverages(&found.held);
         let by_poses = elimination.leverages(&found.followed);
+        let arm_m = self.mean_length_m();
         let mut errors = vec![];
         for (block, rows) in self.blocks.iter().enumerate() {
             if !self.can_be_gross(block) && self.assembly.kinds[rows.kinds[0]].is_exact() {
@@ -492,6 +493,7 @@ impl Fit<'_> {
                 let noise = self.assembly.kinds[kind].sigma / if block == 0 { 1.0 } else { weight };
                 let is_judged = 1.0 - by_poses[block][k] > 1.0 - ABSORBED;
                 let variance = (1.0 - absorbed[block][k]).max(0.0);
+                let error = residuals[block][k] * noise;
                 errors.push(RowError {
                     place: RowPlace {
                         drive: (block == 0).then_some(k % each),
@@ -499,8 +501,8 @@ impl Fit<'_> {
                     },
                     kind,
                     coordinate: (block > 0 && each > 1).then(|| COORDINATES[k % each]),
-                    is_length: self.assembly.kinds[kind].unit == "m",
-                    error: residuals[block][k] * noise,
+                    error,
+                    error_m: self.assembly.kinds[kind].as_length_m(error, arm_m),
                     redundancy: (1.0 - by_poses[block][k]).max(0.0),
                     expected: is_judged.then(|| noise * variance.sqrt()),
                     variance: noise * noise * variance,

@@ -145,15 +145,17 @@ impl HeldErrors {
                 ));
             }
         }
-        let farthest = self.kinds.iter().find(|own| {
-            own.kind.unit == "m" && own.rms > (LARGEST_MISFIT * self.length_m).max(own.expected_rms)
+        let farthest = self.kinds.iter().find_map(|own| {
+            let rms_m = own.kind.as_length_m(own.rms, self.length_m)?;
+            let is_far = rms_m > LARGEST_MISFIT * self.length_m && own.rms > own.expected_rms;
+            is_far.then_some((own, rms_m))
         });
-        if let Some(own) = farthest.filter(|_| verdict.status == Status::Inconsistent) {
+        if let Some((own, rms_m)) = farthest.filter(|_| verdict.status == Status::Inconsistent) {
             verdict.status = Status::Absurd;
             why.push(format!(
                 "{} is off by {} mm: this is another machine, or commands and measurements do not belong together.",
                 own.kind.file,
-                general(1e3 * own.rms, 3)
+                general(1e3 * rms_m, 3)
             ));
         }
         verdict.blame_rows(&self.mistakes);
