@@ -111,3 +111,47 @@ fn an_error_of_a_length_is_no_drive_that_counts_the_other_way() {
     let fit = evaluated(folder.path(), "four_belts", "cal/robot.toml");
     assert_eq!(fit["status"], "inconsistent", "{}", fit["why"]);
 }
+
+/// Links of a drawing contradict each other by millimetres: forward kinematics finds where they miss their lengths least, to
+/// the last step, so that steps of a parameter show what its derivative says. A solver that ends where a step gains little
+/// of the whole mismatch is off by tens of micrometres, and by a factor of fifty here.
+#[test]
+fn steps_show_what_derivatives_say_where_links_contradict_each_other() {
+    let folder = tempfile::tempdir().unwrap();
+    simulate(folder.path(), "four_lines", 3, "");
+    let line = "tau sensitivity DIR/measured --model four_lines --variant Full --json -";
+    let found = tau_in(folder.path(), line).json();
+    for (link, parameters) in found["position_mm"].as_object().unwrap() {
+        for (parameter, steps) in parameters.as_object().unwrap() {
+            let derivative = number(&found["analytic"]["position_mm"][link][parameter]);
+            let off = (number(steps) - derivative).abs();
+            assert!(off < 0.05, "{link} {parameter}: {steps} {derivative}");
+        }
+    }
+}
+
+/// Growth of all links by hundreds of micrometres enlarges the noise that residuals show a hundred times. An effect that such
+/// noise would hide is a candidate all the same, and is found beside it.
+#[test]
+fn an_effect_hides_no_smaller_one() {
+    for seed in 1..=3 {
+        let folder = tempfile::tempdir().unwrap();
+        let line = format!(
+            "tau simulate --model four_lines --random --poses 120 --payload 2 --warming 8 --noise-drives 1e-5 --seed {seed} \
+             --effect link_compliance(all):strain=3e-6 --effect link_thermal(all):expansion=3e-5 --out DIR/measured"
+        );
+        tau_in(folder.path(), &line).done();
+        let found = tau_in(
+            folder.path(),
+            "tau discover DIR/measured --out DIR/found --json -",
+        )
+        .json();
+        let mut named = effects(&found);
+        named.sort_unstable();
+        assert_eq!(
+            named,
+            ["link_compliance(all)", "link_thermal(all)"],
+            "{seed}"
+        );
+    }
+}

@@ -7,6 +7,10 @@ use super::deliver::{Outcome, Target};
 use super::kept::Kept;
 use super::{Console, Failure, arguments, resolve};
 
+/// Difference of the two ways of differentiation, as a share of an entry, from which one of them has no digit right. Steps of a
+/// machine whose links contradict each other follow curves that the tangent leaves by a quarter.
+const LARGEST_DISAGREEMENT: f64 = 0.5;
+
 pub(super) fn run(
     arguments: &arguments::Sensitivity,
     console: &Console<'_>,
@@ -16,8 +20,16 @@ pub(super) fn run(
         Target::resolve(&arguments.json, &Kept::from(&arguments.input)),
     )?;
     let variant = arguments.variant.name.as_str();
+    let session = session.comparing_poses()?;
     let found = session.sensitivity(&session.machine(variant)?, arguments.step)?;
+    let failure = (found.disagreement > LARGEST_DISAGREEMENT).then(|| {
+        format!(
+            "steps and implicit differentiation differ by {:.0} %: neither is right; take another `--step`",
+            100.0 * found.disagreement
+        )
+    });
     Ok(Outcome {
+        failure,
         summary: report::terminal::sensitivity(
             &found,
             session.robot().architecture(),

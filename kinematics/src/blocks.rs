@@ -16,7 +16,7 @@ use super::forward::SINGULAR;
 use super::inputs::Sample;
 use super::inverse::Reached;
 use super::machine::Machine;
-use super::newton::{LONGEST_STEP, ROUNDING_M, SETTLED};
+use super::newton::{LEAST_FALL, LONGEST_STEP, ROUNDING_M, SETTLED};
 use super::{Error, Pose};
 use kernels::{Advance, InverseNorm, Scale, Step};
 
@@ -156,6 +156,8 @@ impl<'m> Blocks<'m> {
         }
         let count = self.closures.len();
         let is_square = count == self.machine.pose_unknowns().len();
+        // Of more links than hold the plate a rest remains, of which the last steps gain next to nothing.
+        let least_fall = if is_square { LEAST_FALL } else { 0.0 };
         let mut is_open: [bool; LANES] = std::array::from_fn(|lane| lane < starts.len());
         let mut before = [f64::INFINITY; LANES];
         let mut longest = Lanes::splat(f64::INFINITY);
@@ -168,7 +170,7 @@ impl<'m> Blocks<'m> {
             let mut is_at_end = [true; LANES];
             for lane in 0..LANES {
                 let norm = mismatch[lane];
-                let is_nearer = norm < before[lane] * (1.0 - 1e-4) || norm < ROUNDING_M;
+                let is_nearer = norm < before[lane] * (1.0 - least_fall) || norm < ROUNDING_M;
                 // At the end rounding alone decides whether a step gains anything.
                 let is_settled =
                     longest[lane] < shortest && (!is_square || norm < 1e3 * ROUNDING_M);

@@ -11,7 +11,7 @@ use super::{Error, Pose};
 /// Steps, the longest of which lead 30 m or rad away in so many: farther than a pose may be from a start.
 const MAX_ITERATIONS: usize = 60;
 /// Least share of the fall that the tangent lets expect which a step must bring (L. Armijo, Pacific J. Math. 16, 1966).
-const LEAST_FALL: f64 = 1e-4;
+pub(crate) const LEAST_FALL: f64 = 1e-4;
 /// A mismatch of link lengths (m) that is rounding.
 pub(crate) const ROUNDING_M: f64 = 1e-13;
 /// A step (m, rad) after which nothing moves any more.
@@ -89,13 +89,20 @@ pub(crate) fn solve_to(
                 &there(start, pose, &commands),
             ));
         }
+        // Of more links than hold the plate a rest remains: a step can gain but what it changes to first order.
+        let gain = if square {
+            mismatch * mismatch
+        } else {
+            (closures.jacobian.select_columns(unknowns) * &step).norm_squared()
+        };
         let mut share = (LONGEST_STEP / longest).min(1.0);
         let moved = loop {
             let (next_pose, next_commands) = advance(&pose, &commands, unknowns, &step, share);
             match at(&mut next, next_pose, &next_commands) {
                 Ok(()) => {
                     let norm = next.residuals.norm();
-                    if norm < mismatch * (1.0 - LEAST_FALL * share) || norm < ROUNDING_M {
+                    let most = mismatch * mismatch - 2.0 * LEAST_FALL * share * gain;
+                    if norm * norm < most || norm < ROUNDING_M {
                         (pose, commands) = (next_pose, next_commands);
                         std::mem::swap(&mut closures, &mut next);
                         mismatch = norm;
