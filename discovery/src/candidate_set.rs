@@ -79,6 +79,8 @@ pub(super) struct Score {
     pub(super) null: Null,
     /// Best value of the searched parameter.
     pub(super) searched: Option<f64>,
+    /// True if the score is higher still beyond the end of the range: then that end may be meant, but nothing speaks for it.
+    pub(super) is_beyond: bool,
 }
 
 /// One column of a candidate: its length in units of noise per unit of its parameter, and what a model
@@ -250,15 +252,11 @@ impl CandidateSet {
         entries.iter().map(|entry| entry.probe).collect()
     }
 
-    /// For each candidate of a table its column that shows best for its tolerance, and its rank; of a
+    /// For each candidate its column that shows best beside a model for its tolerance, and its rank; of a
     /// searched one, in the middle of its range. `None` where the model absorbs all of them.
-    pub(super) fn best_columns(
-        &self,
-        linear: &LinearModel,
-        table: &Table,
-    ) -> Vec<Option<(Column, f64)>> {
+    pub(super) fn best_columns(&self, linear: &LinearModel) -> Vec<Option<(Column, f64)>> {
         let mut best = vec![None; self.candidates.len()];
-        let plain = &table.plain;
+        let plain = self.plain(&Responses::of(linear, &self.probes, &self.pairs), None);
         let rows = linear.rows.len();
         let of_priors = linear.q.rows_range(rows..);
         for ((candidate, place), (gram, coefficients)) in
@@ -502,6 +500,7 @@ impl CandidateSet {
             p_value,
             null: Null::plain(rank.max(1.0)),
             searched: None,
+            is_beyond: false,
         }
     }
 }

@@ -14,8 +14,9 @@ use super::significance::Null;
 /// Below this fraction, report "absorbed by the base" rather than "implausibly large".
 const MOSTLY_ABSORBED: f64 = 0.01;
 
-/// Detectable and undetectable effects beside a model, scored in `table`; undetectable candidates are hidden, that
-/// is, they take no part in the search and cost no significance.
+/// Detectable and undetectable effects beside a model at the stated noise, since what a model lacks enlarges that which
+/// residuals show; `table` has its candidates' null distributions. Undetectable candidates are hidden, that is, they take
+/// no part in the search and cost no significance.
 pub(super) fn detectability(
     set: &mut CandidateSet,
     linear: &LinearModel,
@@ -24,7 +25,7 @@ pub(super) fn detectability(
     let (mut detectable, mut unseen) = (Vec::new(), Vec::new());
     let limits = set.constants;
     let (best_columns, constants) = parallel::both(
-        || set.best_columns(linear, table),
+        || set.best_columns(linear),
         || {
             parallel::map(&set.candidates, |candidate| {
                 constant(&set.model, candidate, &set.samples)

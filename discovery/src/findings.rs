@@ -119,6 +119,7 @@ pub(super) fn finish(
         unnamed,
         outliers,
         left_out,
+        validation_outliers: vec![],
         gross_rows: held_out.gross_rows,
         steps: search.steps.clone(),
         model_text,
@@ -128,6 +129,23 @@ pub(super) fn finish(
         seconds: 0.0,
     };
     Ok(Outcome::of(discovery, fit, poses, options.constants))
+}
+
+impl Discovery {
+    /// Takes note of poses that the errors on what took no part are without.
+    pub(super) fn leave_out(&mut self, outliers: Vec<u32>) {
+        let numbers: Vec<String> = outliers.iter().map(u32::to_string).collect();
+        let (poses, lie) = match numbers.as_slice() {
+            [_] => ("pose", "lies"),
+            _ => ("poses", "lie"),
+        };
+        self.remarks.push(format!(
+            "{poses} {} of those that took no part {lie} farther off than the largest of so many: the errors at the tool are \
+             without",
+            numbers.join(", ")
+        ));
+        self.validation_outliers = outliers;
+    }
 }
 
 impl Outcome {

@@ -51,6 +51,7 @@ use tau_estimation::numerics::order::extent;
 use tau_estimation::numerics::parallel;
 use tau_estimation::numerics::spread::spread;
 use tau_estimation::samples::Sample;
+use tau_estimation::trust::outliers_of_validation;
 use tau_robot::effects::CATALOGUE;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Division, Folder, Poses, Split};
@@ -236,6 +237,21 @@ impl Outcome {
 }
 
 impl Outcome {
+    /// Numbers of the validation poses that what was found predicts far worse than the others; none where it can't be
+    /// judged.
+    fn validation_outliers(
+        &self,
+        file: &RobotFile,
+        folder: &Folder,
+        division: &Division,
+    ) -> Vec<u32> {
+        let found = self
+            .calibration(&self.robot(), file, folder)
+            .and_then(|calibration| outliers_of_validation(&calibration, file, folder, division));
+        let outliers = found.unwrap_or_default();
+        outliers.iter().map(|outlier| outlier.pose).collect()
+    }
+
     /// The same model fitted anew to all sets with all poses in range, also those that showed the gap. What
     /// [`Self::discovery`] says of errors at poses that took no part is not true of this fit.
     ///
@@ -329,6 +345,19 @@ fn discovered(
         options,
     };
     let mut outcome = searched(&input, progress)?;
+    let outliers = outcome.validation_outliers(&completed, folder, &division);
+    if !outliers.is_empty() {
+        // They would pass for a gap that a better model could close.
+        let is_outlier = |&pose: &usize| outliers.contains(&folder.tcp_poses[pose].pose);
+        let mut kept = division.clone();
+        kept.validation.retain(|pose| !is_outlier(pose));
+        let input = Input {
+            division: &kept,
+            ..input
+        };
+        outcome = searched(&input, progress)?;
+        outcome.discovery.leave_out(outliers);
+    }
     if taken.len() < all {
         let remark = remark_on_part(all, taken.len());
         outcome.discovery.remarks.push(remark);
@@ -494,7 +523,8 @@ fn begun<'a>(
     );
     let linear = LinearModel::of(&fit);
     let table = set.table(&linear);
-    let (detectable, cannot_see) = detectability::detectability(&mut set, &linear, &table);
+    let stated = LinearModel::of(&fit.at_stated_noise()?);
+    let (detectable, cannot_see) = detectability::detectability(&mut set, &stated, &table);
     set.weigh();
     let table = set.without_hidden(table);
     let (ambiguous, (misfit, serial)) = parallel::both(

@@ -63,6 +63,10 @@ pub struct Discovery {
     pub outliers: Vec<u32>,
     /// The same with their sets.
     pub left_out: Vec<LeftOut>,
+    /// Numbers of the poses that were left out of the errors on what took no part: what was found predicts them far worse
+    /// than the others.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub validation_outliers: Vec<u32>,
     /// Single measurements that were left out, where poses are unknown.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub gross_rows: Vec<GrossRow>,

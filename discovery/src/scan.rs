@@ -27,7 +27,7 @@ const AT_ONCE: usize = 64;
 
 /// The columns of a searched effect at every point of a grid over a range of what is searched.
 pub(super) struct Band {
-    /// From one step beyond the range to one step beyond it: what peaks there is no peak within.
+    /// From one step beyond the range to one step beyond it, so that what peaks there is known for no peak within.
     pub(super) grid: Vec<f64>,
     width: usize,
     columns: Displacements,

@@ -109,10 +109,22 @@ impl CandidateSet {
         } else {
             self.refined(responses, scan.candidate, &scanned, height)
         };
+        // Noise moves a peak near the end of the range beyond it: the end is then as much as the candidate can show, as a
+        // rival. A name would be that of anything smoother.
         let described = &self.candidates[scan.candidate];
-        let (value, statistic) = peaks
+        let (_, (low, high)) = described.search?;
+        let within = |(value, statistic): (f64, f64)| {
+            if described.allows(value) {
+                return Some((value, statistic, false));
+            }
+            let end = value.clamp(low, high);
+            let point = self.point(responses, scan.candidate, end)?;
+            let statistic = point.statistic(&point.columns.score(responses));
+            Some((end, statistic, true))
+        };
+        let (value, statistic, is_beyond) = peaks
             .into_iter()
-            .filter(|(value, _)| described.allows(*value))
+            .filter_map(within)
             .max_by(|a, b| a.1.total_cmp(&b.1))?;
         let p_value = p_value(statistic);
         Some(Score {
@@ -124,6 +136,7 @@ impl CandidateSet {
                 crossings: Some(crossings),
             },
             searched: Some(value),
+            is_beyond,
         })
     }
 

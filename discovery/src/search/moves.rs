@@ -103,7 +103,7 @@ impl Search<'_> {
         let mut best_family = 0.0_f64;
         let mut moves: Vec<Move> = Vec::new();
         for score in &table.scores {
-            if self.is_in_model(score.candidate) {
+            if self.is_in_model(score.candidate) || score.is_beyond {
                 continue;
             }
             let change = self.change(total, total - score.statistic);
@@ -312,7 +312,8 @@ impl Search<'_> {
         let total = without.linear.total();
         let mut moves = Vec::new();
         for score in &without.table.scores {
-            if self.is_in_model(score.candidate) || !is_wanted(self, score) {
+            let is_open = !self.is_in_model(score.candidate) && !score.is_beyond;
+            if !is_open || !is_wanted(self, score) {
                 continue;
             }
             let change = self.change(linear.total(), total - score.statistic);

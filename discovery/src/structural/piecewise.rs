@@ -296,7 +296,8 @@ fn of_track(search: &Search<'_>, track: usize, knots: &[f64]) -> TrackTest {
     }
 }
 
-/// Distances of measured points from a straight track: along the axes where they exceed their noise.
+/// Distances of measured points from a straight track: along the axes where they exceed their noise, or along the one where
+/// they do most, since poses may tell what these points alone don't.
 fn off_line(search: &Search<'_>, track: usize) -> Vec<Unnamed> {
     let input = search.input;
     let mut points: Vec<(f64, Vector3<f64>)> = search
@@ -312,21 +313,29 @@ fn off_line(search: &Search<'_>, track: usize) -> Vec<Unnamed> {
     };
     let axes = track_axes(line.direction);
     let unnamed = TARGETS_OF_CART.into_iter().zip(axes);
-    let unnamed = unnamed.filter_map(|(target, axis)| {
-        let off = |&(q, position): &(f64, Vector3<f64>)| [q, axis.dot(&(position - line.at(q)))];
-        let curve: Vec<[f64; 2]> = points.iter().map(off).collect();
-        let square: f64 = curve.iter().map(|[_, off]| off * off).sum();
-        let count = curve.len() as f64;
-        let p_value = chi2_survival(square / input.file.noise.position_m.powi(2), count - 2.0);
-        (p_value <= search.set.constants.left_where_found).then(|| Unnamed {
-            place: Place::Cart(input.robot.tracks[track].clone()),
-            direction: Motion::Target(target, 0),
-            against: Quantity::of(Readable::Command, &search.set.model),
-            rms_um: (square / count).sqrt() * 1e6,
-            curve,
+    let mut unnamed: Vec<(f64, Unnamed)> = unnamed
+        .map(|(target, axis)| {
+            let off =
+                |&(q, position): &(f64, Vector3<f64>)| [q, axis.dot(&(position - line.at(q)))];
+            let curve: Vec<[f64; 2]> = points.iter().map(off).collect();
+            let square: f64 = curve.iter().map(|[_, off]| off * off).sum();
+            let count = curve.len() as f64;
+            let p_value = chi2_survival(square / input.file.noise.position_m.powi(2), count - 2.0);
+            let unnamed = Unnamed {
+                place: Place::Cart(input.robot.tracks[track].clone()),
+                direction: Motion::Target(target, 0),
+                against: Quantity::of(Readable::Command, &search.set.model),
+                rms_um: (square / count).sqrt() * 1e6,
+                curve,
+            };
+            (p_value, unnamed)
         })
-    });
-    unnamed.collect()
+        .collect();
+    smallest_first(&mut unnamed, |&(p_value, _)| p_value);
+    let level = search.set.constants.left_where_found;
+    let significant = unnamed.partition_point(|&(p_value, _)| p_value <= level);
+    unnamed.truncate(significant.max(1));
+    unnamed.into_iter().map(|(_, unnamed)| unnamed).collect()
 }
 
 impl TrackTest {

@@ -112,6 +112,20 @@ impl Fit {
         Self::of(Descent::from(joint, fitted, scales, weights)?.settled()?)
     }
 
+    /// The same where no component has more noise than is stated: by what measurements could show, whatever residuals are.
+    ///
+    /// # Errors
+    /// Derivatives that are not finite.
+    pub fn at_stated_noise(&self) -> Result<Self, Error> {
+        let scales = self.scales.map(|scale| scale.min(1.0));
+        Self::of(Descent::from(
+            self.joint.clone(),
+            self.fitted.clone(),
+            scales,
+            self.weights.clone(),
+        )?)
+    }
+
     fn of(descent: Descent) -> Result<Self, Error> {
         let Descent {
             joint,

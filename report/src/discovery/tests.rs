@@ -122,6 +122,7 @@ fn found() -> Discovery {
             of: ErrorOf::Position,
         },
         gross_rows: vec![],
+        validation_outliers: vec![],
         misfit: vec![],
         noise: vec![],
         effects: vec![FoundEffect {
