@@ -279,3 +279,18 @@ fn surfaces_of_unknown_place_may_stand_upright() {
         assert_eq!(status, "consistent", "{model}: {why}");
     }
 }
+
+/// A ball bar that is read 50 mm too long is no mistake that is tried, and no calibration: the check does not pass over it.
+#[test]
+fn what_no_mistake_explains_is_not_passed_over() {
+    let folder = simulated("--model linear_delta --measure heights,distances,ball-bar --seed 3");
+    let checked = |folder: &Path| {
+        let ran = tau_in(folder, "tau check DIR/measured --json -");
+        ran.json()["misfit"].clone()
+    };
+    assert_eq!(checked(folder.path()), Value::Null);
+    let longer = |distance| distance + 0.05;
+    change_column(folder.path(), "ball_bar.csv", "distance_m", longer);
+    let misfit = checked(folder.path()).as_f64().unwrap();
+    assert!(misfit > 10.0, "{misfit}");
+}

@@ -22,7 +22,7 @@ use crate::trust::observability::{Gap, Observability, missing, observabilities};
 use crate::trust::verdict::{mistakes, plain};
 use crate::trust::{mistake::Mistake, reach::Reach};
 use crate::uncertainty::Uncertainty;
-use crate::unknown_poses::{self, Rank, RowDivision};
+use crate::unknown_poses::{self, Rank, Recognised, RowDivision};
 
 /// A column's range.
 #[derive(Debug, Clone, PartialEq)]
@@ -90,6 +90,8 @@ pub struct Check {
     pub missing: Vec<Gap>,
     /// Mistakes that were recognised.
     pub mistakes: Vec<Mistake>,
+    /// Residuals over the stated noise, where poses are unknown, no mistake explains them and they exceed it significantly.
+    pub misfit: Option<f64>,
 }
 
 impl Check {
@@ -121,11 +123,26 @@ pub fn check(
     let told = variants.iter().find(|variant| !has_scale(variant));
     let looked_at = told.or(variants.first()).copied();
     let found = looked_at.map(|variant| match rows {
-        None => mistakes(robot, variant, file, folder, &division.calibration),
+        None => {
+            let mistakes = mistakes(robot, variant, file, folder, &division.calibration)?;
+            Ok(Recognised {
+                mistakes,
+                ..Recognised::default()
+            })
+        }
         Some(rows) => {
-            unknown_poses::mistakes(robot, plain(robot, variant, folder), file, folder, rows)
+            let variant = plain(robot, variant, folder);
+            unknown_poses::recognised(robot, variant, file, folder, rows)
         }
     });
+    // Where a variant can't be fitted for want of something, that is said of the variant.
+    let found = found.and_then(Result::ok).unwrap_or_default();
+    let mut checked: Vec<Checked> = (variants.iter())
+        .map(|variant| checked(robot, variant, file, folder, (&division.calibration, rows)))
+        .collect();
+    for own in &mut checked {
+        own.why_not = own.why_not.take().or(found.another_machine.clone());
+    }
     let drawn = (variants.first())
         .and_then(|variant| Prepared::new(robot, variant, file, Some(folder), &[]).ok());
     Ok(Check {
@@ -133,14 +150,11 @@ pub fn check(
         exchange_unnoticed: drawn.map_or_else(Vec::new, |drawn| {
             numbering::unnoticed(&drawn.machine, folder)
         }),
-        variants: variants
-            .iter()
-            .map(|variant| checked(robot, variant, file, folder, (&division.calibration, rows)))
-            .collect(),
+        variants: checked,
         missing: missing(robot, folder, &effects),
         effects,
-        // Where a variant can't be fitted for want of something, that is said of the variant.
-        mistakes: found.and_then(Result::ok).unwrap_or_default(),
+        mistakes: found.mistakes,
+        misfit: found.misfit,
     })
 }
 

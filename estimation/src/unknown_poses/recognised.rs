@@ -55,6 +55,17 @@ impl Squares {
     }
 }
 
+/// What is wrong with the rows of a folder.
+#[derive(Debug, Default)]
+pub struct Recognised {
+    /// Mistakes that explain why a variant does not fit.
+    pub mistakes: Vec<Mistake>,
+    /// Sentence on measurements that are missed by far and that no mistake explains.
+    pub another_machine: Option<String>,
+    /// Residuals over the stated noise, where they exceed it significantly and no mistake explains it.
+    pub misfit: Option<f64>,
+}
+
 /// Mistakes in the rows of a folder that explain why a variant does not fit: none where it does, and none where it
 /// fails on something else.
 ///
@@ -67,6 +78,20 @@ pub fn mistakes(
     folder: &Folder,
     division: &RowDivision,
 ) -> Result<Vec<Mistake>, Error> {
+    Ok(recognised(robot, variant, file, folder, division)?.mistakes)
+}
+
+/// The same, and whether the rows are those of another machine.
+///
+/// # Errors
+/// As [`mistakes`].
+pub fn recognised(
+    robot: &Robot,
+    variant: &Variant,
+    file: &RobotFile,
+    folder: &Folder,
+    division: &RowDivision,
+) -> Result<Recognised, Error> {
     let variant = &*of_true_poses(robot, variant, folder)?;
     let case = Case {
         robot,
@@ -84,7 +109,10 @@ pub fn mistakes(
                 found.map_or(true, |found| !found.mistakes.is_empty())
             };
             if !exchanged.is_empty() && is_one() {
-                return Ok(exchanged);
+                return Ok(Recognised {
+                    mistakes: exchanged,
+                    ..Recognised::default()
+                });
             }
         }
         // A pose that the drawing can't take may be a mistake.
@@ -99,11 +127,23 @@ pub fn mistakes(
     let (seen, look) = case.at_first_sight();
     match recognising(&case, None, Some((seen.clone(), look))) {
         Ok((found, mut mistakes)) => {
+            let is_missed = |found: &&UnknownPoses| !is_met(found) || found.widened > 1.0;
+            let fitted = found.as_ref().ok().filter(is_missed);
+            let another_machine = fitted.and_then(UnknownPoses::another_machine);
+            let misfit = fitted.map(UnknownPoses::residual_over_noise);
             mistakes.extend(found.into_iter().flat_map(|found| found.mistakes));
-            Ok(mistakes)
+            let is_explained = !mistakes.is_empty();
+            Ok(Recognised {
+                mistakes,
+                another_machine: another_machine.filter(|_| !is_explained),
+                misfit: misfit.filter(|_| !is_explained),
+            })
         }
         // A mistake may be the reason of a refusal before the fit.
-        Err(error) => seen.map(|seen| vec![seen]).ok_or(error),
+        Err(error) => seen.ok_or(error).map(|seen| Recognised {
+            mistakes: vec![seen],
+            ..Recognised::default()
+        }),
     }
 }
 

@@ -31,6 +31,15 @@ impl UnknownPoses {
         length_m.unwrap_or(f64::INFINITY)
     }
 
+    /// Sentence on measurements that are missed by far, where some are: see [`Self::missed_m`].
+    pub(super) fn another_machine(&self) -> Option<String> {
+        let missed_m = self.missed_m()?;
+        Some(format!(
+            "Measurements are missed by {} mm: this is another machine, or commands and measurements do not belong together.",
+            general(1e3 * missed_m, 3)
+        ))
+    }
+
     /// Largest rms (m) of what a kind of lengths is missed by, where no machine that is the right one would miss it by as much;
     /// `None` where none is missed so. Some may be as rough as that and state it, but not all.
     pub(super) fn missed_m(&self) -> Option<f64> {
@@ -294,14 +303,10 @@ impl UnknownPoses {
         verdict.blame_rows(&self.mistakes);
         verdict.refuse_pulls();
         if verdict.mistakes.is_empty()
-            && let Some(missed_m) = self.missed_m()
+            && let Some(why) = self.another_machine()
         {
             verdict.status = Status::Absurd;
-            verdict.why.push(format!(
-                "Measurements are missed by {} mm: this is another machine, or commands and measurements do not belong \
-                 together.",
-                general(1e3 * missed_m, 3)
-            ));
+            verdict.why.push(why);
         }
         verdict
     }

@@ -90,6 +90,7 @@ fn an_absurd_one_asks_for_the_mend_and_nothing_else() {
             what: "cart_poses.csv",
             brings: "the shape of each track".to_owned(),
         }],
+        misfit: None,
         mistakes: vec![],
     });
     let steps = next::of_study(&study);

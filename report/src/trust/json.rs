@@ -118,6 +118,7 @@ pub fn check(check: &Check) -> Value {
             .map(|effect| json!({ "name": effect.name, "visible": effect.lacks.is_empty(), "lacks": effect.lacks }))
             .collect::<Vec<_>>(),
         "missing": missing.map(|gap| json!({ "what": gap.what, "brings": gap.brings })).collect::<Vec<_>>(),
+        "misfit": check.misfit,
         "mistakes": check.mistakes.iter().map(mistake).collect::<Vec<_>>(),
     })
 }

@@ -51,7 +51,17 @@ pub fn check(check: &Check, width: usize) -> String {
         ));
     }
     if check.mistakes.is_empty() {
-        screen.line("No mistake was recognised.");
+        screen.say(&match check.misfit {
+            _ if !check.is_meaningful() => {
+                "No mistake that could be mended was recognised, yet a calibration would mean nothing.".to_owned()
+            }
+            Some(times) => format!(
+                "No mistake was recognised, yet residuals of a first fit are {} times the stated noise: `tau calibrate` says \
+                 where.",
+                general(times, 3)
+            ),
+            None => "No mistake was recognised.".to_owned(),
+        });
     }
     screen.gap();
     screen.line("Files");
