@@ -196,3 +196,20 @@ fn lines_of_poses_count_blank_ones() {
     assert!(!lines.is_empty(), "{rows:?}");
     assert!(lines.iter().all(|line| *line == Some(22)), "{rows:?}");
 }
+
+/// A play of 150 µm that the model lacks, at noise of some micrometres, makes no row gross: all of a file scatter so.
+#[test]
+fn what_a_model_lacks_makes_no_row_gross() {
+    for seed in 1..=4 {
+        let folder = tempfile::tempdir().unwrap();
+        let simulate = format!(
+            "tau simulate --model linear_delta --random --measure heights,distances,ball-bar --random-approach \
+             --effect backlash(all):gap=1.5e-4 --seed {seed} --out DIR/measured"
+        );
+        tau_in(folder.path(), &simulate).done();
+        let calibrate = "tau calibrate DIR/measured --variant Full --out DIR/c --force --json -";
+        let found = tau_in(folder.path(), calibrate).json();
+        assert_eq!(found["fit"]["status"], "inconsistent");
+        assert_eq!(found["gross_rows"], serde_json::json!([]), "{seed}");
+    }
+}

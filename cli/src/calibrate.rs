@@ -11,7 +11,7 @@ use tau_robot::input_error::both;
 use tau_robot::number::shortest;
 use tau_robot::robot_file::RobotFile;
 
-use super::deliver::{Outcome, Target, check_folder, written};
+use super::deliver::{Outcome, Target, check_folder, csv, written};
 use super::kept::Kept;
 use super::stamp::stamp;
 use super::{Console, Failure, arguments, resolve, trust};
@@ -271,21 +271,4 @@ fn undetermined(found: &Calibration) -> Result<String, Failure> {
             })
         });
     csv(header.map(String::from).into(), rows)
-}
-
-/// A table as comma-separated text; names that hold commas are quoted.
-pub(super) fn csv(
-    header: Vec<String>,
-    rows: impl IntoIterator<Item = Vec<String>>,
-) -> Result<String, Failure> {
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    let written = std::iter::once(header)
-        .chain(rows)
-        .try_for_each(|row| writer.write_record(row));
-    let failed = |why: String| Failure::Failed(format!("a table can't be written: {why}"));
-    written.map_err(|error| failed(error.to_string()))?;
-    let bytes = writer
-        .into_inner()
-        .map_err(|error| failed(error.to_string()))?;
-    String::from_utf8(bytes).map_err(|error| failed(error.to_string()))
 }

@@ -153,3 +153,20 @@ pub(super) fn check_folder(folder: &Path) -> Result<(), InputError> {
         _ => Ok(()),
     }
 }
+
+/// A table as comma-separated text; names that hold commas are quoted.
+pub(super) fn csv(
+    header: Vec<String>,
+    rows: impl IntoIterator<Item = Vec<String>>,
+) -> Result<String, Failure> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    let written = std::iter::once(header)
+        .chain(rows)
+        .try_for_each(|row| writer.write_record(row));
+    let failed = |why: String| Failure::Failed(format!("a table can't be written: {why}"));
+    written.map_err(|error| failed(error.to_string()))?;
+    let bytes = writer
+        .into_inner()
+        .map_err(|error| failed(error.to_string()))?;
+    String::from_utf8(bytes).map_err(|error| failed(error.to_string()))
+}

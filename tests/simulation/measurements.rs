@@ -492,33 +492,6 @@ fn distances_name_poses_where_each_reading_has_a_number() {
     }
 }
 
-/// The other way round, a pair is the same.
-#[test]
-fn no_distance_is_measured_twice() {
-    let (robot, file) = drawings();
-    for (count, seed) in (2..8).flat_map(|count| (1..=10).map(move |seed| (count, seed))) {
-        let simulation = Simulation {
-            poses: Poses::Random { count },
-            measures: vec![Measure::Distances],
-            track_points: TrackPoints {
-                count: 0,
-                ..TrackPoints::default()
-            },
-            random_poses: 0,
-            seed,
-            ..Simulation::new(robot.clone(), file.clone())
-        };
-        let distances = run(&simulation).folder.distances;
-        let pairs = distances.iter().map(|distance| {
-            let [one, other] = distance.poses;
-            [one.min(other), one.max(other)]
-        });
-        let distinct: BTreeSet<[u32; 2]> = pairs.collect();
-        assert_eq!(distinct.len(), distances.len(), "{count} poses, {seed}");
-        assert!(distances.len() >= count / 2, "{count} poses, {seed}");
-    }
-}
-
 /// Noise that successive rows, readings of a visit and coordinates of a position share, whatever is measured.
 #[test]
 fn noise_of_rows_can_be_other_than_independent() {

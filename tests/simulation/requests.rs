@@ -1,11 +1,12 @@
 //! Requests as they are typed, and what is wrong with them.
 
+use std::collections::BTreeSet;
 use std::fs;
 
 use serde_json::Value;
 use tau::InputError;
 use tau::measurements::PlateKind;
-use tau::simulation::{Effect, Measure, Request};
+use tau::simulation::{Effect, Measure, Poses, Request, Simulation, TrackPoints};
 
 use super::{drawings, run, with_effects};
 use crate::support::tau_in;
@@ -457,5 +458,32 @@ fn errors_of_a_tracker_are_in_positions() {
     for effect in ["tracker_drift", "tracker_scale"] {
         let expected = format!("`{effect}` does nothing: no tracker measures");
         assert!(heights.contains(&expected), "{heights}");
+    }
+}
+
+/// The other way round, a pair is the same.
+#[test]
+fn no_distance_is_measured_twice() {
+    let (robot, file) = drawings();
+    for (count, seed) in (2..8).flat_map(|count| (1..=10).map(move |seed| (count, seed))) {
+        let simulation = Simulation {
+            poses: Poses::Random { count },
+            measures: vec![Measure::Distances],
+            track_points: TrackPoints {
+                count: 0,
+                ..TrackPoints::default()
+            },
+            random_poses: 0,
+            seed,
+            ..Simulation::new(robot.clone(), file.clone())
+        };
+        let distances = run(&simulation).folder.distances;
+        let pairs = distances.iter().map(|distance| {
+            let [one, other] = distance.poses;
+            [one.min(other), one.max(other)]
+        });
+        let distinct: BTreeSet<[u32; 2]> = pairs.collect();
+        assert_eq!(distinct.len(), distances.len(), "{count} poses, {seed}");
+        assert!(distances.len() >= count / 2, "{count} poses, {seed}");
     }
 }

@@ -19,8 +19,7 @@ use tau_report as report;
 use tau_robot::input_error::{both, quoted};
 use tau_robot::number::shortest;
 
-use super::calibrate::csv;
-use super::deliver::{Outcome, Target, check_file};
+use super::deliver::{Outcome, Target, check_file, csv};
 use super::kept::Kept;
 use super::resolve::{self, files};
 use super::{Failure, arguments};
