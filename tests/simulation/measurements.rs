@@ -1,6 +1,5 @@
 //! Noise, order, conditions and files.
 
-use std::collections::BTreeSet;
 
 use nalgebra::{Rotation3, Vector3};
 use tau::measurements::{Folder, PlateKind};
