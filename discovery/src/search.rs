@@ -188,7 +188,15 @@ impl<'a> Search<'a> {
                     continue 'climb;
                 }
             }
-            break;
+            // What is worth nothing here goes, though its absence was worse where it was fitted from elsewhere.
+            let without = self.removals_that_pay();
+            for change in &without {
+                let composition = state::composition(&change.members, &change.unnamed);
+                self.visited.remove(&composition);
+            }
+            if !self.stepped(without, progress)? {
+                break;
+            }
         }
         Ok(())
     }

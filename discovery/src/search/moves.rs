@@ -188,7 +188,15 @@ impl Search<'_> {
         (members, unnamed)
     }
 
-    fn removals(&mut self, linear: &LinearModel) -> Vec<Move> {
+    /// Neighbours without one of the effects or families that are better by the linear model.
+    pub(super) fn removals_that_pay(&self) -> Vec<Move> {
+        let mut moves = self.removals(&self.state.linear(&self.set));
+        moves.retain(|change| change.predicted < 0.0);
+        smallest_first(&mut moves, |change| change.predicted);
+        moves
+    }
+
+    fn removals(&self, linear: &LinearModel) -> Vec<Move> {
         let total = linear.total();
         let mut moves = Vec::new();
         for member in 0..self.state.members.len() {
