@@ -91,7 +91,8 @@ fn discovered(screen: &mut Screen, found: &Discovery) {
     let unnamed = findings::unnamed(found);
     if !found.effects.is_empty() || !unnamed.is_empty() {
         screen.gap();
-        screen.line("What is wrong with the machine");
+        let heading = format!("What is wrong with the {}", findings::what_errs(found));
+        screen.line(&heading);
     }
     for effect in &found.effects {
         let label = discovery::at(&effect.name, &effect.place);

@@ -12,8 +12,19 @@ use crate::figures::typographic;
 use crate::number::{fixed, general, largest};
 use crate::unknown_poses;
 
+/// What errs: the tracker, where all that was found is in what it measures.
+pub(crate) fn what_errs(found: &Discovery) -> &'static str {
+    let is_of_tracker = found.effects.iter().all(|own| own.place == Place::Tcp);
+    if is_of_tracker && !found.effects.is_empty() && found.unnamed.is_empty() {
+        "tracker"
+    } else {
+        "machine"
+    }
+}
+
 /// The verdict.
 pub(crate) fn verdict(found: &Discovery) -> String {
+    let errs = what_errs(found);
     let base = format!("the model {}", words::variant(&found.model, &found.base));
     let count = found.effects.len();
     let errors = match count {
@@ -26,12 +37,12 @@ pub(crate) fn verdict(found: &Discovery) -> String {
             capital(&base)
         ),
         Status::Explained => format!(
-            "The machine shows {errors} that {base} does not contain. With {} in the model, nothing significant is \
+            "The {errs} shows {errors} that {base} does not contain. With {} in the model, nothing significant is \
              left.",
             if count == 1 { "it" } else { "them" }
         ),
         Status::PartlyExplained => format!(
-            "The machine shows {errors} with a name that {base} does not contain. Something significant is left that \
+            "The {errs} shows {errors} with a name that {base} does not contain. Something significant is left that \
              has none."
         ),
         Status::UnnamedStructure if found.unnamed.is_empty() => {

@@ -198,8 +198,12 @@ fn heaviest(found: &Discovery) -> Option<String> {
         .iter()
         .filter(|effect| effect.heldout_drop_um > 0.0);
     let most = gains.max_by(|a, b| a.heldout_drop_um.total_cmp(&b.heldout_drop_um))?;
+    let removed = match findings::what_errs(found) {
+        "tracker" => "Have the tracker checked, or correct what it measures.",
+        _ => "Remove the causes on the machine, or compensate them.",
+    };
     Some(format!(
-        "Remove the causes on the machine, or compensate them. The heaviest is {} ({}): {} µm of the mean {}.",
+        "{removed} The heaviest is {} ({}): {} µm of the mean {}.",
         lower(&title(&found.model, &most.name)),
         part(&most.place),
         general(most.heldout_drop_um, 2),
