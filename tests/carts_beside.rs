@@ -125,7 +125,7 @@ fn discovery_writes_what_carts_and_plate_say_together() {
 #[test]
 fn carts_that_a_variant_misses_count_less() {
     let folder = tempfile::tempdir().unwrap();
-    let effect = "--effect straightness(two):vertical2=3e-4";
+    let effect = "--effect straightness(two):vertical2=2e-4";
     let line = format!("tau simulate --out DIR/measured {MEASURED} --seed 3 {effect}");
     tau_in(folder.path(), &line).done();
     let found = calibrated(folder.path());

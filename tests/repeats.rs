@@ -289,3 +289,25 @@ fn repeats_are_said_by_the_command() {
         }
     }
 }
+
+/// Rows that were copied under new numbers repeat to the last digit: that is no repeatability, and no angle is a number of
+/// nothing.
+#[test]
+fn copied_rows_are_no_repeats() {
+    let folder = tempfile::tempdir().unwrap();
+    let simulate = "tau simulate --model servo_hexapod --random --poses 60 --seed 2 --out DIR/m";
+    tau_in(folder.path(), simulate).done();
+    let path = folder.path().join("m/tcp_poses.csv");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let rows = text.lines().skip(1).take(30);
+    let copies = rows.map(|row| {
+        let (number, rest) = row.split_once(',').unwrap();
+        format!("{},{rest}\n", number.parse::<u32>().unwrap() + 1000)
+    });
+    std::fs::write(&path, copies.fold(text.clone(), |all, copy| all + &copy)).unwrap();
+    let calibrate = "tau calibrate DIR/m --variant Full --split all --out DIR/c";
+    let said = tau_in(folder.path(), calibrate).done();
+    assert!(!said.contains("NaN"), "{said}");
+    let flat = said.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(flat.contains("the same to the last digit"), "{said}");
+}

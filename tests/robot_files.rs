@@ -256,3 +256,37 @@ fn discovery_can_fit_what_it_found_to_all_poses() {
                 --variant Discovered";
     assert_eq!(json(folder.path(), line)["evaluated_on"], "calibration");
 }
+
+/// A variant of which the file holds no covariance is nowhere known as well as where the machine was calibrated.
+#[test]
+fn what_was_not_calibrated_is_outside_the_region() {
+    let folder = tempfile::tempdir().unwrap();
+    simulated(folder.path(), "m", "--poses 60 --random --seed 3");
+    let calibrate = "tau calibrate DIR/m --variant Nominal --out DIR/c";
+    tau_in(folder.path(), calibrate).done();
+    for (variant, is_inside) in [("Nominal", true), ("Full", false)] {
+        let line = format!(
+            "tau kinematics forward --robot DIR/c/robot.toml --variant {variant} --commands 0,0,0"
+        );
+        let found = json(folder.path(), &line);
+        assert_eq!(found["poses"][0]["inside"], is_inside, "{variant}");
+    }
+}
+
+/// Results do not take the place of what was measured or drawn.
+#[test]
+fn a_drawing_beside_measurements_is_not_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    simulated(folder.path(), "m", "--poses 60 --random --seed 3");
+    simulated(folder.path(), "other", "--poses 60 --random --seed 4");
+    for line in [
+        "tau calibrate DIR/m --variant Nominal --out DIR/other",
+        "tau discover DIR/m --out DIR/other",
+        "tau simulate --poses 20 --random --out DIR/new --json DIR/new/robot.toml",
+    ] {
+        let ran = tau_in(folder.path(), line);
+        assert_eq!(ran.code, 2, "{line}: {}", ran.err);
+        assert!(ran.err.contains("robot.toml"), "{}", ran.err);
+    }
+    assert!(!folder.path().join("new/tcp_poses.csv").exists());
+}

@@ -11,7 +11,7 @@ use tau_robot::input_error::both;
 use tau_robot::number::shortest;
 use tau_robot::robot_file::RobotFile;
 
-use super::deliver::{Outcome, Target, check_folder, csv, written};
+use super::deliver::{Outcome, Target, check_results, csv, written};
 use super::kept::Kept;
 use super::stamp::stamp;
 use super::{Console, Failure, arguments, resolve, trust};
@@ -33,7 +33,7 @@ pub(super) fn run(
     let kept = Kept::from(&arguments.input);
     let outputs = both(
         Target::resolve(&arguments.json, &kept),
-        check_folder(out).and_then(|()| kept.check_all(out, FILES)),
+        check_results(out).and_then(|()| kept.check_all(out, FILES)),
     );
     let (session, (target, ())) = both(
         resolve::with_variant(&arguments.input, &arguments.variant),
@@ -224,7 +224,7 @@ fn parameters(found: &Calibration, widening: f64) -> Result<String, Failure> {
             parameter.tolerance.map_or_else(String::new, shortest),
             shortest(parameter.value),
             shortest(parameter.sigma),
-            shortest(widening * parameter.sigma),
+            shortest(parameter.sigma_widened(widening)),
         ]
     });
     csv(header.map(String::from).into(), rows)

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use tau::input_error::InputError;
 use tau_report as report;
+use tau_robot::measurements::FILES;
 
 use super::kept::Kept;
 use super::{Console, Failure, arguments};
@@ -152,6 +153,18 @@ pub(super) fn check_folder(folder: &Path) -> Result<(), InputError> {
         }
         _ => Ok(()),
     }
+}
+
+/// The same of a folder for results. One that holds measurements has a robot file of its own, which is not to be replaced.
+pub(super) fn check_results(folder: &Path) -> Result<(), InputError> {
+    let mut measurements = FILES.into_iter().filter(|name| folder.join(name).exists());
+    let (Some(file), true) = (measurements.next(), folder.join("robot.toml").exists()) else {
+        return check_folder(folder);
+    };
+    let name = folder.join("robot.toml").display().to_string();
+    let message =
+        format!("`--out` would replace this file, beside which measurements stand (`{file}`)");
+    Err(InputError::whole(name, message).help("write into another folder with `--out`"))
 }
 
 /// A table as comma-separated text; names that hold commas are quoted.

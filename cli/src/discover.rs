@@ -13,7 +13,7 @@ use tau_report as report;
 use tau_robot::input_error::both;
 
 use super::arguments::Refit;
-use super::deliver::{Outcome, Target, check_folder, written};
+use super::deliver::{Outcome, Target, check_results, written};
 use super::kept::Kept;
 use super::progress::Spinner;
 use super::stamp::stamp;
@@ -33,7 +33,7 @@ pub(super) fn run(
     let kept = Kept::of(arguments.input.folder.as_ref(), named);
     let outputs = both(
         Target::resolve(&arguments.json, &kept),
-        check_folder(out).and_then(|()| kept.check_all(out, FILES)),
+        check_results(out).and_then(|()| kept.check_all(out, FILES)),
     );
     let (session, (target, ())) = both(resolve::of_search(&arguments.input), outputs)?;
     let (base, catalogues) = both(

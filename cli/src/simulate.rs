@@ -1,11 +1,14 @@
 //! `tau simulate`.
 
+use std::path::Path;
+
 use serde_json::{Value, json};
 use tau::Files;
 use tau::input_error::InputError;
 use tau::simulation::{Request, Simulation, Summary};
 use tau_report as report;
 use tau_robot::input_error::both;
+use tau_robot::measurements::FILES;
 
 use super::deliver::{Outcome, Target, check_folder};
 use super::kept::Kept;
@@ -21,6 +24,9 @@ pub(super) fn run(arguments: &arguments::Simulate) -> Result<Outcome, Failure> {
     let robot = robot(arguments.model.as_deref(), &files)?;
     let kept = Kept::of(None, arguments.model.iter().chain(&arguments.robot));
     let (target, ()) = both(Target::resolve(&arguments.json, &kept), check_folder(out))?;
+    if let Some(Target::File(path)) = &target {
+        apart(path, out)?;
+    }
     let request = request(arguments);
     let made = request.run(&robot, out);
     let made = made.map_err(|error| {
@@ -151,4 +157,18 @@ pub(super) fn request(arguments: &arguments::Simulate) -> Request {
         warming_k: plan.warming,
         payload_mass_kg: plan.payload,
     }
+}
+
+/// Fails where a file would take the place of one that the simulation writes.
+fn apart(path: &Path, out: &Path) -> Result<(), InputError> {
+    let mut written = FILES.into_iter().chain(["robot.toml", "truth.json"]);
+    let is_same = |name: &str| {
+        let pair = [path, &out.join(name)].map(std::path::absolute);
+        matches!(pair, [Ok(one), Ok(other)] if one == other)
+    };
+    if !written.any(is_same) {
+        return Ok(());
+    }
+    let message = "two outputs are to be written to this file";
+    Err(InputError::whole(path.display().to_string(), message).help("name another with `--json`"))
 }

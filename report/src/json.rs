@@ -319,7 +319,7 @@ fn parameter(parameter: &ParameterEstimate, widening: f64) -> Value {
         "tolerance": parameter.tolerance,
         "value": parameter.value,
         "sigma": parameter.sigma,
-        "sigma_widened": widening * parameter.sigma,
+        "sigma_widened": parameter.sigma_widened(widening),
     })
 }
 

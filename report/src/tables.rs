@@ -198,7 +198,7 @@ pub(super) fn machine(variant: &VariantResult) -> Option<Table> {
     let own: Vec<_> = variant.parameters.iter().filter(is_own).collect();
     let widening = findings::widening(variant);
     let rows = own.iter().map(|parameter| {
-        let sigma = widening * parameter.sigma;
+        let sigma = parameter.sigma_widened(widening);
         let value = concise(parameter.value, sigma, decimals(sigma, 2));
         vec![
             text(&parameter.name),

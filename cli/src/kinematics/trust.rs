@@ -132,6 +132,10 @@ impl Certainty {
             });
         let is_uncertain = uncertain.is_some();
         outside.extend(uncertain);
+        if self.uncertainty.is_none() {
+            outside
+                .push("parameters of this variant were not calibrated with the others".to_owned());
+        }
         (outside, is_uncertain)
     }
 }

@@ -64,6 +64,14 @@ pub struct ParameterEstimate {
     pub sigma: f64,
 }
 
+impl ParameterEstimate {
+    /// Its standard deviation at noise so many times the stated one: no more than its prior's, which noise does not widen.
+    pub fn sigma_widened(&self, widening: f64) -> f64 {
+        let prior = self.tolerance.unwrap_or(f64::INFINITY);
+        (widening * self.sigma).min(prior.max(self.sigma))
+    }
+}
+
 pub(super) fn estimates(
     machine: &Machine,
     nominal: &[Nominal],

@@ -1,6 +1,7 @@
 //! Outliers and repeated readings in sentences.
 
 use crate::trust::{LEVEL, general};
+use crate::weighing::lack_of_fit::ROUNDED;
 use crate::weighing::{LackOfFit, Loss, Misread, Outlier, Repeats, Weighing};
 
 /// Outliers that are named one by one.
@@ -102,9 +103,14 @@ pub(crate) fn repeat_to(
             general(test.p_value, 2)
         )
     });
+    let copied = if within.powi(2) <= ROUNDED {
+        " They are the same to the last digit: rows that were copied, or rounded to more than they scatter, are no repeats."
+    } else {
+        ""
+    };
     format!(
         "{subject} repeat to {to} (pooled standard deviation{each}, {degrees:.0} degrees of freedom), {} times the {noise} \
-         noise{meet}.",
+         noise{meet}.{copied}",
         general(within, 3)
     )
 }

@@ -6,7 +6,7 @@
 use crate::numerics::distribution::{f_survival, log10_f_survival};
 
 /// Variance over that of the noise below which readings do not scatter: all were rounded alike.
-pub(super) const ROUNDED: f64 = 1e-12;
+pub(crate) const ROUNDED: f64 = 1e-12;
 
 /// The classical test of residuals between quantities against pure error within them.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -6,7 +6,7 @@
 //! larger, at the scale that most of them have: larger noise, or an effect that the model lacks, makes no outliers.
 
 mod deleted;
-mod lack_of_fit;
+pub(crate) mod lack_of_fit;
 mod loss;
 mod misread;
 mod repeats;

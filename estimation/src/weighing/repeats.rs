@@ -8,7 +8,7 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{DVector, Matrix3, Vector3};
+use nalgebra::{DVector, Matrix3, UnitQuaternion, Vector3};
 use tau_kinematics::nearest_rotation;
 use tau_robot::robot::Plate;
 
@@ -160,6 +160,8 @@ pub(super) fn repeatability(samples: &[Sample], kept: &[bool], plate: Plate) -> 
         for sample in group {
             position += (sample.pose.position - mean).norm_squared();
             let apart = sample.pose.rotation * middle.inverse();
+            // By a quaternion: an angle from the trace of a matrix of rounded entries may be none.
+            let apart = UnitQuaternion::from_rotation_matrix(&apart);
             rotation += apart.scaled_axis().norm_squared();
         }
         degrees += count - 1.0;
