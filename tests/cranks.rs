@@ -75,8 +75,8 @@ fn what_lies_outside_is_said_in_radians() {
     }
 }
 
-/// What drives that turn are off by is an angle wherever it is told, and makes a length at the end of their arms: 3 mrad
-/// of encoders on 0.2 m of arm are no machine apart.
+/// Residuals of drives that turn are angles wherever they are told, and make lengths at the end of their arms: 3 mrad of
+/// encoders on 0.2 m of arm are no machine apart.
 #[test]
 fn residuals_of_drives_that_turn_are_angles() {
     let folder = TempDir::new().unwrap();

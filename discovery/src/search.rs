@@ -188,7 +188,7 @@ impl<'a> Search<'a> {
                     continue 'climb;
                 }
             }
-            // What is worth nothing here goes, though its absence was worse where it was fitted from elsewhere.
+            // An effect that is worth nothing here goes, though its absence was worse where it was fitted from elsewhere.
             let without = self.removals_that_pay();
             for change in &without {
                 let composition = state::composition(&change.members, &change.unnamed);

@@ -1,6 +1,5 @@
 //! Noise, order, conditions and files.
 
-
 use nalgebra::{Rotation3, Vector3};
 use tau::measurements::{Folder, PlateKind};
 use tau::robot_file::RobotFile;

@@ -124,7 +124,7 @@ impl Fit<'_> {
                 weight: tuned.map_or(1.0, |tuned| tuned.weight(residual.abs())),
             })
             .collect();
-        // What was left out before is as far off as can be.
+        // Rows that were left out before are as far off as can be.
         let mut squares: BTreeMap<_, Vec<(f64, f64)>> = BTreeMap::new();
         let known = self.gross.iter().map(|row| (row.place, f64::INFINITY));
         for (place, square) in (far.iter().map(|row| (row.place, row.sigmas.powi(2)))).chain(known)

@@ -55,7 +55,7 @@ impl Squares {
     }
 }
 
-/// What is wrong with the rows of a folder.
+/// Mistakes in the rows of a folder, or a misfit without one.
 #[derive(Debug, Default)]
 pub struct Recognised {
     /// Mistakes that explain why a variant does not fit.

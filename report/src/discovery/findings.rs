@@ -12,7 +12,7 @@ use crate::figures::typographic;
 use crate::number::{fixed, general, largest};
 use crate::unknown_poses;
 
-/// What errs: the tracker, where all that was found is in what it measures.
+/// The part that errs: the tracker, where all that was found is in its measurements.
 pub(crate) fn what_errs(found: &Discovery) -> &'static str {
     let is_of_tracker = found.effects.iter().all(|own| own.place == Place::Tcp);
     if is_of_tracker && !found.effects.is_empty() && found.unnamed.is_empty() {
