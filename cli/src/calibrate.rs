@@ -33,7 +33,7 @@ pub(super) fn run(
     let kept = Kept::from(&arguments.input);
     let outputs = both(
         Target::resolve(&arguments.json, &kept),
-        check_results(out).and_then(|()| kept.check_all(out, FILES)),
+        (kept.check_all(out, FILES)).and_then(|()| check_results(out)),
     );
     let (session, (target, ())) = both(
         resolve::with_variant(&arguments.input, &arguments.variant),

@@ -33,7 +33,7 @@ pub(super) fn run(
     let kept = Kept::of(arguments.input.folder.as_ref(), named);
     let outputs = both(
         Target::resolve(&arguments.json, &kept),
-        check_results(out).and_then(|()| kept.check_all(out, FILES)),
+        (kept.check_all(out, FILES)).and_then(|()| check_results(out)),
     );
     let (session, (target, ())) = both(resolve::of_search(&arguments.input), outputs)?;
     let (base, catalogues) = both(
