@@ -127,10 +127,12 @@ pub fn recognised(
     let (seen, look) = case.at_first_sight();
     match recognising(&case, None, Some((seen.clone(), look))) {
         Ok((found, mut mistakes)) => {
-            let is_missed = |found: &&UnknownPoses| !is_met(found) || found.widened > 1.0;
-            let fitted = found.as_ref().ok().filter(is_missed);
+            let fitted = found.as_ref().ok();
             let another_machine = fitted.and_then(UnknownPoses::another_machine);
-            let misfit = fitted.map(UnknownPoses::residual_over_noise);
+            let is_missed = |found: &&UnknownPoses| !found.is_consistent() || found.widened > 1.0;
+            let misfit = fitted
+                .filter(is_missed)
+                .map(UnknownPoses::residual_over_noise);
             mistakes.extend(found.into_iter().flat_map(|found| found.mistakes));
             let is_explained = !mistakes.is_empty();
             Ok(Recognised {
