@@ -50,6 +50,9 @@ pub(super) struct CandidateSet {
     pub(super) unseen: Vec<(usize, &'static str)>,
     /// Candidates that take no part, because no plausible amplitude of them would show.
     pub(super) hidden: BTreeSet<usize>,
+    /// Those of them, without a search, that the base absorbs. None of them is a name; but the base absorbs them against
+    /// its own tolerances, and what relieves these may be one of them as well.
+    pub(super) absorbed: Vec<usize>,
     /// Number of units.
     pub(super) units: usize,
     pub(super) significance: Significance,
@@ -214,6 +217,7 @@ impl CandidateSet {
             pairs,
             unseen,
             hidden: BTreeSet::new(),
+            absorbed: vec![],
             units,
             significance: Significance::new(options.constants, 0, 0, degrees),
             constants: options.constants,

@@ -22,7 +22,7 @@ pub(super) fn detectability(
     linear: &LinearModel,
     table: &Table,
 ) -> (Vec<Detectable>, Vec<Unseen>) {
-    let (mut detectable, mut unseen) = (Vec::new(), Vec::new());
+    let (mut detectable, mut unseen, mut absorbed) = (vec![], vec![], vec![]);
     let limits = set.constants;
     let (best_columns, constants) = parallel::both(
         || set.best_columns(linear),
@@ -77,6 +77,7 @@ pub(super) fn detectability(
         let Some(((best, _), null)) = best_columns[index].zip(nulls[index]) else {
             unseen.push(undetectable(Reason::Absorbed));
             set.hidden.insert(index);
+            absorbed.push(index);
             continue;
         };
         let parameter = &candidate.parameters[best.parameter];
@@ -106,6 +107,7 @@ pub(super) fn detectability(
             };
             unseen.push(undetectable(why));
             set.hidden.insert(index);
+            absorbed.push(index);
             continue;
         }
         // What tolerances alone hold against an effect may give it a score, but never confirms it: it is tried, and no
@@ -123,6 +125,8 @@ pub(super) fn detectability(
             absorbed: 1.0 - share(best.measured),
         });
     }
+    absorbed.retain(|&index: &usize| set.candidates[index].search.is_none());
+    set.absorbed = absorbed;
     (detectable, unseen)
 }
 

@@ -4,6 +4,7 @@
 use std::collections::BTreeSet;
 
 use super::super::candidate_set::{Score, f_form};
+use super::super::candidates;
 use super::super::constants::{Constants, count};
 use super::super::linear_model::LinearModel;
 use super::super::p_value::PValue;
@@ -118,6 +119,15 @@ impl Search<'_> {
                 cosines.push(cosine);
             }
         }
+        for (score, subspace) in self.absorbed(&without.linear) {
+            let instead = self.with_candidate((&rest, &unnamed), &score);
+            let dearer = self.cost_of_state(&instead.0, &instead.1) - cost;
+            let change = self.change(now, total - score.statistic) + dearer;
+            if change < as_good {
+                rivals.push(vec![(score.candidate, None)]);
+                cosines.push(cosine(&without.linear, own, &[subspace]));
+            }
+        }
         // One effect at several places may be meant as well: any other that is significant, and its own in the stead of
         // an amplitude that all places have in common.
         let mut tried = BTreeSet::new();
@@ -159,6 +169,24 @@ impl Search<'_> {
                 cosine,
             })
             .collect()
+    }
+
+    /// Effects that the base absorbs, beside a model: by how much each would relieve the tolerances that the base is
+    /// absorbed against, and what explains it.
+    fn absorbed(&self, linear: &LinearModel) -> Vec<(Score, Subspace)> {
+        let scored = parallel::map(&self.set.absorbed, |&candidate| {
+            let described = &self.set.candidates[candidate];
+            let wanted = described.amplitudes();
+            let entries = self
+                .set
+                .entries(candidate, &described.values_at(None), &wanted)?;
+            let columns =
+                linear.weighted(&candidates::columns(&entries, &wanted, &self.set.probes));
+            let subspace = Subspace::with_absorbed(&columns, &linear.remainder(&columns));
+            let score = Self::score_of(linear, candidate, &subspace);
+            (subspace.rank() > 0).then_some((score, subspace))
+        });
+        scored.into_iter().flatten().collect()
     }
 
     /// True if a model with another named effect in the place of one, fitted anew, has a score that is as good.

@@ -272,8 +272,17 @@ pub struct Subspace {
 impl Subspace {
     /// `raw` are the columns, `remainder` what the base leaves of them.
     pub fn of(raw: &DMatrix<f64>, remainder: &DMatrix<f64>) -> Self {
+        Self::down_to(LEAST_SINGULAR, raw, remainder)
+    }
+
+    /// The same with all directions of which more than rounding is left: priors may be all that holds against them.
+    pub fn with_absorbed(raw: &DMatrix<f64>, remainder: &DMatrix<f64>) -> Self {
+        Self::down_to(f64::EPSILON.sqrt(), raw, remainder)
+    }
+
+    fn down_to(least: f64, raw: &DMatrix<f64>, remainder: &DMatrix<f64>) -> Self {
         let norms: Vec<f64> = raw.column_iter().map(|column| column.norm()).collect();
-        let c = orthonormal(&norms, &transposed_times(remainder, remainder));
+        let c = orthonormal_down_to(least, &norms, &transposed_times(remainder, remainder));
         Self {
             u: remainder * &c,
             c,
@@ -299,22 +308,26 @@ impl Subspace {
 /// Coefficients that make columns orthonormal, given the Gram matrix of what is left of them and their
 /// own lengths; directions of which next to nothing is left are dropped.
 pub fn orthonormal(norms: &[f64], gram: &DMatrix<f64>) -> DMatrix<f64> {
+    orthonormal_down_to(LEAST_SINGULAR, norms, gram)
+}
+
+/// The same, `least` being the smallest singular value that is kept.
+fn orthonormal_down_to(least: f64, norms: &[f64], gram: &DMatrix<f64>) -> DMatrix<f64> {
     let inverse = |norm: f64| if norm > 0.0 { norm.recip() } else { 0.0 };
     if let &[first, second] = norms {
         // Waves have two columns each, and there are many.
-        return orthonormal_pair([inverse(first), inverse(second)], gram);
+        return orthonormal_pair(least, [inverse(first), inverse(second)], gram);
     }
     let scale: Vec<f64> = norms.iter().copied().map(inverse).collect();
     let scaled = DMatrix::from_fn(norms.len(), norms.len(), |i, j| {
         gram[(i, j)] * scale[i] * scale[j]
     });
     let eigen = SymmetricEigen::new(scaled);
-    let least = LEAST_SINGULAR.powi(2);
     let mut kept: Vec<(usize, f64)> = (eigen.eigenvalues)
         .iter()
         .copied()
         .enumerate()
-        .filter(|&(_, value)| value > least)
+        .filter(|&(_, value)| value > least.powi(2))
         .collect();
     largest_first(&mut kept, |&(_, value)| value);
     DMatrix::from_fn(scale.len(), kept.len(), |row, k| {
@@ -324,7 +337,7 @@ pub fn orthonormal(norms: &[f64], gram: &DMatrix<f64>) -> DMatrix<f64> {
 }
 
 /// The same of two columns, in closed form.
-fn orthonormal_pair(scale: [f64; 2], gram: &DMatrix<f64>) -> DMatrix<f64> {
+fn orthonormal_pair(least: f64, scale: [f64; 2], gram: &DMatrix<f64>) -> DMatrix<f64> {
     let a = gram[(0, 0)] * scale[0] * scale[0];
     let b = gram[(1, 0)] * scale[1] * scale[0];
     let c = gram[(1, 1)] * scale[1] * scale[1];
@@ -338,7 +351,7 @@ fn orthonormal_pair(scale: [f64; 2], gram: &DMatrix<f64>) -> DMatrix<f64> {
     let mut coefficients = [0.0; 4];
     let mut kept = 0;
     for (value, axis) in axes {
-        if value > LEAST_SINGULAR.powi(2) {
+        if value > least.powi(2) {
             for row in 0..2 {
                 coefficients[2 * kept + row] = scale[row] * axis[row] / value.sqrt();
             }
