@@ -22,22 +22,22 @@ pub(crate) const GANTRY_TAU: &str = "robot GantryTau {
     variant FullPiecewise { arm full; tracks piecewise per link; }
 }";
 
-/// Tracks, and legs of driven length on the base, at one plate.
+/// Tracks, and legs of driven length on the base, one of them pulled, at one plate.
 const HYBRID: &str = "robot Hybrid {
     track left, right;
     cluster arms on left { link a1, a2; }
     cluster arm on right { link b1; }
-    cluster legs on base { link c1, c2, c3 actuated length; }
+    cluster legs on base { link c1, c2, c3 actuated length; link c4 actuated length { pulled = 40 N tol 5 N; } }
     variant Full { arm full; tracks linear; }
 }";
 
-/// Lines on drums and a belt that is pulled, at one point.
+/// Lines on drums and belts that are pulled, at one point.
 const LINES: &str = "robot Lines {
     plate point;
     param radius: m/rad;
     cluster lines on base {
         link a1, a2 actuated angle { length = norm(track_offset) + radius * q / 12 - 20 um/rad^2 * q^2; }
-        link b1, b2 actuated length { length = q; pulled = 90 N; }
+        link b1, b2 actuated length { length = q; pulled = 90 N tol 9 N; }
         link c1 actuated length;
     }
     variant Full { arm full; }

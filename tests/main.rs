@@ -41,6 +41,7 @@ mod mutations;
 mod nothing_free;
 mod own_machines;
 mod packages;
+mod pulls;
 mod recognition;
 mod recognition_of_rows;
 mod redundant;

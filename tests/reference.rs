@@ -3,6 +3,7 @@
 //! Shares no code with the generator beyond the description's model: matrices instead of turns, a
 //! formula walker of its own, forward derivatives instead of reverse ones.
 
+mod forces;
 mod matrices;
 
 use std::collections::BTreeMap;
@@ -558,19 +559,10 @@ impl Reference<'_> {
                 Readable::Direction => self.datum(Input::Direction(scope.command.unwrap())),
                 Readable::Time => self.datum(Input::Time),
                 Readable::Temperature => self.datum(Input::Temperature),
-                Readable::LoadAlong => self.datum(Input::Load {
-                    track: scope.track.unwrap(),
-                    component: 0,
-                }),
-                Readable::LoadHorizontal => self.datum(Input::Load {
-                    track: scope.track.unwrap(),
-                    component: 1,
-                }),
-                Readable::LoadVertical => self.datum(Input::Load {
-                    track: scope.track.unwrap(),
-                    component: 2,
-                }),
-                Readable::Tension => self.datum(Input::Tension(scope.link.unwrap())),
+                Readable::LoadAlong => self.load(scope.track.unwrap(), 0),
+                Readable::LoadHorizontal => self.load(scope.track.unwrap(), 1),
+                Readable::LoadVertical => self.load(scope.track.unwrap(), 2),
+                Readable::Tension => self.tension(scope.link.unwrap()),
                 Readable::Length => self.length(scope.length_of.unwrap()),
                 Readable::PaidOut => {
                     let owner = scope.length_of.unwrap();

@@ -2,7 +2,6 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use tau_codegen::language::model::Readable;
 use tau_estimation::calibration::length_noise;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::distribution::chi2_survival;
@@ -402,7 +401,6 @@ fn remarks(search: &Search<'_>, whiteness: Option<&Whiteness>) -> Vec<String> {
         }
     }
     remarks.extend(far_from_drawing(&search.state.fit));
-    remarks.extend(rough_pull(search));
     if let Some(found) = whiteness
         && found.after.p_value.min(found.after.portmanteau_p_value) < SERIAL
     {
@@ -414,32 +412,4 @@ fn remarks(search: &Search<'_>, whiteness: Option<&Whiteness>) -> Vec<String> {
         ));
     }
     remarks
-}
-
-/// Remark on effects that follow the tension of links, where that hangs on a pull which is not measured and known roughly:
-/// the search takes it for exact.
-fn rough_pull(search: &Search<'_>) -> Option<String> {
-    let Input { robot, folder, .. } = *search.input;
-    if folder.has_measured_tensions() {
-        return None;
-    }
-    let members = search.state.members.iter();
-    let of_tension = members
-        .map(|member| &search.set.candidates[member.candidate])
-        .filter(|own| search.set.model.effects[own.effect].reads(Readable::Tension));
-    let named: Vec<String> = of_tension
-        .map(|own| format!("{}({})", own.name, own.at))
-        .collect();
-    let links = robot.model.iter().flat_map(|model| &model.links);
-    let shares = links.filter_map(|link| {
-        let pull = link.pull.as_ref()?;
-        Some(pull.tolerance? / pull.value?[0].abs())
-    });
-    let share = shares.reduce(f64::max).filter(|_| !named.is_empty())?;
-    Some(format!(
-        "{} hangs on the pull of a link, which is known to {:.0} %: so are its parameters, whatever their standard deviations, \
-         and what the pull is off by may look like errors of lengths; measured tensions (`force1_N`, …) would tell",
-        named.join(", "),
-        100.0 * share
-    ))
 }

@@ -236,6 +236,15 @@ impl Surroundings {
             let forces = sample.forces.or_else(|| computed.as_ref());
             forces.ok_or_else(unknown)
         };
+        // Where forces are measured alone, no pull has a share in them.
+        let pull = |link: usize| {
+            let forces = forces().ok()?;
+            forces.by_pull.iter().find(|own| own.link == link)
+        };
+        let measured = |link: usize| {
+            let measured = sample.tensions_n.and_then(|all| all.get(link));
+            measured.copied().filter(|tension| !tension.is_nan())
+        };
         let mut last: Option<(usize, Segment)> = None;
         let mut segment = |track: usize| {
             if let Some((_, segment)) = last.filter(|(of, _)| *of == track) {
@@ -265,13 +274,20 @@ impl Surroundings {
                 Input::Load { track, component } => {
                     forces()?.loads_n.get(track).ok_or(Missing::Forces)?[component]
                 }
-                Input::Tension(link) => {
-                    let measured = sample.tensions_n.and_then(|all| all.get(link));
-                    match measured.filter(|tension| !tension.is_nan()) {
-                        Some(tension) => *tension,
-                        None => *forces()?.tensions_n.get(link).ok_or(Missing::Forces)?,
-                    }
-                }
+                Input::Tension(link) => match measured(link) {
+                    Some(tension) => tension,
+                    None => *forces()?.tensions_n.get(link).ok_or(Missing::Forces)?,
+                },
+                Input::Pull(link) => pull(link).map_or(0.0, |pull| pull.pull_n),
+                Input::TensionByPull { link, pulled } => match measured(link) {
+                    Some(_) => 0.0,
+                    None => pull(pulled).map_or(0.0, |pull| pull.tensions[link]),
+                },
+                Input::LoadByPull {
+                    track,
+                    component,
+                    pulled,
+                } => pull(pulled).map_or(0.0, |pull| pull.loads[track][component]),
                 Input::SegmentStart { track, component } => segment(track)?.ends[0][component],
                 Input::SegmentEnd { track, component } => segment(track)?.ends[1][component],
                 Input::SegmentStartCommand(track) => segment(track)?.commands[0],

@@ -24,4 +24,4 @@ pub use least_norm::least_norm;
 pub use machine::{Closures, Machine};
 pub use paths::{Path, Segment};
 pub use pose::{POSE_COLUMNS, Pose, angle_rates, nearest_rotation, xyz, xyz_angles, zyz};
-pub use statics::{Forces, Statics, track_axes};
+pub use statics::{ByPull, Forces, Statics, track_axes};

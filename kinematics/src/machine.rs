@@ -179,9 +179,17 @@ impl Machine {
         }
     }
 
-    /// The same with other values.
+    /// The same with other values, one for each of the variant's parameters.
+    ///
+    /// # Panics
+    /// There are fewer or more of them.
     #[must_use]
     pub fn with_values(&self, values: Vec<f64>) -> Self {
+        let (found, expected) = (values.len(), self.variant.parameters.len());
+        assert_eq!(
+            found, expected,
+            "one value for each parameter of the variant"
+        );
         Self {
             values,
             ..self.clone()

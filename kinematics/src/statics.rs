@@ -27,6 +27,8 @@ struct Rod {
     track: Option<usize>,
     /// Tension to which its drive is controlled (N).
     pull_n: Option<f64>,
+    /// True if that is known to a tolerance.
+    is_uncertain: bool,
 }
 
 /// Forces at one pose.
@@ -37,6 +39,21 @@ pub struct Forces {
     /// Force of the arm on each cart (N): along its track, horizontally across it, and in the third
     /// direction; on a crank along x, y, z.
     pub loads_n: Vec<[f64; 3]>,
+    /// What each pull that is known to a tolerance has in them.
+    pub by_pull: Vec<ByPull>,
+}
+
+/// Share of a pull in the forces at a pose: they are linear in it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ByPull {
+    /// Index of the link that is pulled.
+    pub link: usize,
+    /// Tension (N) to which it is.
+    pub pull_n: f64,
+    /// Tension of each link for each newton of that.
+    pub tensions: Vec<f64>,
+    /// Force on each cart for each newton, as [`Forces::loads_n`].
+    pub loads: Vec<[f64; 3]>,
 }
 
 impl Statics {
@@ -59,83 +76,119 @@ impl Statics {
     /// Forces that hold the plate in equilibrium in its freedoms at a pose; where more drives hold their position than
     /// there are conditions of equilibrium, the smallest such forces.
     pub fn forces(&self, pose: &Pose, commands_m: &[f64]) -> Forces {
-        let levers: Vec<Vector3<f64>> = self
-            .links
-            .iter()
-            .map(|rod| pose.rotation * rod.plate_joint)
-            .collect();
-        let towards_cart: Vec<Vector3<f64>> = self
-            .links
-            .iter()
-            .zip(&levers)
-            .map(|(rod, lever)| {
-                let q = rod
-                    .track
-                    .and_then(|track| commands_m.get(track))
-                    .copied()
-                    .unwrap_or(0.0);
-                let rod = rod.joint(q) - pose.position - lever;
-                rod.try_normalize(0.0).unwrap_or_default()
-            })
-            .collect();
-        let freedoms = self.plate.freedoms();
-        let wrench = |link: usize, motion: usize| {
-            let (force, lever) = (towards_cart[link], levers[link]);
-            if motion < 3 {
-                force[motion]
-            } else {
-                lever.cross(&force)[motion - 3]
-            }
-        };
+        let frame = Frame::of(self, pose, commands_m);
         let (weight, moment) = self.payload.map_or_else(Default::default, |payload| {
             let weight = Vector3::from(payload.gravity_m_s2) * payload.mass_kg;
             let lever = pose.rotation * Vector3::from(payload.centre_m);
             (weight, lever.cross(&weight))
         });
-        let pulled = |motion: usize| -> f64 {
-            let pulls = self.links.iter().enumerate();
-            pulls
-                .filter_map(|(link, rod)| Some(wrench(link, motion) * rod.pull_n?))
-                .sum()
+        let pulls: Vec<f64> = (self.links.iter())
+            .map(|rod| rod.pull_n.unwrap_or(0.0))
+            .collect();
+        let tensions_n = frame.tensions(weight, moment, &pulls);
+        let uncertain = self.links.iter().enumerate();
+        let uncertain = uncertain.filter(|(_, rod)| rod.is_uncertain);
+        let by_pull = uncertain.map(|(link, rod)| {
+            let mut one = vec![0.0; self.links.len()];
+            one[link] = 1.0;
+            let tensions = frame.tensions(Vector3::zeros(), Vector3::zeros(), &one);
+            ByPull {
+                link,
+                pull_n: rod.pull_n.unwrap_or(0.0),
+                loads: frame.loads(&tensions),
+                tensions,
+            }
+        });
+        Forces {
+            by_pull: by_pull.collect(),
+            loads_n: frame.loads(&tensions_n),
+            tensions_n,
+        }
+    }
+}
+
+/// The framework at a pose.
+struct Frame<'s> {
+    statics: &'s Statics,
+    /// From the tool centre point to each plate joint.
+    levers: Vec<Vector3<f64>>,
+    /// Unit vector along each link, away from the plate.
+    directions: Vec<Vector3<f64>>,
+}
+
+impl<'s> Frame<'s> {
+    fn of(statics: &'s Statics, pose: &Pose, commands_m: &[f64]) -> Self {
+        let links = statics.links.iter();
+        let levers: Vec<Vector3<f64>> = links
+            .clone()
+            .map(|rod| pose.rotation * rod.plate_joint)
+            .collect();
+        let directions = links.zip(&levers).map(|(rod, lever)| {
+            let command = rod.track.and_then(|track| commands_m.get(track));
+            let rod = rod.joint(command.copied().unwrap_or(0.0)) - pose.position - lever;
+            rod.try_normalize(0.0).unwrap_or_default()
+        });
+        Self {
+            directions: directions.collect(),
+            statics,
+            levers,
+        }
+    }
+
+    /// Tensions under a force and a moment about the tool centre point on the plate; `pulls` has those of links that are
+    /// pulled.
+    fn tensions(&self, force: Vector3<f64>, moment: Vector3<f64>, pulls: &[f64]) -> Vec<f64> {
+        let freedoms = self.statics.plate.freedoms();
+        let wrench = |link: usize, motion: usize| {
+            let (direction, lever) = (self.directions[link], self.levers[link]);
+            if motion < 3 {
+                direction[motion]
+            } else {
+                lever.cross(&direction)[motion - 3]
+            }
         };
+        let (pulled, holding): (Vec<usize>, Vec<usize>) =
+            (0..pulls.len()).partition(|&link| self.statics.links[link].pull_n.is_some());
         let load = DMatrix::from_fn(freedoms.len(), 1, |row, _| {
             let motion = freedoms[row];
-            let of_payload = if motion < 3 {
-                weight[motion]
+            let outer = if motion < 3 {
+                force[motion]
             } else {
                 moment[motion - 3]
             };
-            -of_payload - pulled(motion)
+            let by_pulls: f64 = (pulled.iter())
+                .map(|&link| wrench(link, motion) * pulls[link])
+                .sum();
+            -outer - by_pulls
         });
-        let holding: Vec<usize> = (0..self.links.len())
-            .filter(|&link| self.links[link].pull_n.is_none())
-            .collect();
         let wrenches = DMatrix::from_fn(freedoms.len(), holding.len(), |row, column| {
             wrench(holding[column], freedoms[row])
         });
         let held = least_norm(&wrenches, &load);
-        let pulls = self.links.iter().map(|rod| rod.pull_n.unwrap_or(0.0));
-        let mut tensions: Vec<f64> = pulls.collect();
+        let mut tensions = pulls.to_vec();
         for (row, &link) in holding.iter().enumerate() {
             tensions[link] = held.as_ref().map_or(0.0, |held| held[(row, 0)]);
         }
-        let mut forces = vec![Vector3::zeros(); self.tracks];
-        let mut directions = vec![Vector3::zeros(); self.tracks];
-        for ((rod, direction), tension) in self.links.iter().zip(&towards_cart).zip(&tensions) {
+        tensions
+    }
+
+    /// Forces on the carts, as [`Forces::loads_n`].
+    fn loads(&self, tensions: &[f64]) -> Vec<[f64; 3]> {
+        let tracks = self.statics.tracks;
+        let mut forces = vec![Vector3::zeros(); tracks];
+        let mut directions = vec![Vector3::zeros(); tracks];
+        let links = self.statics.links.iter().zip(&self.directions);
+        for ((rod, direction), tension) in links.zip(tensions) {
             if let Some(track) = rod.track {
                 forces[track] -= direction * *tension;
                 directions[track] += rod.direction;
             }
         }
-        let loads_n = forces
+        forces
             .iter()
             .zip(&directions)
             .map(|(force, direction)| track_axes(*direction).map(|axis| force.dot(&axis)))
-            .collect();
-        Forces {
-            tensions_n: tensions,
-            loads_n,
-        }
+            .collect()
     }
 }
 
@@ -144,7 +197,7 @@ impl Rod {
         let vector = |value| dimensions.vector(link, value).map(Vector3::from);
         let track = robot.clusters.get(robot.links[link].cluster)?.track;
         let model = robot.model.as_ref();
-        let pull = model.and_then(|model| model.links.get(link)?.pull.as_ref());
+        let described = model.and_then(|model| model.links.get(link));
         Some(Self {
             plate_joint: vector(Value::PlateJoint)?,
             track_offset: vector(Value::TrackOffset)?,
@@ -153,10 +206,11 @@ impl Rod {
                 .and_then(|track| dimensions.crank(track))
                 .map(|crank| crank.map(Vector3::from)),
             track,
-            pull_n: match pull {
-                Some(pull) => Some(pull.value?[0]),
+            pull_n: match described.and_then(|own| own.pull.as_ref()) {
+                Some(_) => Some(dimensions.pull_n(link)?),
                 None => None,
             },
+            is_uncertain: described.is_some_and(|own| own.uncertain_pull().is_some()),
         })
     }
 

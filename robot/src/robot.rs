@@ -197,6 +197,10 @@ impl Robot {
         let exists = match quantity {
             "plate_joint" => !self.plate.is_point(),
             "track_direction" => track.is_some() && !on_crank,
+            "pull" => {
+                let link = self.model.as_ref().and_then(|model| model.links.get(link));
+                link.is_some_and(|link| link.uncertain_pull().is_some())
+            }
             _ => true,
         };
         let is_formula =

@@ -246,6 +246,24 @@ pub enum Input {
     },
     /// Tension of a link (N), by index.
     Tension(usize),
+    /// Tension (N) to which a link is pulled, by index, with which forces were computed.
+    Pull(usize),
+    /// Tension of a link for each newton more to which another, or itself, is pulled.
+    TensionByPull {
+        /// Index of the link.
+        link: usize,
+        /// Index of the one that is pulled.
+        pulled: usize,
+    },
+    /// Force of the arm on a cart for each newton more to which a link is pulled: along, horizontal, vertical.
+    LoadByPull {
+        /// Index of the track.
+        track: usize,
+        /// 0 along, 1 horizontal, 2 vertical.
+        component: usize,
+        /// Index of the link that is pulled.
+        pulled: usize,
+    },
     /// Start of the track segment that holds the command, in the measurement frame relative to the
     /// track's point at q = 0 (m).
     SegmentStart {

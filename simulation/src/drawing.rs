@@ -324,6 +324,7 @@ fn links(
         let (offset, of_offset) = find("track_offset", 3);
         let (direction, of_direction) = find("track_direction", 3);
         let pull = described.and_then(|link| link.pull.as_ref());
+        let stated = own[0].and_then(|values| values.pull.as_ref());
         rods.push(Rod {
             length_m: length.first().copied().unwrap_or(0.0),
             plate_joint_m: three(&joint),
@@ -333,14 +334,20 @@ fn links(
             actuated_by: link.actuated_by,
             transmission: None,
             // Pulls without a value were refused.
-            pull_n: pull.and_then(|pull| pull.value).map(|[value]| value),
+            pull_n: pull.and_then(|pull| {
+                let stated = stated.and_then(|stated| stated.value.first().copied());
+                stated.or_else(|| pull.value.map(|[value]| value))
+            }),
         });
         tolerances.push(OfLink {
             length: of_length,
             plate_joint: of_joint,
             track_offset: of_offset,
             track_direction: of_direction,
-            pull: pull.and_then(|pull| pull.tolerance).unwrap_or(0.0),
+            pull: match (stated, pull) {
+                (Some(stated), Some(_)) => stated.tol,
+                (_, pull) => pull.and_then(|pull| pull.tolerance).unwrap_or(0.0),
+            },
             is_free_to_turn: robot.has_parameter(index, "track_direction"),
         });
     }

@@ -42,4 +42,5 @@ pub use plate::{Measure, Objects, Plane};
 pub use request::{Request, Summary};
 pub use session::simulate;
 pub use simulation::Simulation;
+pub use tau_codegen::language::model::Place;
 pub use trackers::Mounting;

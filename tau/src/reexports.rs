@@ -44,9 +44,9 @@ pub mod input_error {
 /// Forward and inverse kinematics and statics of any variant.
 pub mod kinematics {
     pub use tau_kinematics::{
-        AssemblyMode, Closures, Error, Forces, InverseOptions, LARGEST_MISMATCH_M, Layout,
+        AssemblyMode, ByPull, Closures, Error, Forces, InverseOptions, LARGEST_MISMATCH_M, Layout,
         LengthNoise, Machine, Missing, POSE_COLUMNS, Path, Pose, Rail, Reached, Rod, Sample,
-        Segment, Statics, Surroundings, track_axes, xyz, xyz_angles, zyz,
+        Segment, Statics, Surroundings, UnknownPull, track_axes, xyz, xyz_angles, zyz,
     };
 }
 
@@ -90,5 +90,7 @@ pub mod unknown_poses {
 
 /// Weights of poses in a calibration: outliers, losses that bound their pull, repeated readings.
 pub mod weighing {
-    pub use tau_estimation::weighing::{LackOfFit, Loss, Outlier, Repeats, Treatment, Weighing};
+    pub use tau_estimation::weighing::{
+        LackOfFit, Loss, Misread, Outlier, Repeats, Treatment, Weighing,
+    };
 }

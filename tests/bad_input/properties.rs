@@ -27,25 +27,29 @@ fn value(count: usize) -> impl Strategy<Value = Option<Value>> {
 }
 
 fn link_values() -> impl Strategy<Value = LinkValues> {
-    let length = value(1).prop_map(|length| {
-        length.map(|length| Value {
-            value: vec![length.value[0].abs() + 1e-3],
-            ..length
+    let above_zero = || {
+        value(1).prop_map(|number| {
+            number.map(|number| Value {
+                value: vec![number.value[0].abs() + 1e-3],
+                ..number
+            })
         })
-    });
+    };
     let angles = value(3).prop_map(|angles| {
         angles.map(|angles| Value {
             value: angles.value.iter().map(|a| a / 2.0).collect(),
             ..angles
         })
     });
-    (length, value(3), value(3), value(3), angles).prop_map(
-        |(length, plate_joint, track_offset, track_direction, track_rotation)| LinkValues {
+    let vectors = (value(3), value(3), value(3));
+    (above_zero(), vectors, angles, above_zero()).prop_map(
+        |(length, (plate_joint, track_offset, track_direction), track_rotation, pull)| LinkValues {
             length,
             plate_joint,
             track_offset,
             track_direction,
             track_rotation,
+            pull,
         },
     )
 }

@@ -186,6 +186,19 @@ fn input(input: Input) -> TokenStream {
         Input::Temperature => quote!(Input::Temperature),
         Input::Load { track, component } => component_of("Load", track, component),
         Input::Tension(link) => simple("Tension", link),
+        Input::Pull(link) => simple("Pull", link),
+        Input::TensionByPull { link, pulled } => {
+            let (link, pulled) = (index(link), index(pulled));
+            quote!(Input::TensionByPull { link: #link, pulled: #pulled })
+        }
+        Input::LoadByPull {
+            track,
+            component,
+            pulled,
+        } => {
+            let (track, component, pulled) = (index(track), index(component), index(pulled));
+            quote!(Input::LoadByPull { track: #track, component: #component, pulled: #pulled })
+        }
         Input::SegmentStart { track, component } => component_of("SegmentStart", track, component),
         Input::SegmentEnd { track, component } => component_of("SegmentEnd", track, component),
         Input::SegmentStartCommand(track) => simple("SegmentStartCommand", track),

@@ -6,6 +6,7 @@ use tau_model_dsl::model::{Model, Variant};
 use tau_runtime::{Input, Owner};
 
 use super::Parameter;
+use super::parameters::{PULL, uncertain_pulls};
 use super::roles::role;
 use crate::graph::{Expr, Graph, Node, Stage, Symbol};
 use crate::vector::Vector;
@@ -93,6 +94,7 @@ impl<'a> Context<'a> {
     /// Name inside the family: by role, so that links of the same form share one family.
     fn local_name(&self, info: &Parameter) -> String {
         let mut name = match info.owner {
+            Owner::Link(link) if info.quantity == PULL => self.pull_name(link),
             owner if Some(owner) == self.own => info.quantity.clone(),
             Owner::Link(link) => {
                 let siblings = self.model.clusters[self.model.links[link].cluster]
@@ -130,6 +132,12 @@ impl<'a> Context<'a> {
             name.push_str(["_x", "_y", "_z"][component]);
         }
         name
+    }
+
+    /// Name of the tension to which a link is pulled, the same whichever link the equations are of.
+    fn pull_name(&self, link: usize) -> String {
+        let before = uncertain_pulls(self.model).filter(|&pulled| pulled < link);
+        format!("{PULL}{}", before.count() + 1)
     }
 
     /// Name of a parameter of the machine by its role for the link that the equations are of.
@@ -199,6 +207,16 @@ impl<'a> Context<'a> {
                 ["load_along", "load_horizontal", "load_vertical"][component].into()
             }
             Input::Tension(_) => "tension".into(),
+            Input::Pull(link) => format!("stated_{}", self.pull_name(link)),
+            Input::TensionByPull { pulled, .. } => {
+                format!("tension_by_{}", self.pull_name(pulled))
+            }
+            Input::LoadByPull {
+                component, pulled, ..
+            } => {
+                let load = ["load_along", "load_horizontal", "load_vertical"][component];
+                format!("{load}_by_{}", self.pull_name(pulled))
+            }
             Input::SegmentStart { component, .. } => format!("segment_start_{}", axis(component)),
             Input::SegmentEnd { component, .. } => format!("segment_end_{}", axis(component)),
             Input::SegmentStartCommand(_) => "segment_start_q".into(),

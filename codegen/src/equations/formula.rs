@@ -7,6 +7,7 @@ use tau_model_dsl::model::{BinaryOperator, Formula, Function, Readable, Value};
 use tau_runtime::{Input, Owner};
 
 use super::Context;
+use super::parameters::{PULL, uncertain_pulls};
 use crate::graph::{Elementary, Expr, Graph};
 
 /// Meaning of a formula's words at a place.
@@ -180,7 +181,11 @@ impl Leaves for Placed<'_, '_> {
                     Readable::Command if self.at_zero => context.g.constant(0.0),
                     Readable::Length => context.length(scope.length_of.expect(known)),
                     Readable::PaidOut => context.paid_out(scope.length_of.expect(known)),
-                    _ => context.datum(scope.input(*readable).expect(known)),
+                    _ => {
+                        let input = scope.input(*readable).expect(known);
+                        let datum = context.datum(input);
+                        context.at_pulls(input, datum)
+                    }
                 }
             }
             _ => unreachable!("no leaf: {leaf:?}"),
@@ -189,6 +194,33 @@ impl Leaves for Placed<'_, '_> {
 }
 
 impl Context<'_> {
+    /// A datum as it stands; of a force, what it is at the tensions to which links are pulled, where these are parameters:
+    /// forces are linear in them.
+    fn at_pulls(&mut self, input: Input, datum: Expr) -> Expr {
+        let by_pull = |pulled: usize| match input {
+            Input::Tension(link) => Some(Input::TensionByPull { link, pulled }),
+            Input::Load { track, component } => Some(Input::LoadByPull {
+                track,
+                component,
+                pulled,
+            }),
+            _ => None,
+        };
+        let mut force = datum;
+        for pulled in uncertain_pulls(self.model) {
+            let Some(by_pull) = by_pull(pulled) else {
+                break;
+            };
+            let pull = self.parameter(Owner::Link(pulled), PULL, None);
+            let stated = self.datum(Input::Pull(pulled));
+            let by_pull = self.datum(by_pull);
+            let more = self.g.subtract(pull, stated);
+            let more = self.g.multiply(by_pull, more);
+            force = self.g.add(force, more);
+        }
+        force
+    }
+
     /// A formula of an effect (index in the variant): one expression, or three for a vector.
     pub(super) fn of_effect(
         &mut self,

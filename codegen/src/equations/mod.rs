@@ -18,7 +18,7 @@ pub use closure::{closure, closure_by_pose};
 pub(crate) use context::symbol;
 pub use context::{Context, Staging};
 pub use formula::Scope;
-pub use parameters::{Parameter, parameters, places};
+pub use parameters::{PULL, Parameter, parameters, places};
 pub use targets::{cart_pose, cart_position};
 pub use tracker::tracker_error;
 

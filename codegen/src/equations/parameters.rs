@@ -12,7 +12,7 @@ pub struct Parameter {
     pub name: String,
     /// Its owner.
     pub owner: Owner,
-    /// `length`, `plate_joint`, `track_offset`, `track_direction`, `track_rotation`, `translation`,
+    /// `length`, `plate_joint`, `track_offset`, `track_direction`, `track_rotation`, `pull`, `translation`,
     /// `rotation`, `position`, or the name of an effect's parameter.
     pub quantity: String,
     /// Component 0, 1 or 2 of a vector.
@@ -42,6 +42,16 @@ impl Parameter {
             }
         })
     }
+}
+
+/// The tension (N) to which a link is pulled, where that is known to a tolerance: a parameter of each variant that reads a
+/// force.
+pub const PULL: &str = "pull";
+
+/// Links that are pulled to a tension which is known to a tolerance, by index.
+pub(super) fn uncertain_pulls(model: &Model) -> impl Iterator<Item = usize> {
+    let links = model.links.iter().enumerate();
+    links.filter_map(|(link, own)| own.uncertain_pull().map(|_| link))
 }
 
 /// All parameters of a variant: links or clusters, shared track directions, effects, then the frames
@@ -142,6 +152,21 @@ pub fn parameters(model: &Model, variant: &Variant) -> Vec<Parameter> {
                     quantity.tolerance,
                 );
             }
+        }
+    }
+    let mut used = variant.effects.iter();
+    if used.any(|used| model.effects[used.effect].reads_forces()) {
+        for pulled in uncertain_pulls(model) {
+            let link = &model.links[pulled];
+            let [value, tolerance] = link.uncertain_pull().unwrap_or_default();
+            table.scalar(
+                &link.name,
+                Owner::Link(pulled),
+                PULL,
+                "N",
+                Some(value),
+                Some(tolerance),
+            );
         }
     }
     for parameter in model.parameters.iter().filter(|own| !own.exact) {

@@ -49,7 +49,8 @@ pub(super) fn of_effects(search: &Search<'_>, base: &LinearModel) -> Vec<Evidenc
 /// the effect's rows of `B`.
 fn without(search: &Search<'_>, effect: usize) -> Option<DVector<f64>> {
     let (fit, context) = (&search.state.fit, search.context());
-    let columns = search.state.columns_of(&context, effect);
+    let columns: Vec<usize> =
+        (search.state.columns_of_all(&context, &[effect]).into_iter()).collect();
     let (own, found) = search.state.amplitudes(&context, effect);
     let amplitudes = DVector::from_iterator(
         columns.len(),

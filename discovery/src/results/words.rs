@@ -237,6 +237,11 @@ impl fmt::Display for Separation {
         else {
             return f.write_str("no measurement of set 1 shows the one without the other");
         };
+        // To the digit that is written.
+        if *raised < 0.05 {
+            return f
+                .write_str("nothing on this machine can: it explains whatever the effect does");
+        }
         if !self.decides() {
             return write!(
                 f,

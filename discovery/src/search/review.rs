@@ -308,7 +308,7 @@ impl Search<'_> {
     /// The measurement that would tell an effect from a rival: candidates, with what is searched.
     fn separate_by(&self, member: usize, rival: &[(usize, Option<f64>)]) -> Separation {
         let own = &self.set.candidates[self.state.members[member].candidate];
-        let columns = self.state.columns_of(&self.context(), member);
+        let columns = self.state.columns_of_all(&self.context(), &[member]);
         let base: Vec<usize> = (0..self.state.fit.jacobian.ncols())
             .filter(|column| !columns.contains(column))
             .collect();

@@ -6,6 +6,7 @@ use std::collections::BTreeSet;
 use super::super::candidate_set::{CandidateSet, Score};
 use super::super::linear_model::{Freed, LinearModel};
 use super::super::{Error, Input};
+use tau_codegen::equations::PULL;
 use tau_estimation::calibration::Prepared;
 use tau_estimation::joint::Joint;
 use tau_estimation::joint::fit::Fit;
@@ -81,9 +82,7 @@ impl State {
 
     /// The linear model without some of its effects.
     pub(crate) fn view_without(&self, context: &Context<'_>, members: &[usize]) -> LinearModel {
-        let own = members
-            .iter()
-            .flat_map(|&member| self.columns_of(context, member));
+        let removed = self.columns_of_all(context, members);
         let offsets = members
             .iter()
             .flat_map(|&member| self.offsets(context, member));
@@ -94,14 +93,16 @@ impl State {
         contribution
             .rows_mut(rows, self.fit.residuals.len() - rows)
             .fill(0.0);
-        let removed: BTreeSet<usize> = own.collect();
         let linear = LinearModel::without(&self.fit, &removed, &contribution);
         with_families(linear, context.set, &self.unnamed)
     }
 
     /// Directions that the linear model no longer absorbs without one of its effects.
     pub(crate) fn freed(&self, context: &Context<'_>, member: usize) -> Freed {
-        let columns = self.columns_of(context, member);
+        let columns: Vec<usize> = self
+            .columns_of_all(context, &[member])
+            .into_iter()
+            .collect();
         let offsets = self.offsets(context, member);
         Freed::of(&self.fit.basis, &self.fit.jacobian, &columns, &offsets)
     }
@@ -114,16 +115,25 @@ impl State {
         without: &LinearModel,
     ) -> Subspace {
         let rows = self.fit.joint.rows.len();
-        let mut columns = (self.fit.jacobian).select_columns(&self.columns_of(context, member));
+        let own: Vec<usize> = self
+            .columns_of_all(context, &[member])
+            .into_iter()
+            .collect();
+        let mut columns = self.fit.jacobian.select_columns(&own);
         columns
             .rows_mut(rows, self.fit.residuals.len() - rows)
             .fill(0.0);
         Subspace::of(&columns, &without.remainder(&columns))
     }
 
-    /// The rise of χ² without one of the effects: its amplitudes against their covariance.
+    /// The rise of χ² without one of the effects: its amplitudes against their covariance, pulls that it alone reads being
+    /// what they are.
     pub(crate) fn own_statistic(&self, context: &Context<'_>, member: usize) -> Option<f64> {
-        let (own, amplitudes) = self.amplitudes(context, member);
+        let (mut own, mut amplitudes) = self.amplitudes(context, member);
+        for pull in self.pulls_of_all(context, &[member]) {
+            own.push(pull);
+            amplitudes = amplitudes.push(0.0);
+        }
         let b = self.fit.basis.b.select_rows(&own);
         let solved = Cholesky::new(&b * b.transpose())?.solve(&amplitudes);
         Some(amplitudes.dot(&solved))
@@ -171,6 +181,34 @@ impl State {
             values[place] = self.fit.fitted[column];
         }
         values
+    }
+
+    /// Columns that the fit has for some of its effects alone: theirs, and the pulls of links where no other effect reads a
+    /// force.
+    pub(crate) fn columns_of_all(
+        &self,
+        context: &Context<'_>,
+        members: &[usize],
+    ) -> BTreeSet<usize> {
+        let own = (members.iter()).flat_map(|&member| self.columns_of(context, member));
+        own.chain(self.pulls_of_all(context, members)).collect()
+    }
+
+    /// Columns of the pulls that nothing reads but some of the effects.
+    fn pulls_of_all(&self, context: &Context<'_>, members: &[usize]) -> Vec<usize> {
+        let Context { set, variant, .. } = *context;
+        let of_base = (set.model.variants[variant].effects.iter()).map(|used| used.effect);
+        let others = (0..self.members.len()).filter(|member| !members.contains(member));
+        let others = others.map(|member| set.candidates[self.members[member].candidate].effect);
+        if (of_base.chain(others)).any(|effect| set.model.effects[effect].reads_forces()) {
+            return vec![];
+        }
+        let joint = &self.fit.joint;
+        let is_pull = |&column: &usize| {
+            let parameter = &joint.machine.variant.parameters[joint.used[column]];
+            matches!(parameter.owner, Owner::Link(_)) && parameter.quantity == PULL
+        };
+        (0..joint.used.len()).filter(is_pull).collect()
     }
 
     /// Columns of an effect in the fit.

@@ -15,6 +15,7 @@ pub(crate) mod track_scale;
 use std::sync::Arc;
 
 use tau_kinematics::Machine;
+use tau_robot::fingerprint::of_numbers;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot::{Instance, ResidualKind, Robot, Variant};
@@ -119,6 +120,8 @@ pub struct Calibration {
     pub termination: String,
     /// The fit that judges it, where weighing the poses came by it, and the values that it started from.
     pub(crate) known: Option<Arc<(Vec<f64>, Judged)>>,
+    /// Fingerprint of the poses, outliers included, where it was made of nothing else.
+    pub(crate) made_of: Option<String>,
 }
 
 impl Calibration {
@@ -126,6 +129,18 @@ impl Calibration {
     pub(crate) fn judged(&self) -> Option<&Judged> {
         let (values, judged) = self.known.as_deref()?;
         (*values == self.machine.values).then_some(judged)
+    }
+
+    /// Refuses poses of which it was not made.
+    pub(crate) fn refuse_others(&self, folder: &Folder, poses: &[usize]) -> Result<(), InputError> {
+        let made_of = self.made_of.as_deref();
+        if made_of.is_some_and(|made_of| made_of != fingerprint(folder, poses)) {
+            let message = "the calibration was made of other poses than these";
+            return Err(InputError::whole(&folder.name, message).help(
+                "ask for the verdict of the session that calibrated; others have `verdict_on_prediction`",
+            ));
+        }
+        Ok(())
     }
 }
 
@@ -181,6 +196,15 @@ pub fn calibrate(
         ..options.clone()
     };
     from_prepared(&prepared, file, folder, poses, &options)
+}
+
+/// Fingerprint of measured poses, by index; of what is there.
+fn fingerprint(folder: &Folder, poses: &[usize]) -> String {
+    let measured = poses.iter().filter_map(|&pose| folder.tcp_poses.get(pose));
+    of_numbers(measured.flat_map(|pose| {
+        let numbers = pose.position_m.iter().chain(&pose.angles_rad);
+        numbers.chain(&pose.commands_m).copied()
+    }))
 }
 
 fn measured_at<'a>(folder: &'a Folder, poses: &[usize]) -> Vec<&'a TcpPose> {
@@ -324,6 +348,7 @@ fn from_prepared(
     Ok(Calibration {
         weighing,
         known: judged.map(|judged| Arc::new((values, judged))),
+        made_of: Some(fingerprint(folder, poses)),
         ..calibration
     })
 }
@@ -412,6 +437,7 @@ pub(crate) fn finish(
         registration: prepared.registration,
         machine,
         known: None,
+        made_of: None,
     })
 }
 

@@ -132,6 +132,7 @@ impl Sample {
             let unloaded = Forces {
                 tensions_n: vec![0.0; robot.links.len()],
                 loads_n: vec![[0.0; 3]; robot.tracks.len()],
+                by_pull: vec![],
             };
             // Targets are turned back by how the first pose of each shows them, so that what is left to
             // fit of their rotation is small.
@@ -325,6 +326,9 @@ impl Sample {
                     }
                     for load in forces.loads_n.iter_mut().flatten() {
                         *load *= factor;
+                    }
+                    for by_pull in &mut forces.by_pull {
+                        by_pull.pull_n *= factor;
                     }
                 }
             }

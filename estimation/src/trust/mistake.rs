@@ -1,5 +1,7 @@
 //! A mistake of the input, with its mend.
 
+use std::fmt;
+
 /// Something wrong with the input.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mistake {
@@ -13,6 +15,13 @@ pub struct Mistake {
     pub mend: String,
     /// True if nothing that is computed from such input means anything.
     pub is_absurd: bool,
+}
+
+/// The mistake, then the mend.
+impl fmt::Display for Mistake {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}; {}", self.file, self.what, self.mend)
+    }
 }
 
 impl Mistake {

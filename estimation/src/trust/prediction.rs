@@ -27,7 +27,7 @@ use crate::weighing::{Deleted, MOST_POSES, Outlier, Treatment, Weighing, weigh};
 /// left out unless they are kept.
 ///
 /// # Errors
-/// Data that the variant takes are missing.
+/// There is no pose to predict, or none of such an index; data that the variant takes are missing.
 pub fn of_prediction(
     machine: &Machine,
     file: &RobotFile,
@@ -36,6 +36,20 @@ pub fn of_prediction(
     treatment: Treatment,
 ) -> Result<Verdict, Error> {
     let (robot, variant) = (&machine.robot, &machine.variant);
+    let count = folder.tcp_poses.len();
+    let beyond = division.validation.iter().find(|&&pose| pose >= count);
+    let problem = match beyond {
+        Some(pose) => Some(format!(
+            "there is no pose {pose} among {count}, counted from 0"
+        )),
+        None => division
+            .validation
+            .is_empty()
+            .then(|| "there is no pose to predict".to_owned()),
+    };
+    if let Some(problem) = problem {
+        return Err(InputError::whole(&folder.name, problem).into());
+    }
     let all = case(robot, variant, file, folder, &division.validation).thinned(MOST_POSES);
     let samples = all.samples();
     let noise = all.file.noise;

@@ -305,10 +305,10 @@ impl From<Mistake> for Error {
     }
 }
 
-/// The verdict on a calibration with the given poses and the robot file that it started from.
+/// The verdict on a calibration with the poses that it was made of and the robot file that it started from.
 ///
 /// # Errors
-/// Data that the variant takes are missing.
+/// It was made of other poses; data that the variant takes are missing.
 pub fn of_calibration(
     calibration: &Calibration,
     file: &RobotFile,
@@ -332,6 +332,7 @@ pub fn of_calibration_knowing(
     let machine = &calibration.machine;
     let robot = &machine.robot;
     let weighing = &calibration.weighing;
+    calibration.refuse_others(folder, poses)?;
     let counted: Vec<usize> = (0..poses.len())
         .filter(|&index| weighing.judged.get(index).copied().unwrap_or(true))
         .collect();

@@ -30,7 +30,12 @@ impl Declared {
             "`{name}` is already declared as {} {first}, on line {line}",
             article(first)
         );
-        diagnostics.error(name, message, "choose another name");
+        let help = if *first == what && what.starts_with("value") {
+            "say it once"
+        } else {
+            "choose another name"
+        };
+        diagnostics.error(name, message, help);
     }
 
     pub(super) fn kind(&self, name: &Ident) -> Option<&'static str> {

@@ -121,6 +121,11 @@ impl Effect {
         self.quantities().any(|own| own == quantity)
     }
 
+    /// True if one of its terms reads a force: the tension of a link, or what the arm does to a cart.
+    pub fn reads_forces(&self) -> bool {
+        self.quantities().any(Readable::is_force)
+    }
+
     /// Why it has nothing to act on at a place of a robot with such a plate, if it has not.
     pub fn lacks_plate_joints(&self, plate: Plate) -> Option<&'static str> {
         let moves_joint = self.terms.iter().any(|term| term.target == Target::Joint);

@@ -205,3 +205,13 @@ pub enum Readable {
     /// `x`, `y` or `z` of the measured TCP (m).
     Position(usize),
 }
+
+impl Readable {
+    /// True for a force: the tension of a link, or what the arm does to a cart.
+    pub fn is_force(self) -> bool {
+        matches!(
+            self,
+            Self::LoadAlong | Self::LoadHorizontal | Self::LoadVertical | Self::Tension
+        )
+    }
+}

@@ -184,6 +184,14 @@ pub struct Link {
     pub defaults: LinkDefaults,
 }
 
+impl Link {
+    /// The tension (N) to which its drive is controlled and the tolerance of that, where it is known to no more.
+    pub fn uncertain_pull(&self) -> Option<[f64; 2]> {
+        let pull = self.pull.as_ref()?;
+        Some([pull.value?[0], pull.tolerance?])
+    }
+}
+
 /// Nominal values and tolerances of a link, where the description gives them (SI).
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct LinkDefaults {

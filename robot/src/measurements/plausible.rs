@@ -250,14 +250,23 @@ pub fn carts(
     shape: &Shape,
     mistakes: &mut Mistakes<'_>,
 ) {
-    let tracks = shape.tracks();
+    let carts: Vec<String> = (0..shape.tracks())
+        .filter(|&track| shape.has_cart(track))
+        .map(|track| (track + 1).to_string())
+        .collect();
+    if carts.is_empty() {
+        let message = "found a table of carts, but this robot has none";
+        mistakes.push(table.place(0, column.index), message.to_owned());
+        return;
+    }
+    let carts = carts.join(", ");
     let is_cart = |cart: u32| cart > 0 && shape.has_cart(cart as usize - 1);
     for (row, cart) in column.values.iter().enumerate() {
         if cart.is_some_and(|cart| !is_cart(cart)) {
             mistakes.push(
                 table.place(row, column.index),
                 format!(
-                    "found cart {}, expected 1 to {tracks}: carts are counted from 1 in the order of \
+                    "found cart {}, expected one of {carts}: carts are counted from 1 in the order of \
                      the tracks",
                     table.text(row, column.index)
                 ),

@@ -60,6 +60,7 @@ pub(super) fn names<'r>(
     }
     reference(mistakes, root, file, robot);
     drives(mistakes, root, robot);
+    pulls(mistakes, root, robot);
     let places = [&["all", "tcp"], &tracks[..], &links[..]].concat();
     for key in keys_of(root, "effects") {
         let form = key
@@ -175,6 +176,24 @@ fn drives(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, robot: &Robot) {
             robot.name
         );
         mistakes.push(given.span(), message);
+    }
+}
+
+/// A tension that a link is pulled to is given for links alone whose description gives one with a tolerance.
+fn pulls(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, robot: &Robot) {
+    for name in keys_of(root, "links") {
+        let link = (robot.links.iter()).position(|link| link.name == name.get_ref().as_ref());
+        let table = root.get("links").and_then(|own| own.get_ref().as_table());
+        let table = table.and_then(|own| own.get(name.get_ref().as_ref())?.get_ref().as_table());
+        let key = table.and_then(|table| table.get_key_value("pull_N"));
+        if let (Some(link), Some((key, _))) = (link, key)
+            && !robot.has_parameter(link, "pull")
+        {
+            let name = name.get_ref();
+            let message = format!("link `{name}` is not pulled to a tension with a tolerance");
+            let help = "leave `pull_N` out, or write `pulled = … N tol … N;` in the description";
+            mistakes.push_with_help(key.span(), message, help);
+        }
     }
 }
 

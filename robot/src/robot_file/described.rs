@@ -23,7 +23,7 @@ const USUAL_NOISE: Noise = Noise {
 pub(crate) const PLACEHOLDER: &str = "?";
 
 /// Keys of a link's values with the quantity that each is, and what it means.
-const VALUES: [(&str, &str, &str); 4] = [
+const VALUES: [(&str, &str, &str); 5] = [
     ("length_m", "length", "between the two joints"),
     ("plate_joint_m", "plate_joint", "in TCP coordinates"),
     (
@@ -36,6 +36,7 @@ const VALUES: [(&str, &str, &str); 4] = [
         "track_direction",
         "displacement of the joint per unit of the command",
     ),
+    ("pull_N", "pull", "to which its drive is controlled"),
 ];
 
 impl RobotFile {
@@ -258,9 +259,10 @@ fn write_machine(out: &mut String, robot: &Robot) -> fmt::Result {
 
 /// Text of the value, and the tolerance, that a description gives.
 fn given(link: Option<&model::Link>, quantity: &str) -> (Option<String>, Option<f64>) {
-    let Some(model::Link { defaults, .. }) = link else {
+    let Some(link) = link else {
         return (None, None);
     };
+    let defaults = &link.defaults;
     let of = |quantity: &model::Quantity<3>| {
         let value = quantity.value.as_ref().map(|value| numbers(value));
         (value, quantity.tolerance)
@@ -270,6 +272,10 @@ fn given(link: Option<&model::Link>, quantity: &str) -> (Option<String>, Option<
             let length = &defaults.length;
             (length.value.map(|[value]| number(value)), length.tolerance)
         }
+        "pull" => match link.uncertain_pull() {
+            Some([pull, tolerance]) => (Some(number(pull)), Some(tolerance)),
+            None => (None, None),
+        },
         "plate_joint" => of(&defaults.plate_joint),
         "track_offset" => of(&defaults.track_offset),
         _ => of(&defaults.track_direction),

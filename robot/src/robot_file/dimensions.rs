@@ -61,6 +61,16 @@ impl<'a> Dimensions<'a> {
         Some([of(CrankValue::Centre)?, of(CrankValue::Axis)?])
     }
 
+    /// Tension (N) to which a link is pulled; `None` where it holds its length, or nothing states the tension.
+    pub fn pull_n(&self, link: usize) -> Option<f64> {
+        let own = self.robot.links.get(link)?;
+        let model = self.robot.model.as_ref()?;
+        let pull = model.links.get(link)?.pull.as_ref()?;
+        let stated = self.file.links.get(&own.name);
+        let stated = stated.and_then(|values| values.pull.as_ref()?.value.first().copied());
+        stated.or_else(|| pull.value.map(|[pull]| pull))
+    }
+
     /// Numbers that the file, or else the description, states.
     fn stated(&self, link: usize, value: Geometry) -> Option<Vec<f64>> {
         let own = self.robot.links.get(link)?;

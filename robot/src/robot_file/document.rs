@@ -34,6 +34,8 @@ pub(super) enum Kind {
     Point(f64),
     /// Three numbers, not all zero.
     Direction,
+    /// One tension (N) above zero.
+    Force,
     /// Three angles.
     Angles,
     /// One number or three.
@@ -109,7 +111,7 @@ impl Document<'_> {
 
     fn components(&mut self, value: &Spanned<DeValue<'_>>, kind: Kind) -> Option<Vec<f64>> {
         let is_scalar = match kind {
-            Kind::Length | Kind::Coordinate => true,
+            Kind::Length | Kind::Coordinate | Kind::Force => true,
             Kind::Any => !value.get_ref().is_array(),
             Kind::Point(_) | Kind::Direction | Kind::Angles => false,
         };
@@ -130,6 +132,11 @@ impl Document<'_> {
                 ),
             ),
             Kind::Length => self.metres(place, components, LONGEST_M),
+            Kind::Force if components[0] <= 0.0 => {
+                let found = components[0];
+                let message = format!("found a tension of {found}, expected newtons above 0");
+                self.mistakes.push(place, message);
+            }
             Kind::Coordinate => self.metres(place, components, FARTHEST_M),
             Kind::Point(largest) => self.metres(place, components, largest),
             Kind::Direction if components.iter().all(|&component| component == 0.0) => {
@@ -147,7 +154,7 @@ impl Document<'_> {
                     "this looks like degrees: multiply by pi/180",
                 );
             }
-            Kind::Direction | Kind::Angles | Kind::Any => {}
+            Kind::Direction | Kind::Angles | Kind::Force | Kind::Any => {}
         }
     }
 

@@ -18,7 +18,13 @@ impl RobotFile {
         let mut completed = self.clone();
         for (link, described) in robot.links.iter().zip(described_links(robot)) {
             let values = completed.links.entry(link.name.clone()).or_default();
-            for quantity in ["length", "plate_joint", "track_offset", "track_direction"] {
+            for quantity in [
+                "length",
+                "plate_joint",
+                "track_offset",
+                "track_direction",
+                "pull",
+            ] {
                 if let Some(slot) = quantity_slot(values, quantity)
                     && slot.is_none()
                 {
@@ -64,6 +70,9 @@ pub(crate) fn described_links(robot: &Robot) -> Vec<LinkValues> {
             track_offset: vector(&given.track_offset),
             track_direction: vector(&given.track_direction),
             track_rotation: None,
+            pull: link
+                .uncertain_pull()
+                .and_then(|[pull, tolerance]| value(Some(&[pull]), Some(tolerance))),
         }
     };
     links.map(of_link).collect()
@@ -149,6 +158,7 @@ pub fn quantity_of<'a>(values: &'a LinkValues, quantity: &str) -> Option<&'a Val
         "plate_joint" => values.plate_joint.as_ref(),
         "track_offset" => values.track_offset.as_ref(),
         "track_direction" => values.track_direction.as_ref(),
+        "pull" => values.pull.as_ref(),
         _ => None,
     }
 }
@@ -164,6 +174,7 @@ pub fn quantity_slot<'a>(
         "track_offset" => Some(&mut values.track_offset),
         "track_direction" => Some(&mut values.track_direction),
         "track_rotation" => Some(&mut values.track_rotation),
+        "pull" => Some(&mut values.pull),
         _ => None,
     }
 }

@@ -245,4 +245,6 @@ pub struct LinkValues {
     pub track_direction: Option<Value>,
     /// `track_rotation_rad`: angles about x, y, z that carry the measured path into the measurement frame.
     pub track_rotation: Option<Value>,
+    /// `pull_N`: tension to which its drive is controlled.
+    pub pull: Option<Value>,
 }

@@ -306,6 +306,7 @@ impl<'a> Document<'a> {
                 "track_offset_m",
                 "track_direction",
                 "track_rotation_rad",
+                "pull_N",
             ],
         );
         let mut value = |key: &str, kind| table.get(key).and_then(|value| self.value(value, kind));
@@ -315,6 +316,7 @@ impl<'a> Document<'a> {
             track_offset: value("track_offset_m", Kind::Point(FARTHEST_M)),
             track_direction: value("track_direction", Kind::Direction),
             track_rotation: value("track_rotation_rad", Kind::Angles),
+            pull: value("pull_N", Kind::Force),
         }
     }
 

@@ -116,6 +116,7 @@ fn write_values(out: &mut String, values: &LinkValues) -> fmt::Result {
         ("track_offset_m", &values.track_offset),
         ("track_direction", &values.track_direction),
         ("track_rotation_rad", &values.track_rotation),
+        ("pull_N", &values.pull),
     ] {
         if let Some(value) = value {
             writeln!(out, "{key} = {}", inline(value))?;

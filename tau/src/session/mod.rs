@@ -163,7 +163,39 @@ impl<R> Session<R> {
     /// # Errors
     /// No pose lies in the range; none is left to calibrate or to validate.
     pub fn poses(&self) -> Result<Poses, InputError> {
+        self.sound()?;
         Poses::select(&self.robot, &self.robot_file, &self.folder, self.split)
+    }
+
+    /// Refuses poses in memory that no file could hold.
+    fn sound(&self) -> Result<(), InputError> {
+        let (commands, noise) = (self.robot.commands, self.robot_file.noise);
+        let refused = |what: String| Err(InputError::whole(&self.folder.name, what));
+        for pose in &self.folder.tcp_poses {
+            let (number, found) = (pose.pose, pose.commands_m.len());
+            if found != commands {
+                return refused(format!(
+                    "pose {number} has {found} commands, expected {commands}"
+                ));
+            }
+            let numbers = pose.position_m.iter().chain(&pose.angles_rad);
+            if !numbers
+                .chain(&pose.commands_m)
+                .all(|number| number.is_finite())
+            {
+                return refused(format!("pose {number} has a number that is not finite"));
+            }
+        }
+        if [noise.position_m, noise.rotation_rad]
+            .iter()
+            .any(|&sigma| sigma < 0.0)
+        {
+            return Err(InputError::whole(
+                &self.robot_file.source,
+                "found a negative noise",
+            ));
+        }
+        Ok(())
     }
 
     /// Remarks on the input, in sentences without full stops: columns and sets missing, parameters that are for
@@ -234,7 +266,9 @@ impl<R> Session<R> {
         Ok(Uncertainty::of_prepared(&prepared, file))
     }
 
-    /// Calibrates a variant on the poses for it: see [`calibrate`](calibration::calibrate).
+    /// Calibrates a variant on the poses for it: see [`calibrate`](calibration::calibrate). Where the session
+    /// [has unknown poses](Self::has_unknown_poses), on all measurements, of which
+    /// [`Self::calibrate_unknown_poses`] says more, the verdict included.
     ///
     /// # Errors
     /// [`Error::Input`] where these measurements can't calibrate it; [`Error::NotConverged`].
@@ -252,6 +286,11 @@ impl<R> Session<R> {
         options: &calibration::Options,
     ) -> Result<Calibrated<R>, Error> {
         let variant = variant.variant_of(&self.robot)?;
+        self.sound()?;
+        if self.has_unknown_poses() {
+            let found = self.calibrate_unknown_poses(variant.name.as_str(), options)?;
+            return Ok(Calibrated::new(found.calibration));
+        }
         let poses = self.poses()?.division.calibration;
         let Self {
             robot,
@@ -267,12 +306,19 @@ impl<R> Session<R> {
     /// unknown, too.
     ///
     /// # Errors
-    /// As [`Self::calibrate`]; carts of sets 2 and 3 are numbered wrongly.
+    /// As [`Self::calibrate`]; carts of sets 2 and 3 are numbered wrongly; the session
+    /// [has unknown poses](Self::has_unknown_poses), of which every calibration has errors in variables.
     pub fn calibrate_with_errors_in_variables(
         &self,
         variant: impl VariantKey<R>,
     ) -> Result<ErrorsInVariables, Error> {
         let variant = variant.variant_of(&self.robot)?;
+        if self.has_unknown_poses() {
+            let message = "drives have noise, or tell more than the pose, or something was measured that tells less";
+            return Err(InputError::whole(&self.folder.name, message)
+                .help("every calibration of these has errors in variables: ask for a plain one")
+                .into());
+        }
         let poses = self.poses()?.division.calibration;
         let options = self.options();
         let Self {

@@ -17,8 +17,21 @@ impl<R> Session<R> {
     /// [`Verdict`].
     ///
     /// # Errors
-    /// No poses are left to calibrate; columns that the variant needs are missing.
+    /// It is of another robot, or of other measurements; the session [has unknown poses](Session::has_unknown_poses), of
+    /// which [`Session::calibrate_unknown_poses`] gives the verdict; columns that the variant needs are missing.
     pub fn verdict(&self, calibration: &Calibration) -> Result<Verdict, Error> {
+        let calibrated = &calibration.machine.robot;
+        if calibrated.name != self.robot.name || calibrated.commands != self.robot.commands {
+            let message = format!("the calibration is of robot `{}`", calibrated.name);
+            return Err(InputError::whole(&self.robot.name, message).into());
+        }
+        if self.has_unknown_poses() {
+            let message =
+                "poses are unknown, so that more was fitted than the verdict on poses judges";
+            return Err(InputError::whole(&self.folder.name, message)
+                .help("`calibrate_unknown_poses` gives a calibration with its verdict")
+                .into());
+        }
         let poses = self.poses()?.division.calibration;
         trust::of_calibration(calibration, &self.robot_file, &self.folder, &poses)
     }
@@ -97,6 +110,7 @@ impl<R> Session<R> {
                 all.filter(|variant| variant.effects.is_empty()).collect()
             }
         };
+        self.sound()?;
         if variants.is_empty() {
             return Err(
                 InputError::whole(&self.robot.name, "every variant has effects")

@@ -1,0 +1,134 @@
+//! Tensions to which links are pulled, known to a tolerance: parameters of each variant that reads a force.
+
+use std::fs;
+use std::path::Path;
+
+use nalgebra::{Matrix2, Vector2};
+use serde_json::Value;
+use tau::Robot;
+use tau::kinematics::{Pose, Statics};
+use tau::robot_file::RobotFile;
+use tempfile::TempDir;
+
+use crate::discovery_folders::effects;
+use crate::support::{number, tau_in};
+
+const STRAIN: f64 = 3e-6;
+
+/// Four belts that yield, two of them pulled.
+fn belts() -> TempDir {
+    let standard = include_str!("../generated/models/four_belts.tau");
+    let elastic = "effect link_compliance on link {
+            param strain: 1/N tol 1e-5 1/N;
+            length += length * strain * tension;
+        }
+        variant Elastic = Full + link_compliance(all);
+        variant Anchors";
+    let text = standard.replace("robot FourBelts", "robot Router");
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("machine.tau");
+    fs::write(path, text.replace("variant Anchors", elastic)).unwrap();
+    folder
+}
+
+fn simulated(work: &Path, seed: u64) -> Value {
+    let line = format!(
+        "tau simulate --model DIR/machine.tau --seed {seed} --poses 120 --noise-drives 1e-5 --out DIR/m \
+         --effect link_compliance(all):strain={STRAIN:e}"
+    );
+    fs::remove_dir_all(work.join("m")).ok();
+    tau_in(work, &line).done();
+    serde_json::from_str(&fs::read_to_string(work.join("m/truth.json")).unwrap()).unwrap()
+}
+
+fn true_pulls(truth: &Value) -> [f64; 2] {
+    ["bottom_left", "bottom_right"].map(|name| number(&truth["links"][name]["pull_n"]))
+}
+
+/// Forces at a pull are those at another plus the difference times its share, and the held belts balance both.
+#[test]
+fn forces_are_linear_in_a_pull() {
+    let text = include_str!("../generated/models/four_belts.tau");
+    let forces = |pull: f64| {
+        let text = text.replacen("pulled = 140 N", &format!("pulled = {pull} N"), 1);
+        let robot = Robot::from_text(&text).unwrap();
+        let file = RobotFile::described(&robot).unwrap().completed(&robot);
+        let pose = Pose::from_zyz([1.3, 0.8, 0.0], [0.0; 3]);
+        let statics = Statics::new(&robot, &file).unwrap();
+        statics.forces(&pose, &[1.8, 2.2, 1.4, 2.1])
+    };
+    let [at, beyond] = [140.0, 171.0].map(forces);
+    let pulled = &at.by_pull[0];
+    assert_eq!((pulled.link, pulled.pull_n), (2, 140.0));
+    let anchors = [[0.0, 2.0], [3.4, 2.0], [0.0, 0.0]];
+    let ways = anchors.map(|[x, y]| Vector2::new(x - 1.3, y - 0.8).normalize());
+    let held = Matrix2::from_columns(&[ways[0], ways[1]])
+        .try_inverse()
+        .unwrap()
+        * -ways[2];
+    for (link, share) in [held[0], held[1], 1.0, 0.0].into_iter().enumerate() {
+        assert!((pulled.tensions[link] - share).abs() < 1e-12, "{link}");
+        let difference = beyond.tensions_n[link] - at.tensions_n[link];
+        assert!((difference - 31.0 * share).abs() < 1e-9, "{link}");
+    }
+}
+
+/// Strain and pulls come out within their standard deviations, which know that belts under half the pull stretch twice as
+/// much; the file that is written holds the pulls, and serves as it is.
+#[test]
+fn pulls_are_calibrated_with_the_stretch() {
+    let work = belts();
+    let mut squares = [0.0; 2];
+    for seed in 1..=12 {
+        let truth = simulated(work.path(), seed);
+        let line = "tau calibrate DIR/m --model DIR/machine.tau --variant Elastic --force --out DIR/c --json -";
+        let found = tau_in(work.path(), line).json();
+        assert_eq!(found["fit"]["status"], "consistent", "{seed}");
+        let parameters = found["parameters"].as_array().unwrap();
+        let off = |name: &str, truth: f64| {
+            let own = parameters.iter().find(|own| own["name"] == name).unwrap();
+            (number(&own["value"]) - truth) / number(&own["sigma"])
+        };
+        squares[0] += off("link_compliance(all).strain", STRAIN).powi(2);
+        let [left, right] = true_pulls(&truth);
+        squares[1] +=
+            off("bottom_left.pull", left).powi(2) + off("bottom_right.pull", right).powi(2);
+    }
+    // χ² of 12 and 24 beyond one of a thousand; to the second, both pulls go together.
+    assert!(squares[0] < 32.9 && squares[1] < 60.0, "{squares:?}");
+    let text = fs::read_to_string(work.path().join("c/robot.toml")).unwrap();
+    assert_eq!(text.matches("pull_N = { value = ").count(), 2, "{text}");
+    let line =
+        "tau evaluate DIR/m --model DIR/machine.tau --robot DIR/c/robot.toml --variant Elastic";
+    tau_in(work.path(), line).done();
+    let held = text.replace("[links.bottom_left]", "[links.top_left]");
+    fs::write(work.path().join("c/robot.toml"), held).unwrap();
+    let refused = tau_in(work.path(), line);
+    assert_eq!(refused.code, 2, "{}", refused.err);
+    for words in [
+        "robot.toml:",
+        "`top_left` is not pulled",
+        "`pulled = … N tol … N;`",
+    ] {
+        assert!(refused.err.contains(words), "{}", refused.err);
+    }
+}
+
+/// What pulls are off by is no error of scale.
+#[test]
+fn stretch_at_rough_pulls_is_one_effect() {
+    let work = belts();
+    for seed in 21..=24 {
+        simulated(work.path(), seed);
+        let line = "tau discover DIR/m --model DIR/machine.tau --base Full --out DIR/d --json -";
+        let found = tau_in(work.path(), line).json();
+        assert_eq!(effects(&found), ["link_compliance(all)"], "{seed}");
+        let strain = &found["effects"][0]["parameters"]["strain"];
+        let [value, sigma] = ["value", "sigma"].map(|key| number(&strain[key]));
+        assert!(
+            (value - STRAIN).abs() < 3.5 * sigma,
+            "{seed}: {value} ± {sigma}"
+        );
+        assert!(sigma > 0.05 * STRAIN, "{seed}: {sigma}");
+    }
+}
