@@ -62,3 +62,4 @@ mod uncertainty;
 mod unknown_poses;
 mod weighing;
 mod words;
+mod wrong_mends;
