@@ -72,8 +72,12 @@ pub(crate) enum Hypothesis {
     Degrees,
     /// The stated noise of positions and rotations is off by factors.
     Noise { position: f64, rotation: f64 },
-    /// Tolerances are off by a factor: all of them, or those of lengths.
-    Tolerances { factor: f64, lengths_only: bool },
+    /// Tolerances are off by a factor: all of them, or those of lengths, from so many metres on.
+    Tolerances {
+        factor: f64,
+        lengths_only: bool,
+        from_m: f64,
+    },
     /// A parameter of the variant, by index, is far off its nominal value; the search starts at another.
     Dimension { parameter: usize, start: f64 },
 }
@@ -319,12 +323,13 @@ impl Hypothesis {
         let Self::Tolerances {
             factor,
             lengths_only,
+            from_m,
         } = self
         else {
             return given;
         };
         let is_stated = !matches!(parameter.owner, Owner::Frame(_) | Owner::Target { .. });
-        let is_scaled = !lengths_only || parameter.unit == LENGTH;
+        let is_scaled = !lengths_only || (parameter.unit == LENGTH && given >= *from_m);
         if is_stated && is_scaled && given < NONE {
             factor * given
         } else {
@@ -432,6 +437,7 @@ pub(crate) fn small_tolerances() -> Vec<Hypothesis> {
         .map(|lengths_only| Hypothesis::Tolerances {
             factor: THOUSAND,
             lengths_only,
+            from_m: 0.0,
         })
         .into()
 }

@@ -495,16 +495,21 @@ pub(crate) fn judged(
 fn wide(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
     let nominal = case.prepared().ok()?.nominal;
     let widest_m = hypothesis::widest_tolerance_m(case.variant, &nominal);
-    if widest_m <= WIDEST_TOLERANCE * case.mean_length_m() {
+    let limit_m = WIDEST_TOLERANCE * case.mean_length_m();
+    if widest_m <= limit_m {
         return None;
     }
-    let hypothesis = Hypothesis::Tolerances {
-        factor: THOUSAND.recip(),
-        lengths_only: true,
-    };
-    let mended = tried(case, Some(&hypothesis), ITERATIONS)?;
-    let is_as_good = mended.misfit.ratio() < NEARER * given.misfit.ratio().max(1.0);
-    (is_as_good && mended.is_plausible()).then(|| described(case, &[&mended]))?
+    // Where the rest is in metres, those that no machine has are not.
+    [0.0, limit_m].into_iter().find_map(|from_m| {
+        let hypothesis = Hypothesis::Tolerances {
+            factor: THOUSAND.recip(),
+            lengths_only: true,
+            from_m,
+        };
+        let mended = tried(case, Some(&hypothesis), ITERATIONS)?;
+        let is_as_good = mended.misfit.ratio() < NEARER * given.misfit.ratio().max(1.0);
+        (is_as_good && mended.is_plausible()).then(|| described(case, &[&mended]))?
+    })
 }
 
 /// Stated noise that is off by a thousand.

@@ -230,7 +230,8 @@ fn of(case: &Case<'_>, hypothesis: &Hypothesis, values: &[f64]) -> Option<Mistak
         Hypothesis::Tolerances {
             factor,
             lengths_only,
-        } => tolerances(*factor, *lengths_only),
+            from_m,
+        } => tolerances(*factor, *lengths_only, *from_m),
         Hypothesis::Dimension { parameter, .. } => {
             let (prepared, parameter) = (case.prepared().ok()?, *parameter);
             return Some(dimension(
@@ -389,16 +390,21 @@ fn noise(case: &Case<'_>, position: f64, rotation: f64) -> Words {
     )
 }
 
-fn tolerances(factor: f64, lengths_only: bool) -> Words {
+fn tolerances(factor: f64, lengths_only: bool, from_m: f64) -> Words {
     let which = if lengths_only {
         "the tolerances of lengths"
     } else {
         "the tolerances"
     };
+    let beyond = if from_m > 0.0 {
+        format!(" beyond {} m", general(from_m, 2))
+    } else {
+        String::new()
+    };
     let (what, mend) = if factor < 1.0 {
         (
-            format!("{which} are a thousand times too large, as if in millimetres"),
-            format!("write metres: divide `tol` of lengths by {THOUSAND}"),
+            format!("{which}{beyond} are a thousand times too large, as if in millimetres"),
+            format!("write metres: divide `tol` of lengths{beyond} by {THOUSAND}"),
         )
     } else {
         (
