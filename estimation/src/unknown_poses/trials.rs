@@ -218,7 +218,7 @@ fn mended(folder: &Folder, hypothesis: &Hypothesis, file: Option<&str>) -> Folde
                 row.values = [0, 1, 2].map(|axis| Some(signs[axis] * given[columns[axis]]?));
             }
             Hypothesis::Unit(of_metre) => {
-                row.values = row.values.map(|value| Some(value? / of_metre))
+                row.values = row.values.map(|value| Some(value? / of_metre));
             }
             Hypothesis::Frame { rotation, shift } if row.kind == PlateKind::Position => {
                 let given = row.values;
