@@ -63,3 +63,4 @@ mod uncertainty;
 mod unknown_poses;
 mod weighing;
 mod words;
+mod wrong_mends;

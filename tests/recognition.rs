@@ -375,10 +375,15 @@ const CABLES: &str = "robot Cables {
 
 /// A folder with poses of a machine that a text describes, and the arguments that name it.
 fn described(text: &str, rest: &str) -> (TempDir, String) {
+    described_by(text, &format!("--measure poses {rest}"))
+}
+
+/// The same of what is asked for.
+pub(crate) fn described_by(text: &str, rest: &str) -> (TempDir, String) {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("own.tau"), text).unwrap();
     let with = "--model DIR/own.tau".to_owned();
-    let line = format!("tau simulate {with} --measure poses {rest} --out DIR/measured -q");
+    let line = format!("tau simulate {with} {rest} --out DIR/measured -q");
     tau_in(folder.path(), &line).done();
     (folder, with)
 }

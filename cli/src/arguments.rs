@@ -22,22 +22,21 @@ pub(super) use trust::{Check, Force, KeepOutliers, Loss, Outliers};
     name = "tau",
     version,
     disable_help_subcommand = true,
-    term_width = 100,
     long_about = "Calibrates parallel robots from a declarative description.\n\n\
         Without a command, `tau` runs `tau study` on measurements that are built in.",
     after_help = "\
 Examples:
   tau                                      the study on the built-in measurements
   tau study measured --out report          the study on your own
-  tau init delta.tau                       a robot.toml to fill in, from a description
-  tau import klipper printer.cfg --out printer   measurements of a printer's own calibration
-  tau check measured                       what the measurements determine, and mistakes in them
-  tau calibrate measured --variant Full    one variant: parameters, sigmas, covariance
-  tau discover measured                    what the model lacks, added to the description
-  tau kinematics forward --variant Full --robot tau-calibration/robot.toml --commands 0.1,0.2,-0.1
+  tau init delta.tau                       a robot.toml to fill in, of a description
+  tau import klipper printer.cfg --out printer   what a printer measured of itself
+  tau check measured                       what measurements determine, and mistakes
+  tau calibrate measured --variant Full    one variant: values, sigmas, covariance
+  tau discover measured                    what the model lacks, with its evidence
+  tau kinematics forward --variant Full --robot robot.toml --commands 0,0,0
 
-A measurement folder holds CSV files with a header line, in SI units (m, rad, s, N; °C):
-  tcp_poses.csv       set 1: commands q1_m, q2_m, … and measured pose of the plate
+A measurement folder holds CSV files with a header line, in SI units:
+  tcp_poses.csv       set 1: commands q1_m, q2_m, … and pose of the plate
   cart_poses.csv      set 2: poses of the carts along their tracks (optional)
   cart_positions.csv  set 3: positions of the carts at random poses (optional)
   robot.toml          nominal parameters with tolerances, noise, loads
@@ -47,7 +46,7 @@ A robot is described in a .tau file; `tau robots` lists those that are built in.
 Exit codes: 0 done, 1 failed to converge or check failed, 2 bad input or usage."
 )]
 pub(super) struct Arguments {
-    /// Print nothing but errors, verdicts that are not `consistent`, and the JSON or CSV that was asked for
+    /// Print nothing but errors, verdicts that are not `consistent` or that rows were left out of, and the JSON or CSV that was asked for
     #[arg(long, short, global = true, display_order = 900)]
     pub(super) quiet: bool,
     #[command(subcommand)]
@@ -158,7 +157,7 @@ pub(super) struct Calibrate {
     pub(super) json: Json,
 }
 
-/// Compare predicted with measured poses, or with what was measured in their place
+/// Compare predicted with measured poses, or what was measured instead
 ///
 /// Predicts poses from their commands with the parameters of --robot, and prints the errors of position
 /// (µm) and orientation (mrad, a rotation vector). Give the robot.toml that `tau calibrate` wrote: of the

@@ -30,7 +30,7 @@ use std::fmt;
 use std::io::{self, IsTerminal, Write};
 use std::process::ExitCode;
 
-use clap::{CommandFactory, Parser};
+use clap::{CommandFactory, FromArgMatches};
 use tau::calibration;
 use tau::input_error::InputError;
 use tau_report as report;
@@ -111,8 +111,14 @@ struct Terminals {
     err: bool,
 }
 
-/// Characters in a line: of the terminal, or as many as are well read in a file.
+/// Characters in a line: as the environment asks for, of the terminal, or as many as are well read in a file.
 fn width(terminals: Terminals) -> usize {
+    let asked = std::env::var("COLUMNS").ok();
+    if let Some(columns) = asked.and_then(|columns| columns.parse().ok())
+        && columns > 0
+    {
+        return columns;
+    }
     let is_shown = terminals.out || terminals.err;
     let size = is_shown.then(terminal_size::terminal_size).flatten();
     size.map_or(READABLE, |(width, _)| usize::from(width.0))
@@ -159,7 +165,12 @@ impl From<calibration::Error> for Failure {
 
 impl Console<'_> {
     fn run(mut self, arguments: impl IntoIterator<Item = OsString>) -> u8 {
-        let result = match Arguments::try_parse_from(arguments) {
+        // Help is in lines of the terminal's width, none longer than is well read.
+        let command = Arguments::command().term_width(self.width.min(READABLE));
+        let parsed = command
+            .try_get_matches_from(arguments)
+            .and_then(|found| Arguments::from_arg_matches(&found));
+        let result = match parsed {
             Ok(arguments) => {
                 self.quiet = arguments.quiet;
                 self.execute(arguments.command)
@@ -193,7 +204,7 @@ impl Console<'_> {
             Command::Init(arguments) => init::run(arguments),
             Command::Import(arguments) => firmware::import(arguments),
             Command::Export(arguments) => firmware::export(arguments),
-            Command::Robots => Ok(robots::run()),
+            Command::Robots => Ok(robots::run(self.width)),
             Command::Simulate(arguments) => simulate::run(arguments),
             Command::Generate(arguments) => generate::run(arguments),
             Command::Kinematics(Kinematics::Forward(arguments)) => kinematics::forward(arguments),
@@ -268,6 +279,7 @@ fn completions(arguments: &arguments::Completions) -> Outcome {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use clap::Parser;
     use tau::simulation::Request;
 
     #[test]

@@ -1,15 +1,15 @@
 //! `tau robots`.
 
-use std::fmt::Write;
-
 use tau::Robot;
 use tau::measurements::PlateKind;
 use tau::simulation::Measure;
+use tau_report as report;
 use tau_robot::measurements::Shape;
 
 use super::deliver::Outcome;
 
-pub(super) fn run() -> Outcome {
+/// The standard robots, in lines of so many characters.
+pub(super) fn run(columns: usize) -> Outcome {
     let width = tau_generated::ROBOTS.iter().map(|(name, _)| name.len());
     let width = width.max().unwrap_or(0);
     let mut summary = String::new();
@@ -19,12 +19,13 @@ pub(super) fn run() -> Outcome {
         let about = docs.first().map_or("", String::as_str);
         let commands = robot.command_columns().join(", ");
         let measured = measured_by(&robot).join(", ");
-        // Writing into a string can't fail.
-        let _ = writeln!(
-            summary,
-            "{name:width$}  {about}\n{:width$}  {commands}\n{:width$}  measured by {measured}",
-            "", ""
-        );
+        let indent = " ".repeat(width + 2);
+        let said = [about, &commands, &format!("measured by {measured}")]
+            .map(|own| report::terminal::sentence_within(&indent, own, columns))
+            .concat();
+        // The name stands in front of the first line.
+        summary += name;
+        summary += said.get(name.len()..).unwrap_or_default();
     }
     Outcome {
         summary,

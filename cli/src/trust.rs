@@ -3,6 +3,7 @@
 use serde_json::json;
 use tau::input_error::InputError;
 use tau::trust::{Status, Verdict};
+use tau::weighing::Outlier;
 use tau::{Error, Session};
 use tau_report as report;
 
@@ -30,7 +31,9 @@ impl Outcome {
                 .filter(|(_, target)| *target == Target::StandardOutput);
             self.summary.clear();
             self.failure = Some(verdict.line() + unsaid);
-        } else if verdict.status != Status::Consistent {
+        } else if verdict.status != Status::Consistent
+            || verdict.outliers.iter().any(Outlier::is_left_out)
+        {
             self.verdict = Some(verdict.line());
         }
         self

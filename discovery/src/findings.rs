@@ -17,7 +17,7 @@ use super::evidence::{self, whiteness::Series};
 use super::held_out::HeldOut;
 use super::linear_model::LinearModel;
 use super::results::{
-    Considered, Discovery, ErrorOf, Estimate, FoundEffect, Gap, LeftOut, Place, Rival,
+    Considered, Discovery, ErrorOf, Estimate, FoundEffect, Gap, LeftOut, Place, Pull, Rival,
     SerialCorrelation, Status, Unseen, Validation, Verdict, Whiteness,
 };
 use super::search::{Found, Search};
@@ -125,6 +125,7 @@ pub(super) fn finish(
         model_text,
         model,
         remarks,
+        pulls: far_from_drawing(fit).into_iter().map(|own| own.0).collect(),
         whiteness,
         seconds: 0.0,
     };
@@ -314,7 +315,7 @@ fn considered(search: &Search<'_>, found: &[Found]) -> Vec<Considered> {
 }
 
 /// Dimensions that come out further from the robot file than their tolerances let any of so many.
-fn far_from_drawing(fit: &Fit) -> Vec<String> {
+fn far_from_drawing(fit: &Fit) -> Vec<(Pull, String)> {
     let joint = &fit.joint;
     let dimensions: Vec<_> = joint
         .used
@@ -341,12 +342,17 @@ fn far_from_drawing(fit: &Fit) -> Vec<String> {
                 "rad" => (off * 1e3, "mrad"),
                 unit => (off, unit),
             };
-            format!(
+            let remark = format!(
                 "`{}` comes out {:.1} tolerances from the robot file ({size:+.3} {unit}): either value or tolerance \
                  there are wrong, or the assembly is, or it makes up for something that no effect of the catalogue does",
                 parameter.name,
                 (off / tolerance).abs(),
-            )
+            );
+            let pull = Pull {
+                parameter: parameter.name.clone(),
+                tolerances: off / tolerance,
+            };
+            (pull, remark)
         })
         .collect()
 }
@@ -400,7 +406,11 @@ fn remarks(search: &Search<'_>, whiteness: Option<&Whiteness>) -> Vec<String> {
             ));
         }
     }
-    remarks.extend(far_from_drawing(&search.state.fit));
+    remarks.extend(
+        far_from_drawing(&search.state.fit)
+            .into_iter()
+            .map(|own| own.1),
+    );
     if let Some(found) = whiteness
         && found.after.p_value.min(found.after.portmanteau_p_value) < SERIAL
     {

@@ -17,6 +17,15 @@ mod words;
 pub(crate) use words::TREATMENTS;
 pub use words::{Derived, Micro, Motion, Place, Quantity, Reason, Separation, UsedEffect};
 
+/// A dimension of the machine further from the robot file than chance allows of so many.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Pull {
+    /// Name of the parameter.
+    pub parameter: String,
+    /// How far it lies from the robot file, in tolerances.
+    pub tolerances: f64,
+}
+
 /// Result of a discovery: misfit, missing effects, the gap that they close, and the rest.
 #[derive(Debug, Clone, Serialize)]
 pub struct Discovery {
@@ -79,6 +88,8 @@ pub struct Discovery {
     pub model: Model,
     /// Remarks for the reader, in sentences.
     pub remarks: Vec<String>,
+    /// Dimensions far from the robot file; the remarks say what that may mean.
+    pub pulls: Vec<Pull>,
     /// Wall time (s).
     pub seconds: f64,
 }

@@ -333,7 +333,12 @@ fn determined(screen: &mut Screen, variant: &VariantResult) {
 
 /// A sentence in lines of the terminal's width.
 pub fn sentence(sentence: &str, width: usize) -> String {
+    sentence_within("", sentence, width)
+}
+
+/// The same with every line indented.
+pub fn sentence_within(indent: &str, sentence: &str, width: usize) -> String {
     let mut screen = Screen::new(width);
-    screen.say(sentence);
+    screen.say_within(indent, sentence);
     screen.into_text()
 }

@@ -421,9 +421,20 @@ impl ResidualFamily for Static {
 }
 
 impl From<&runtime::Robot> for Robot {
+    /// # Panics
+    /// Generated code holds a description that this version of the language can't read: without it, drives and the plate would be
+    /// taken for others.
     fn from(robot: &runtime::Robot) -> Self {
         // Tables of generated code hold what its functions need; all else stands in the description.
-        let model = language::check_text(robot.description).ok();
+        let model = (!robot.description.is_empty()).then(|| {
+            let read = language::check_text(robot.description);
+            read.unwrap_or_else(|errors| {
+                let name = robot.name;
+                panic!(
+                    "the code of `{name}` carries a description that this version can't read; generate it again: {errors}"
+                )
+            })
+        });
         Self {
             name: robot.name.into(),
             source: robot.name.into(),

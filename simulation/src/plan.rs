@@ -283,24 +283,48 @@ impl Planner<'_> {
         (stops, left_out)
     }
 
-    /// Steps of a grid in proportion to those given, by tenths, at which all of it is within reach. `None` where it is at
-    /// those, or only at less than half of them, which would leave most of the workspace empty.
+    /// Steps of a grid in proportion to those given, by tenths and in two digits of which the second is rounded down, at which
+    /// all of it is within reach, however the plate turns there. `None` where it is at those, or only at less than half of
+    /// them, which would leave most of the workspace empty.
     pub(super) fn steps_within_reach(
         &self,
-        counts: [usize; 3],
-        step_m: Option<[f64; 3]>,
+        poses: &Poses,
+        tilt_rad: f64,
+        random: &Random,
     ) -> Option<[f64; 3]> {
-        let steps = step_m.unwrap_or_else(|| self.default_steps());
-        let mut random = Random::new(0, "steps");
-        let mut is_within = |tenths: u32| {
-            let steps = steps.map(|step| step * f64::from(tenths) / 10.0);
-            let points = self.grid(counts, steps, 0.0, &mut random);
-            (self.visit(&points).1 == 0).then_some(steps)
+        let Poses::Grid {
+            counts,
+            step_m,
+            limit,
+            jitter,
+        } = *poses
+        else {
+            return None;
         };
-        if !self.home.places_tcp(self.nominal) || is_within(10).is_some() {
+        let given = step_m.unwrap_or_else(|| self.default_steps());
+        let is_within = |steps: &[f64; 3]| {
+            let grid = Poses::Grid {
+                counts,
+                step_m: Some(*steps),
+                limit,
+                jitter,
+            };
+            // Displaced and turned as those of the simulation will be.
+            self.tcp_poses(&grid, tilt_rad, &mut random.clone())
+                .left_out
+                == 0
+        };
+        if !self.home.places_tcp(self.nominal) || is_within(&given) {
             return None;
         }
-        (5..10).rev().find_map(is_within)
+        let tenths = (5..10).rev().map(|tenths| {
+            given.map(|step| {
+                let step = step * f64::from(tenths) / 10.0;
+                let unit = 10_f64.powf(step.log10().floor() - 1.0);
+                ((step / unit).floor() * unit * 1e12).round() / 1e12
+            })
+        });
+        tenths.into_iter().find(is_within)
     }
 
     /// Stops with the plate turned at random, up to an angle (rad) from where it is; those at which it can't be are left

@@ -42,6 +42,9 @@ pub(super) fn within_reach(simulation: &Simulation) -> Option<String> {
     (is_grid && places_tcp).then(|| format!("to stay within reach, {}", session.advice()))
 }
 
+/// Stream of the random numbers of set 1.
+const POSES: &str = "poses";
+
 struct Session<'a> {
     simulation: &'a Simulation,
     nominal: Machine,
@@ -135,7 +138,7 @@ impl<'a> Session<'a> {
         let is_random = matches!(simulation.poses, Poses::Random { .. });
         let mut planner = self.planner();
         self.check_tilt()?;
-        let mut random = Random::new(seed, "poses");
+        let mut random = Random::new(seed, POSES);
         let set1 = planner.tcp_poses(&simulation.poses, simulation.tilt_rad, &mut random);
         let planned = set1.stops.len();
         let mut remarks = Vec::new();
@@ -219,6 +222,7 @@ impl<'a> Session<'a> {
             folder: Folder {
                 name: "simulated".to_owned(),
                 tcp_poses,
+                has_positions_for_poses: false,
                 cart_poses,
                 cart_positions,
                 plate_rows: measured.rows,
@@ -319,15 +323,17 @@ impl<'a> Session<'a> {
 
     /// The option that gives a grid of which all points are within reach, where those that are asked for are not.
     fn fitting_steps(&self) -> Option<String> {
-        let Poses::Grid { counts, step_m, .. } = self.simulation.poses else {
-            return None;
-        };
-        let steps = self.planner().steps_within_reach(counts, step_m)?;
-        // Two digits, of which the second is rounded down.
-        let steps = steps.map(|step| {
-            let unit = 10_f64.powf(step.log10().floor() - 1.0);
-            shortest(((step / unit).floor() * unit * 1e12).round() / 1e12)
-        });
+        let Simulation {
+            poses,
+            tilt_rad,
+            seed,
+            ..
+        } = self.simulation;
+        let random = Random::new(*seed, POSES);
+        let steps = self
+            .planner()
+            .steps_within_reach(poses, *tilt_rad, &random)?;
+        let steps = steps.map(shortest);
         Some(format!("--grid-step {}", steps.join(",")))
     }
 

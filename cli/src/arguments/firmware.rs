@@ -11,7 +11,7 @@ pub(crate) enum Firmware {
     Klipper,
 }
 
-/// Read what a machine's firmware has measured into a measurement folder
+/// Read what a machine's firmware has measured into a folder
 ///
 /// From Klipper's printer.cfg of a delta printer, with the block that it saves and the files that it
 /// includes: the printer's parameters become a description, the heights and distances of its delta

@@ -30,7 +30,7 @@ pub enum Error {
 }
 
 impl Error {
-    /// A pose of the measurements that kinematics fails on: missing columns are the input's fault.
+    /// A pose of `tcp_poses.csv` that kinematics fails on: missing columns are the input's fault.
     pub fn at_pose(pose: u32, error: kinematics::Error) -> Self {
         match error {
             kinematics::Error::Missing { .. } => Self::Input(InputError::whole(
@@ -47,13 +47,17 @@ impl Error {
 
     /// The same of a pose whose commands stand in a row of any file.
     pub(crate) fn at_row(row: (&'static str, usize), pose: u32, error: kinematics::Error) -> Self {
-        match Self::at_pose(pose, error) {
-            Self::Kinematics { pose, error, .. } => Self::Kinematics {
+        let (file, line) = row;
+        match error {
+            kinematics::Error::Missing { .. } => Self::Input(InputError::whole(
+                format!("{file}:{line}"),
+                format!("pose {pose}: {error}"),
+            )),
+            error => Self::Kinematics {
                 pose,
                 error,
                 row: Some(row),
             },
-            error => error,
         }
     }
 }
@@ -97,5 +101,23 @@ impl std::error::Error for Error {}
 impl From<InputError> for Error {
     fn from(error: InputError) -> Self {
         Self::Input(error)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tau_robot::measurements::PlateKind;
+
+    #[test]
+    fn what_a_row_lacks_is_the_fault_of_its_file() {
+        let lacks = kinematics::Error::Missing {
+            closure: "bl".to_owned(),
+            what: kinematics::Missing::Temperature,
+        };
+        let file = PlateKind::Reading.file();
+        let said = Error::at_row((file, 7), 6, lacks).to_string();
+        assert!(said.contains("readings.csv:7"), "{said}");
+        assert!(!said.contains(TCP_POSES), "{said}");
     }
 }

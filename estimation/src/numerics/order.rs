@@ -1,4 +1,5 @@
-//! Items in order of a number of theirs, where those of equal numbers stay as they were; the ends of some numbers.
+//! Items in order of a number of theirs, where those of equal numbers stay as they were; places in what is sorted; the ends of
+//! some numbers.
 
 /// The smallest number first.
 pub fn smallest_first<T>(items: &mut Vec<T>, number: impl Fn(&T) -> f64) {
@@ -24,6 +25,15 @@ fn ascending(numbers: &[f64]) -> Vec<usize> {
     order
 }
 
+/// Place of an item in a sorted list that holds it. Another place would be a derivative by another unknown, unnoticed.
+///
+/// # Panics
+/// The list lacks the item: whoever built the list left out what it was built for.
+pub(crate) fn place<T: Ord>(sorted: &[T], item: &T) -> usize {
+    let found = sorted.binary_search(item);
+    found.expect("a list of places holds all whose places are asked for")
+}
+
 fn arrange<T>(items: &mut Vec<T>, order: Vec<usize>) {
     let mut left: Vec<Option<T>> = items.drain(..).map(Some).collect();
     items.extend(order.into_iter().filter_map(|place| left[place].take()));
@@ -32,6 +42,13 @@ fn arrange<T>(items: &mut Vec<T>, order: Vec<usize>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    #[should_panic(expected = "holds all whose places")]
+    fn what_is_not_there_has_no_place() {
+        assert_eq!(place(&[1, 4, 6], &4), 1);
+        place(&[1, 4, 6], &5);
+    }
 
     #[test]
     fn equal_numbers_stay_in_order() {

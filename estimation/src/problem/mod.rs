@@ -24,6 +24,7 @@ use tau_solver::{Block, Parameter, Problem};
 use crate::calibration::error::Error;
 use crate::calibration::nominal::Nominal;
 use crate::calibration::registration::MOUNTING_M;
+use crate::numerics::order::place;
 use crate::samples::Sample;
 use whitened::WhitenedPose;
 
@@ -471,7 +472,7 @@ impl Part {
     /// The part with its parameters numbered as in `used`.
     pub(crate) fn numbered(mut self, used: &[usize]) -> Self {
         for index in &mut self.parameters {
-            *index = used.binary_search(index).unwrap_or_default();
+            *index = place(used, index);
         }
         self
     }

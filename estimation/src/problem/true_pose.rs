@@ -9,6 +9,7 @@ use tau_robot::robot::{Input, Instance};
 use tau_runtime::{LANES, Lanes, Pattern, ResidualFamily, Shape};
 
 use crate::numerics::number;
+use crate::numerics::order::place;
 
 /// Unknowns of a pose: translation (m), then rotation vector (rad) in the measurement frame, that carry
 /// the measured pose into the true one.
@@ -77,11 +78,11 @@ impl TruePose {
         parameters.sort_unstable();
         parameters.dedup();
         let width = parameters.len();
-        let place = |input: &Input| inputs.binary_search(input).unwrap_or_default();
+        let datum = |input: &Input| place(&inputs, input);
         let part = |instance: &Instance| {
-            let column = |index: &usize| parameters.binary_search(index).unwrap_or_default();
+            let column = |index: &usize| place(&parameters, index);
             Part {
-                data: instance.inputs.iter().map(place).collect(),
+                data: instance.inputs.iter().map(datum).collect(),
                 parameters: instance.parameters.iter().map(column).collect(),
                 instance: instance.clone(),
             }
@@ -96,7 +97,7 @@ impl TruePose {
                 let mut row: Vec<usize> = pattern.columns.iter().map(column).collect();
                 row.sort_unstable();
                 row.dedup();
-                let slot = |entry: &u32| row.binary_search(&column(entry)).unwrap_or_default();
+                let slot = |entry: &u32| place(&row, &column(entry));
                 let slots = pattern.columns.iter().map(slot).collect();
                 row.extend(width..width + POSE_UNKNOWNS);
                 columns.extend(row.into_iter().map(number));

@@ -10,6 +10,7 @@ use tau_runtime::{Pattern, ResidualFamily, Shape};
 
 use super::times_noise;
 use crate::numerics::number;
+use crate::numerics::order::place;
 use crate::numerics::projection::inverse_factor;
 use crate::samples::Sample as Measured;
 
@@ -149,7 +150,7 @@ impl WhitenedPose {
         let columns: Vec<Vec<usize>> = closures
             .iter()
             .map(|closure| {
-                let column = |index| parameters.binary_search(index).unwrap_or_default();
+                let column = |index| place(&parameters, index);
                 closure.parameters.iter().map(column).collect()
             })
             .collect();

@@ -19,7 +19,8 @@ use crate::samples::Sample;
 use crate::samples::frames::Frames;
 use crate::trust::numbering;
 use crate::trust::observability::{Gap, Observability, missing, observabilities};
-use crate::trust::verdict::{mistakes, plain};
+use crate::trust::of_folder::looked_at as of_poses;
+use crate::trust::verdict::plain;
 use crate::trust::{mistake::Mistake, reach::Reach};
 use crate::uncertainty::Uncertainty;
 use crate::unknown_poses::{self, Rank, Recognised, RowDivision};
@@ -90,7 +91,7 @@ pub struct Check {
     pub missing: Vec<Gap>,
     /// Mistakes that were recognised.
     pub mistakes: Vec<Mistake>,
-    /// Residuals over the stated noise, where poses are unknown, no mistake explains them and they exceed it significantly.
+    /// Residuals over the stated noise, where no mistake explains them and they exceed it significantly.
     pub misfit: Option<f64>,
 }
 
@@ -124,9 +125,11 @@ pub fn check(
     let looked_at = told.or(variants.first()).copied();
     let found = looked_at.map(|variant| match rows {
         None => {
-            let mistakes = mistakes(robot, variant, file, folder, &division.calibration)?;
+            let of = (robot, variant);
+            let found = of_poses(of, file, folder, &division.calibration)?;
             Ok(Recognised {
-                mistakes,
+                mistakes: found.mistakes,
+                misfit: found.misfit,
                 ..Recognised::default()
             })
         }

@@ -64,20 +64,28 @@ pub(crate) enum Hypothesis {
         rotation: Rotation3<f64>,
         shift: Vector3<f64>,
     },
-    /// Positions are in millimetres.
-    Millimetres,
+    /// Lengths that were measured are in a unit of which a metre has so many.
+    Unit(f64),
+    /// An angle of the measured rotations counts the other way.
+    AngleSign(usize),
     /// Angles are in degrees.
     Degrees,
     /// The stated noise of positions and rotations is off by factors.
     Noise { position: f64, rotation: f64 },
-    /// Tolerances are off by a factor: all of them, or those of lengths.
-    Tolerances { factor: f64, lengths_only: bool },
+    /// Tolerances are off by a factor: all of them, or those of lengths, from so many metres on.
+    Tolerances {
+        factor: f64,
+        lengths_only: bool,
+        from_m: f64,
+    },
     /// A parameter of the variant, by index, is far off its nominal value; the search starts at another.
     Dimension { parameter: usize, start: f64 },
 }
 
 /// Of thousands, the factor between units of SI and those of drawings and trackers.
 pub(crate) const THOUSAND: f64 = 1e3;
+/// Units of a metre that lengths are written in by mistake: millimetres and centimetres.
+pub(crate) const UNITS: [Hypothesis; 2] = [Hypothesis::Unit(THOUSAND), Hypothesis::Unit(1e2)];
 
 impl Case<'_> {
     /// The variant with its nominal values.
@@ -146,6 +154,7 @@ impl Case<'_> {
             folder: Folder {
                 name: self.folder.name.clone(),
                 tcp_poses: poses.iter().map(|&pose| all[pose].clone()).collect(),
+                has_positions_for_poses: self.folder.has_positions_for_poses,
                 cart_poses: self.folder.cart_poses.clone(),
                 ..Folder::default()
             },
@@ -166,11 +175,16 @@ impl Case<'_> {
             }
             Hypothesis::Shifted(by) => {
                 for (pose, place) in case.folder.tcp_poses.iter_mut().zip(&self.places) {
-                    // The row at the end keeps what it has, and is an outlier.
                     if let Some(row) = neighbour(self.rows, *place, *by) {
                         pose.position_m = row.position_m;
                         pose.angles_rad = row.angles_rad;
                         pose.sigmas = row.sigmas;
+                    } else if let Some(row) = neighbour(self.rows, *place, -*by) {
+                        // Of the row at the end nothing is known; what it holds was measured there.
+                        pose.commands_m.clone_from(&row.commands_m);
+                        pose.directions.clone_from(&row.directions);
+                        pose.conditions = row.conditions;
+                        pose.tensions_n.clone_from(&row.tensions_n);
                     }
                 }
             }
@@ -255,9 +269,16 @@ impl Hypothesis {
                 position: rotation * pose.position + shift,
                 rotation: rotation * pose.rotation,
             }),
-            Self::Millimetres => change_poses(poses, |pose, _| Pose {
-                position: pose.position / THOUSAND,
+            Self::Unit(of_metre) => change_poses(poses, |pose, _| Pose {
+                position: pose.position / *of_metre,
                 ..pose
+            }),
+            Self::AngleSign(angle) => change_poses(poses, |pose, mut angles| {
+                angles[*angle] = -angles[*angle];
+                Pose {
+                    rotation: zyz(angles),
+                    ..pose
+                }
             }),
             Self::Degrees => change_poses(poses, |pose, angles| Pose {
                 rotation: zyz(angles.map(f64::to_radians)),
@@ -302,12 +323,13 @@ impl Hypothesis {
         let Self::Tolerances {
             factor,
             lengths_only,
+            from_m,
         } = self
         else {
             return given;
         };
         let is_stated = !matches!(parameter.owner, Owner::Frame(_) | Owner::Target { .. });
-        let is_scaled = !lengths_only || parameter.unit == LENGTH;
+        let is_scaled = !lengths_only || (parameter.unit == LENGTH && given >= *from_m);
         if is_stated && is_scaled && given < NONE {
             factor * given
         } else {
@@ -374,7 +396,7 @@ pub(crate) fn commands_in_degrees(robot: &Robot) -> Option<Hypothesis> {
     (!turning.is_empty()).then_some(Hypothesis::CommandsInDegrees(turning))
 }
 
-/// The twelve sequences of axes, about fixed and about turning ones, and their inverses, but for what is asked for; a plate
+/// Each angle counted the other way; the twelve sequences of axes, about fixed and about turning ones, and their inverses, but for what is asked for; a plate
 /// in the plane has one angle, which may be that of the inverse.
 ///
 /// The most usual come first, so that of those that mean the same rotation the best known is named.
@@ -394,7 +416,7 @@ pub(crate) fn angles(plate: Plate) -> Vec<Hypothesis> {
     let every = (0..27).map(|code| [code / 9, code / 3 % 3, code % 3]);
     let distinct = |axes: &[usize; 3]| axes[0] != axes[1] && axes[1] != axes[2];
     let rest = every.filter(|axes| distinct(axes) && !usual.contains(axes));
-    let mut all = Vec::new();
+    let mut all: Vec<Hypothesis> = (0..3).map(Hypothesis::AngleSign).collect();
     for axes in usual.into_iter().chain(rest) {
         for (fixed, transposed) in [(false, false), (true, false), (false, true), (true, true)] {
             if axes != [2, 1, 2] || fixed || transposed {
@@ -415,6 +437,7 @@ pub(crate) fn small_tolerances() -> Vec<Hypothesis> {
         .map(|lengths_only| Hypothesis::Tolerances {
             factor: THOUSAND,
             lengths_only,
+            from_m: 0.0,
         })
         .into()
 }
@@ -465,7 +488,7 @@ mod tests {
     #[test]
     fn all_conventions_are_tried_once() {
         let all = angles(Plate::Body);
-        assert_eq!(all.len(), 47);
+        assert_eq!(all.len(), 50);
         for (index, one) in all.iter().enumerate() {
             assert!(!all[index + 1..].contains(one));
         }
@@ -475,7 +498,7 @@ mod tests {
     #[test]
     fn hypotheses_are_of_what_the_plate_does() {
         let counts = |plate| [axes(plate).len(), angles(plate).len(), noise(plate).len()];
-        assert_eq!(counts(Plate::Body), [12, 47, 6]);
+        assert_eq!(counts(Plate::Body), [12, 50, 6]);
         assert_eq!(counts(Plate::Point), [6, 0, 2]);
         assert_eq!(counts(Plate::BodyInPlane), [6, 1, 6]);
         assert_eq!(counts(Plate::PointInPlane), [3, 0, 2]);

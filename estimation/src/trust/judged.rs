@@ -52,6 +52,8 @@ pub(crate) struct Deviation {
     pub(crate) deleted: f64,
     /// The deviation itself where the prior did not hold it back, in tolerances.
     pub(crate) freed: f64,
+    /// Share of the prior's variance that data remove: the expectation of the square of `tolerances`.
+    pub(crate) told: f64,
 }
 
 /// Share of a prior's variance that data must remove to refute it: those that know a parameter to three tolerances. What
@@ -198,6 +200,7 @@ impl Judged {
                 tolerances,
                 deleted: tolerances / known.sqrt(),
                 freed: tolerances / known,
+                told: (1.0 - variance).max(0.0),
             })
         };
         joint.used.iter().enumerate().filter_map(of).collect()

@@ -51,8 +51,10 @@ pub enum MistakeKind {
     Angles,
     /// Poses are those of another frame than the drawing's.
     Frame,
-    /// Positions are in millimetres.
+    /// Lengths that were measured are in millimetres.
     Millimetres,
+    /// Lengths that were measured are in centimetres.
+    Centimetres,
     /// Angles are in degrees.
     Degrees,
     /// Stated noise is a thousand times off.
@@ -79,6 +81,7 @@ impl MistakeKind {
             Self::Angles => "angles",
             Self::Frame => "frame",
             Self::Millimetres => "millimetres",
+            Self::Centimetres => "centimetres",
             Self::Degrees => "degrees",
             Self::Noise => "noise",
             Self::Tolerances => "tolerances",

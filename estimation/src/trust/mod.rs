@@ -18,6 +18,7 @@ mod mistake;
 pub(crate) mod negative;
 pub(crate) mod numbering;
 mod observability;
+mod of_folder;
 mod prediction;
 mod reach;
 pub(crate) mod recognise;
@@ -29,11 +30,11 @@ use crate::numerics::count;
 pub use check::{Check, Checked, FileFacts, Range, check};
 pub use mistake::{Mistake, MistakeKind};
 pub use observability::{Gap, Observability};
+pub use of_folder::{mistakes, refuse};
 pub use prediction::{of_prediction, outliers_of_validation};
 pub use reach::Reach;
 pub use verdict::{
-    FileFit, PoseFit, Pull, Status, Verdict, mistakes, of_calibration, of_calibration_knowing,
-    refuse,
+    FileFit, PoseFit, Pull, Status, Verdict, of_calibration, of_calibration_knowing,
 };
 
 /// Worst poses or rows and largest pulls that are listed.

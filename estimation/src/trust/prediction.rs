@@ -13,8 +13,9 @@ use crate::numerics::spread::spread;
 use crate::samples::Sample;
 use crate::trust::hypothesis::Case;
 use crate::trust::judged::{Judged, Misfit};
+use crate::trust::of_folder::mistakes;
 use crate::trust::recognise::{self, ITERATIONS};
-use crate::trust::verdict::{Pull, Status, Verdict, case, measured, mistakes};
+use crate::trust::verdict::{Pull, Status, Verdict, case, measured};
 use crate::trust::{numbering, words};
 use crate::uncertainty::Uncertainty;
 use crate::weighing::{Deleted, MOST_POSES, Outlier, Treatment, Weighing, weigh};
@@ -71,7 +72,7 @@ pub fn of_prediction(
     let mut verdict = if let Some(known) = known {
         let judged = recognise::judged(&case, &prepared, &machine.values, 0)?;
         let mut verdict = measured(&case, &judged, vec![]);
-        verdict.know(&weighing);
+        verdict.know(&weighing, folder.poses_file());
         let misfit = predicted(judged, &known, &case.samples());
         verdict.chi2 = misfit.chi2;
         verdict.dof = misfit.dof;
@@ -86,7 +87,7 @@ pub fn of_prediction(
             tolerances: deviation.tolerances,
         });
         let mut verdict = measured(&case, &judged, Pull::largest(pulls));
-        verdict.know(&weighing);
+        verdict.know(&weighing, folder.poses_file());
         verdict.judge(
             variant,
             recognise::beyond_tolerance(&deviations, verdict.residual_over_noise),

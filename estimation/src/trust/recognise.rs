@@ -43,7 +43,7 @@ const WIDEST_TOLERANCE: f64 = 0.1;
 /// Noise that is stated so many times too large is no caution any more. Where tolerances hold a fit back, noise that is
 /// stated a thousand times too large leaves a misfit of less than that.
 const CAUTIOUS: f64 = 10.0;
-/// Factor to which noise is known where its unit is right.
+/// Factor to which noise, and tolerances, are known where their unit is right.
 pub(crate) const STATED: f64 = 2.0;
 
 /// A hypothesis with its fit.
@@ -112,24 +112,26 @@ impl Tried {
             || NEARER * self.misfit.ratio() < given.misfit.ratio()
     }
 
-    /// False where wider tolerances only make room for what the model lacks: parameters depart from nominal by less than
-    /// tolerances of a size between the given and the wider ones.
-    fn uses_its_tolerances(&self, variant: &Variant) -> bool {
-        let Some(&Hypothesis::Tolerances {
-            factor,
-            lengths_only,
-        }) = self.hypothesis.as_ref()
-        else {
+    /// False where wider tolerances only make room for something else. A factor of a thousand is exact: with it residuals are
+    /// the stated noise and departures from nominal what such tolerances make them, each to the factor to which either is
+    /// known, and no departure is beyond chance.
+    fn meets_its_tolerances(&self, variant: &Variant) -> bool {
+        let Some(&Hypothesis::Tolerances { lengths_only, .. }) = self.hypothesis.as_ref() else {
             return true;
         };
         let is_scaled = |deviation: &&Deviation| {
             !lengths_only || variant.parameters[deviation.parameter].unit == hypothesis::LENGTH
         };
-        let scaled: Vec<f64> = (self.deviations.iter().filter(is_scaled))
-            .map(|deviation| deviation.tolerances.powi(2))
-            .collect();
-        let mean = scaled.iter().sum::<f64>() / scaled.len().max(1) as f64;
-        factor * mean > 1.0
+        let (mut found, mut expected) = (0.0, 0.0);
+        for deviation in self.deviations.iter().filter(is_scaled) {
+            found += deviation.tolerances.powi(2);
+            expected += deviation.told;
+        }
+        let is_stated = |ratio: f64| ratio.ln().abs() < STATED.ln();
+        let ratio = self.misfit.ratio();
+        is_stated(ratio)
+            && is_stated((found / expected).sqrt())
+            && beyond_tolerance(&self.deviations, ratio).is_none()
     }
 }
 
@@ -155,6 +157,8 @@ pub(crate) struct Recognised {
     pub(crate) mistakes: Vec<Mistake>,
     /// `None` where no machine fits and nothing explains it: where parts of a wrong one would be tells nothing.
     pub(crate) machine: Option<Machine>,
+    /// Residuals over the noise, where they exceed it significantly and nothing explains it.
+    pub(crate) misfit: Option<f64>,
 }
 
 /// The likeliest explanation of a misfit; none where there is no misfit.
@@ -196,6 +200,7 @@ pub(crate) fn recognised(case: &Case<'_>, known: Option<&Judged>) -> Result<Reco
         return Ok(Recognised {
             mistakes: vec![mistake],
             machine: as_given(&thinned, given.as_ref(), judged.as_deref()),
+            misfit: None,
         });
     }
     let by_noise = |case: &Case<'_>, given: Option<&Tried>, judged: Option<&Judged>| Recognised {
@@ -204,6 +209,7 @@ pub(crate) fn recognised(case: &Case<'_>, known: Option<&Judged>) -> Result<Reco
             .into_iter()
             .collect(),
         machine: as_given(case, given, judged),
+        misfit: None,
     };
     let is_fine = given.as_ref().is_some_and(|given| {
         !is_beyond_noise(&given.misfit) && beyond_tolerance(&given.deviations, 1.0).is_none()
@@ -239,7 +245,7 @@ pub(crate) fn recognised(case: &Case<'_>, known: Option<&Judged>) -> Result<Reco
     let of_given = given.as_ref().map_or(f64::INFINITY, &evidence);
     all.retain(|tried| {
         tried.is_plausible()
-            && tried.uses_its_tolerances(thinned.variant)
+            && tried.meets_its_tolerances(thinned.variant)
             && given
                 .as_ref()
                 .is_none_or(|given| !given.is_plausible() || tried.is_much_nearer(given))
@@ -264,9 +270,15 @@ pub(crate) fn recognised(case: &Case<'_>, known: Option<&Judged>) -> Result<Reco
         return Ok(Recognised {
             mistakes: described(&thinned, &rivals).into_iter().collect(),
             machine: best.machine(&thinned),
+            misfit: None,
         });
     }
-    Ok(by_noise(&thinned, given.as_ref(), judged.as_deref()))
+    Ok(Recognised {
+        misfit: (given.as_ref())
+            .filter(|given| is_beyond_noise(&given.misfit))
+            .map(|given| given.misfit.ratio()),
+        ..by_noise(&thinned, given.as_ref(), judged.as_deref())
+    })
 }
 
 /// The fit of which something is least.
@@ -309,7 +321,9 @@ fn prior(case: &Case<'_>, hypothesis: Option<&Hypothesis>) -> f64 {
     let count = match hypothesis {
         None => 1,
         Some(Hypothesis::Dimension { .. }) => case.variant.parameters.len(),
-        Some(Hypothesis::Angles { .. }) => hypothesis::angles(case.robot.plate).len(),
+        Some(Hypothesis::Angles { .. } | Hypothesis::AngleSign(_)) => {
+            hypothesis::angles(case.robot.plate).len()
+        }
         Some(Hypothesis::Axes { .. }) => hypothesis::axes(case.robot.plate).len(),
         Some(Hypothesis::Frame { .. }) => return frame::room(),
         Some(_) => case.robot.commands,
@@ -335,7 +349,7 @@ fn candidates(case: &Case<'_>, given: Option<&Judged>) -> Vec<Hypothesis> {
     all.extend(hypothesis::axes(case.robot.plate));
     all.extend(hypothesis::angles(case.robot.plate));
     all.extend([Hypothesis::Shifted(1), Hypothesis::Shifted(-1)]);
-    all.push(Hypothesis::Millimetres);
+    all.extend(hypothesis::UNITS);
     let turns = (prepared.as_ref()).map_or(true, |Prepared { machine, .. }| {
         let mended = few.mended(&Hypothesis::Degrees).samples();
         differ(
@@ -481,16 +495,21 @@ pub(crate) fn judged(
 fn wide(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
     let nominal = case.prepared().ok()?.nominal;
     let widest_m = hypothesis::widest_tolerance_m(case.variant, &nominal);
-    if widest_m <= WIDEST_TOLERANCE * case.mean_length_m() {
+    let limit_m = WIDEST_TOLERANCE * case.mean_length_m();
+    if widest_m <= limit_m {
         return None;
     }
-    let hypothesis = Hypothesis::Tolerances {
-        factor: THOUSAND.recip(),
-        lengths_only: true,
-    };
-    let mended = tried(case, Some(&hypothesis), ITERATIONS)?;
-    let is_as_good = mended.misfit.ratio() < NEARER * given.misfit.ratio().max(1.0);
-    (is_as_good && mended.is_plausible()).then(|| described(case, &[&mended]))?
+    // Where the rest is in metres, those that no machine has are not.
+    [0.0, limit_m].into_iter().find_map(|from_m| {
+        let hypothesis = Hypothesis::Tolerances {
+            factor: THOUSAND.recip(),
+            lengths_only: true,
+            from_m,
+        };
+        let mended = tried(case, Some(&hypothesis), ITERATIONS)?;
+        let is_as_good = mended.misfit.ratio() < NEARER * given.misfit.ratio().max(1.0);
+        (is_as_good && mended.is_plausible()).then(|| described(case, &[&mended]))?
+    })
 }
 
 /// Stated noise that is off by a thousand.
@@ -514,7 +533,8 @@ fn noise(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
     }
     let is_likely = |tried: &Tried| {
         if ratio > 1.0 {
-            off(tried) < STATED.ln()
+            // Of a few far off, most are none.
+            off(tried) < STATED.ln() && tried.of_most.sqrt().ln().abs() < NEARER.ln()
         } else {
             ratio < CAUTIOUS.recip() || is_by_chance(tried)
         }

@@ -2,8 +2,7 @@
 
 use std::sync::Arc;
 
-use tau_robot::input_error::InputError;
-use tau_robot::measurements::{CART_POSES, CART_POSITIONS, Folder, TCP_POSES, TcpPose};
+use tau_robot::measurements::{CART_POSES, CART_POSITIONS, Folder, TcpPose};
 use tau_robot::robot::{Arm, Robot, TrackShape, Variant};
 use tau_robot::robot_file::RobotFile;
 
@@ -16,8 +15,9 @@ use crate::problem::Component;
 use crate::trust::hypothesis::{self, Case};
 use crate::trust::judged::{Deviation, Judged, Misfit};
 use crate::trust::mistake::{Mistake, MistakeKind};
+use crate::trust::of_folder::of_case;
 use crate::trust::reach::Reach;
-use crate::trust::recognise::{self, ITERATIONS, Recognised};
+use crate::trust::recognise::{self, ITERATIONS};
 use crate::trust::{
     ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, LISTED, general, numbering, weighing_words,
 };
@@ -205,6 +205,7 @@ pub(super) fn case<'a>(
         folder: Folder {
             name: folder.name.clone(),
             tcp_poses: tcp_poses.cloned().collect(),
+            has_positions_for_poses: folder.has_positions_for_poses,
             cart_poses: if with_paths {
                 folder.cart_poses.clone()
             } else {
@@ -239,70 +240,6 @@ pub(super) fn plain<'a>(robot: &'a Robot, variant: &'a Variant, folder: &Folder)
             .filter(|_| !folder.cart_poses.is_empty())
     };
     all().find(is_plain).or_else(with_paths).unwrap_or(variant)
-}
-
-/// Mistakes of the input that explain why a variant does not fit the given poses; none where it does.
-///
-/// # Errors
-/// Values or columns that the variant needs are missing.
-pub fn mistakes(
-    robot: &Robot,
-    variant: &Variant,
-    file: &RobotFile,
-    folder: &Folder,
-    poses: &[usize],
-) -> Result<Vec<Mistake>, Error> {
-    let case = case(robot, plain(robot, variant, folder), file, folder, poses);
-    of_case(&case, None, folder)
-}
-
-/// Mistakes of a case and in how the carts of its folder are numbered. These are compared with where tracks run once
-/// other mistakes are mended: on a machine that fits none, any numbering may look right.
-fn of_case(
-    case: &Case<'_>,
-    known: Option<&Judged>,
-    folder: &Folder,
-) -> Result<Vec<Mistake>, Error> {
-    let Recognised {
-        mut mistakes,
-        machine,
-    } = recognise::recognised(case, known)?;
-    if mistakes
-        .iter()
-        .all(|mistake| mistake.kind != MistakeKind::Carts)
-    {
-        mistakes.extend(machine.and_then(|machine| numbering::mistake(&machine, folder)));
-    }
-    Ok(mistakes)
-}
-
-/// Refuses measurements with a mistake that leaves nothing to be learnt from them: of set 1, or in how the carts of sets
-/// 2 and 3 are numbered. Noise, tolerances and dimensions are not refused: an effect that the model lacks looks like
-/// them.
-///
-/// # Errors
-/// The first mistake, with its mend.
-pub fn refuse(
-    (robot, variant): (&Robot, &Variant),
-    file: &RobotFile,
-    folder: &Folder,
-    poses: &[usize],
-) -> Result<(), Error> {
-    match mistakes(robot, variant, file, folder, poses)?
-        .into_iter()
-        .find(|mistake| mistake.is_absurd && mistake.is_of_measurements())
-    {
-        Some(mistake) => Err(mistake.into()),
-        None => Ok(()),
-    }
-}
-
-impl From<Mistake> for Error {
-    fn from(mistake: Mistake) -> Self {
-        InputError::whole(mistake.file, mistake.what)
-            .help(mistake.mend)
-            .into()
-    }
 }
 
 /// The verdict on a calibration with the poses that it was made of and the robot file that it started from.
@@ -364,7 +301,7 @@ pub fn of_calibration_knowing(
     };
     let deviations = judged.deviations();
     let mut verdict = measured(&case, judged, Pull::largest(calibration.pulls()));
-    verdict.know(weighing);
+    verdict.know(weighing, folder.poses_file());
     let beyond = recognise::beyond_tolerance(&deviations, verdict.residual_over_noise);
     verdict.judge(&machine.variant, beyond);
     let is_off =
@@ -380,7 +317,7 @@ pub fn of_calibration_knowing(
     let found = || match (suspect, known.take()) {
         (true, None) => {
             let case = self::case(robot, plain, file, folder, poses);
-            of_case(&case, fit, folder).map(Some)
+            of_case(&case, fit, folder).map(|found| Some(found.mistakes))
         }
         (_, found) => Ok(found),
     };
@@ -453,7 +390,7 @@ pub(super) fn measured(case: &Case<'_>, judged: &Judged, pulls: Vec<Pull>) -> Ve
         dof: misfit.dof,
         residual_over_noise: misfit.ratio(),
         by_file: vec![FileFit {
-            file: TCP_POSES,
+            file: case.folder.poses_file(),
             kind: "closure",
             rows: misfit.rows,
             rms,
@@ -467,9 +404,10 @@ pub(super) fn measured(case: &Case<'_>, judged: &Judged, pulls: Vec<Pull>) -> Ve
 }
 
 impl Verdict {
-    /// Takes over what the weighing of the poses found.
-    pub(super) fn know(&mut self, weighing: &Weighing) {
+    /// Takes over what the weighing of the poses of a file found.
+    pub(super) fn know(&mut self, weighing: &Weighing, file: &'static str) {
         self.outliers.clone_from(&weighing.outliers);
+        self.outliers.iter_mut().for_each(|own| own.file = file);
         self.repeats = weighing.repeats;
         self.loss = weighing.loss;
     }

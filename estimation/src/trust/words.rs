@@ -4,7 +4,7 @@ use std::fmt;
 
 use nalgebra::{Rotation3, Vector3};
 use tau_robot::input_error::quoted;
-use tau_robot::measurements::{Actuator, CART_POSES, DISTANCES, Shape, TCP_POSES};
+use tau_robot::measurements::{Actuator, CART_POSES, DISTANCES, PlateKind, Shape, TCP_POSES};
 use tau_robot::robot::{Parameter, Plate, Robot};
 
 use crate::calibration::Nominal;
@@ -16,6 +16,8 @@ use crate::trust::{ABSURD_TOLERANCES, general};
 const ROBOT: &str = "robot.toml";
 const AXES: [&str; 3] = ["x", "y", "z"];
 const ANGLES: [&str; 3] = ["alpha_rad", "beta_rad", "gamma_rad"];
+/// Digits of a change of frame: turned by as much, places in a hundred metres move by a tenth of a micrometre.
+const FRAME_DIGITS: usize = 10;
 /// Rivals that are named beside the best explanation.
 const RIVALS: usize = 3;
 
@@ -111,11 +113,12 @@ pub(crate) fn of_measurements(
             "change its sign: it is the turn of the plate against the measurement frame".to_owned(),
         ),
         Hypothesis::Frame { rotation, shift } => frame(rotation, shift, file == TCP_POSES),
-        Hypothesis::Millimetres => (
-            MistakeKind::Millimetres,
+        Hypothesis::Unit(of_metre) => unit(*of_metre, file),
+        Hypothesis::AngleSign(angle) => (
+            MistakeKind::Angles,
             TCP_POSES,
-            "the positions are in millimetres".to_owned(),
-            "divide `x_m`, `y_m` and `z_m` by 1000".to_owned(),
+            format!("`{}` counts the other way", ANGLES[*angle]),
+            "change its sign".to_owned(),
         ),
         Hypothesis::Degrees => (
             MistakeKind::Degrees,
@@ -185,7 +188,7 @@ pub(super) fn carts(robot: &Robot, file: &'static str, numbering: &[usize]) -> M
 
 fn frame(rotation: &Rotation3<f64>, shift: &Vector3<f64>, of_poses: bool) -> Words {
     let vector = |of: &Vector3<f64>| {
-        let components = of.iter().map(|&own| general(own, 3));
+        let components = of.iter().map(|&own| general(own, FRAME_DIGITS));
         format!("({})", components.collect::<Vec<_>>().join(", "))
     };
     let (turn, shift) = (vector(&rotation.scaled_axis()), vector(shift));
@@ -203,6 +206,27 @@ fn frame(rotation: &Rotation3<f64>, shift: &Vector3<f64>, of_poses: bool) -> Wor
     )
 }
 
+fn unit(of_metre: f64, file: &str) -> Words {
+    let (kind, name) = if of_metre < THOUSAND {
+        (MistakeKind::Centimetres, "centimetres")
+    } else {
+        (MistakeKind::Millimetres, "millimetres")
+    };
+    let (what, columns) = if file == PlateKind::Height.file() {
+        ("heights", "`height_m`")
+    } else if [DISTANCES, PlateKind::BallBar.file()].contains(&file) {
+        ("distances", "`distance_m`")
+    } else {
+        ("positions", "`x_m`, `y_m` and `z_m`")
+    };
+    (
+        kind,
+        TCP_POSES,
+        format!("the {what} are in {name}"),
+        format!("divide {columns} by {of_metre}"),
+    )
+}
+
 /// Columns of the angles by which a plate turns.
 fn angles_of(plate: Plate) -> impl Iterator<Item = &'static str> {
     ANGLES.into_iter().take(plate.turning_axes().len())
@@ -215,7 +239,8 @@ fn of(case: &Case<'_>, hypothesis: &Hypothesis, values: &[f64]) -> Option<Mistak
         Hypothesis::Tolerances {
             factor,
             lengths_only,
-        } => tolerances(*factor, *lengths_only),
+            from_m,
+        } => tolerances(*factor, *lengths_only, *from_m),
         Hypothesis::Dimension { parameter, .. } => {
             let (prepared, parameter) = (case.prepared().ok()?, *parameter);
             return Some(dimension(
@@ -224,7 +249,7 @@ fn of(case: &Case<'_>, hypothesis: &Hypothesis, values: &[f64]) -> Option<Mistak
                 values[parameter],
             ));
         }
-        of_poses => return of_measurements(case.robot, of_poses, TCP_POSES),
+        of_poses => return of_measurements(case.robot, of_poses, case.folder.poses_file()),
     };
     Some(Mistake {
         kind,
@@ -374,16 +399,21 @@ fn noise(case: &Case<'_>, position: f64, rotation: f64) -> Words {
     )
 }
 
-fn tolerances(factor: f64, lengths_only: bool) -> Words {
+fn tolerances(factor: f64, lengths_only: bool, from_m: f64) -> Words {
     let which = if lengths_only {
         "the tolerances of lengths"
     } else {
         "the tolerances"
     };
+    let beyond = if from_m > 0.0 {
+        format!(" beyond {} m", general(from_m, 2))
+    } else {
+        String::new()
+    };
     let (what, mend) = if factor < 1.0 {
         (
-            format!("{which} are a thousand times too large, as if in millimetres"),
-            format!("write metres: divide `tol` of lengths by {THOUSAND}"),
+            format!("{which}{beyond} are a thousand times too large, as if in millimetres"),
+            format!("write metres: divide `tol` of lengths{beyond} by {THOUSAND}"),
         )
     } else {
         (

@@ -13,6 +13,7 @@ use super::kinds::drive_sigmas;
 use super::lengths::Lengths;
 use super::rows::{DRIVES, LINKS, RowPlace, Rows};
 use crate::calibration::error::Error;
+use crate::numerics::order::place;
 use crate::numerics::parallel;
 use crate::problem::{CLOSURE_SHARE, POSE_UNKNOWNS, TruePose, closures_of};
 
@@ -27,8 +28,8 @@ impl Assembly<'_> {
         let closures = closures_of(machine);
         let count = closures.len();
         let family = Arc::new(TruePose::new(&closures));
-        let place = |index: &usize| used.binary_search(index).unwrap_or_default();
-        let parameters = family.parameters().iter().map(place).collect();
+        let column = |index: &usize| place(used, index);
+        let parameters = family.parameters().iter().map(column).collect();
         let sigmas = drive_sigmas(self.file, machine.robot.commands);
         let are_lengths = self.file.noise_of_links().is_some();
         let inner = Arc::clone(&family) as Arc<dyn ResidualFamily>;

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use tau_runtime::{Pattern, ResidualFamily, Shape};
 
 use crate::numerics::number;
+use crate::numerics::order::place;
 
 /// The residuals of a family multiplied by a lower triangular matrix, which each sample brings behind its data, by rows.
 pub(super) struct Coupled {
@@ -50,9 +51,9 @@ impl Coupled {
                 all.dedup();
                 for inner in own {
                     let first = slots.len();
-                    let place = |column| columns.len() + all.binary_search(column).unwrap_or(0);
+                    let slot = |column| columns.len() + place(&all, column);
                     let entries = pattern.columns[range(inner)].iter();
-                    slots.extend(entries.map(|column| number(place(column))));
+                    slots.extend(entries.map(|column| number(slot(column))));
                     terms.push(Term {
                         row,
                         inner,

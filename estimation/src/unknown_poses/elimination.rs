@@ -457,6 +457,7 @@ impl<'a> Elimination<'a> {
             noise,
             redundancy: 0.0,
             squares: 0.0,
+            of_most: 1.0,
             repeats: None,
         };
         let none: Vec<KindFit> = self.kinds.iter().zip(noise).map(none).collect();

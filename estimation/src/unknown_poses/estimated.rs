@@ -16,6 +16,7 @@ use super::outcome::{RowDivision, UnknownPoses};
 use super::rows::{Kind, RowPlace, Rows};
 use crate::calibration::error::Error;
 use crate::calibration::nominal::Nominal;
+use crate::numerics::order::place;
 use crate::problem::{Eliminated, Origin, POSE_UNKNOWNS, by_pose, gradient};
 use crate::samples::Sample;
 
@@ -411,7 +412,7 @@ impl Grouped<'_> {
             if block > 0 {
                 continue;
             }
-            let place = readings.binary_search(&reading).unwrap_or_default();
+            let place = place(readings, &reading);
             let by_length = shares[(row, place * kinds.len() + residual)]
                 * slope(machine, closures[residual], &samples[self.index[reading]])?;
             if by_length > 0.0 {
@@ -439,7 +440,7 @@ impl Grouped<'_> {
             if block > 0 {
                 continue;
             }
-            let place = readings.binary_search(&reading).unwrap_or_default();
+            let place = place(readings, &reading);
             let sigma = self.assembly.kinds[of.kinds[residual]].sigma;
             let weight = of.weights[reading * count + residual] / sigma;
             if are_coupled {

@@ -15,12 +15,13 @@ use super::dense::stacked;
 use super::elimination::{Elimination, Reduced};
 use super::gauge::{Shared, scaled};
 use super::kinds::{NoiseGroup, kinds_of_carts, tells_drives};
-use super::rows::{RowPlace, Rows, noise_of_rows};
+use super::rows::{ABSORBED, RowPlace, Rows, noise_of_rows};
 use super::{GrossRow, KindFit, Rank, RowDivision};
 use crate::calibration::{Error, Nominal, Prepared};
 use crate::numerics::singular;
 use crate::problem::used_by_plate;
 use crate::problem::{self, POSE_UNKNOWNS, Part};
+use crate::samples::outliers::variance_of_most;
 use crate::weighing::Loss;
 
 /// Knowledge of a combination, in units of that of its tolerance, that is none: it takes less than a millionth off the
@@ -411,12 +412,14 @@ impl<'a> Fit<'a> {
                 noise,
                 redundancy: 0.0,
                 squares: 0.0,
+                of_most: 1.0,
                 repeats: None,
             })
             .collect();
         // Under a loss, gross residuals count as little in the noise as in the fit (P. J. Huber, 1964, proposal 2).
         let tuned = self.loss.map(|loss| loss.tuned(1));
         let usual = tuned.map_or(1.0, |tuned| tuned.square_at_normal_noise());
+        let mut squares = vec![vec![]; fits.len()];
         for (block, ((rows, residuals), leverages)) in
             (self.blocks.iter().zip(&reduced.residuals).zip(leverages)).enumerate()
         {
@@ -427,11 +430,19 @@ impl<'a> Fit<'a> {
             {
                 if *weight > 0.0 {
                     fits[kind].redundancy += 1.0 - leverage;
+                    if *leverage < ABSORBED {
+                        squares[kind].push((residual * residual / (1.0 - leverage), 1.0));
+                    }
                     fits[kind].squares += match tuned {
                         Some(tuned) => (tuned.weight(residual.abs()) * residual).powi(2) / usual,
                         None => residual * residual,
                     };
                 }
+            }
+        }
+        for (fit, squares) in fits.iter_mut().zip(squares) {
+            if !squares.is_empty() {
+                fit.of_most = variance_of_most(&squares);
             }
         }
         fits

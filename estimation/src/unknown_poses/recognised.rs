@@ -321,17 +321,37 @@ impl<'a> Case<'a> {
         words::beside(rivals)
     }
 
+    /// One dimension far off with which the rows meet the stated noise, where no pose was measured and a few of its kind do
+    /// the same.
+    pub(super) fn dimension_instead(&self, given: &UnknownPoses) -> Option<Mistake> {
+        let thinned = self.division.thinned(self.folder, POSES);
+        let case = Case {
+            division: thinned.as_ref().unwrap_or(self.division),
+            ..*self
+        };
+        let dimensions = case.seen(&case.few());
+        let trials: Vec<(Squares, Trial<'_>)> = (dimensions.freed_of(self.folder))
+            .map(|trial| (Squares::NONE, trial))
+            .collect();
+        let mut fitted = case.closer(trials.iter(), &dimensions, Some(given));
+        fitted.retain(|(_, found, _)| found.is_consistent());
+        case.likeliest(fitted, &dimensions)
+    }
+
     /// Parameters that some measured poses tell of, to first order. Where less was measured of them, others do the same.
     fn dimensions(&self, few: &RowDivision) -> Dimensions {
+        if self.folder.tcp_poses.is_empty() {
+            return Dimensions::default();
+        }
+        self.seen(few)
+    }
+
+    /// Parameters that some rows tell of, to first order.
+    fn seen(&self, few: &RowDivision) -> Dimensions {
         let file = &self.file.completed(self.robot);
         let fit = Fit::new(self.robot, self.variant, file, self.folder, few);
-        let measured = fit.ok().filter(|_| !self.folder.tcp_poses.is_empty());
-        let Some(fit) = measured else {
-            return Dimensions {
-                nominal: vec![],
-                seen: vec![],
-                length_m: 0.0,
-            };
+        let Ok(fit) = fit else {
+            return Dimensions::default();
         };
         let length_m = fit.mean_length_m();
         let triangle = fit.elimination(&fit.start).reduce().triangle;

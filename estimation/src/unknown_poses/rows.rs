@@ -12,6 +12,7 @@ use tau_solver::{Block, Loss};
 use super::quantity::Measured;
 use super::tracker::{TrackerErrors, WithErrors};
 use crate::calibration::error::Error;
+use crate::numerics::order::place;
 use crate::problem::{Component, POSE_UNKNOWNS, Part};
 use crate::samples::Sample;
 use crate::weighing::LackOfFit;
@@ -123,6 +124,8 @@ pub struct KindFit {
     pub redundancy: f64,
     /// Sum of their squares over the noise.
     pub squares: f64,
+    /// Variance of most of them over that of the noise, whatever a few lie off; 1 where the fit follows all of them.
+    pub of_most: f64,
     /// Repeated readings, if there are any; of a calibration.
     pub repeats: Option<KindRepeats>,
 }
@@ -256,8 +259,8 @@ impl Rows {
         let Some(errors) = errors else {
             return Self::new(label, Arc::new(quantity), shared.collect(), kinds);
         };
-        let place = |index| used.binary_search(index).unwrap_or_default();
-        let of_errors = errors.parameters.iter().map(place);
+        let column = |index| place(used, index);
+        let of_errors = errors.parameters.iter().map(column);
         let family = WithErrors::new(Arc::new(quantity), Arc::clone(errors));
         Self {
             errors: Some(Arc::clone(errors)),

@@ -1,4 +1,7 @@
 //! Noise that is stated a thousand times too large or too small, where poses are unknown.
+//!
+//! More noise makes any residuals fit. That they are noise shows in each kind of them for itself, and in most as in all; and
+//! a dimension without which they are the stated noise goes before, for it leaves less room.
 
 use tau_robot::robot_file::{RobotFile, StatedNoise};
 
@@ -41,6 +44,9 @@ impl Case<'_> {
         let tried = all.into_iter().take(1 + usize::from(has_drives));
         let gains = tried.filter_map(|whose| Some((self.gain(whose, factor)?, whose)));
         let (_, whose) = gains.max_by(|a, b| a.0.total_cmp(&b.0))?;
+        if let Some(dimension) = self.dimension_instead(given).filter(|_| factor > 1.0) {
+            return Some(dimension);
+        }
         let whose = match whose {
             Whose::Measurements => "of the measurements (`[noise]`)",
             Whose::Drives => "of the drives (`[drives]`)",
@@ -67,9 +73,10 @@ impl Case<'_> {
             let found = case.fitted(&whose.scaled(self.file, factor), self.folder, None);
             let found = found.ok()?;
             let own = found.kinds.iter().filter(|fit| whose.is_of(fit));
-            let slope: f64 = own.map(|fit| fit.chi2() - fit.dof()).sum();
-            let is_right =
-                found.residual_over_noise().ln().abs() < STATED.ln() && is_plausible(&found);
+            let slope: f64 = own.clone().map(|fit| fit.chi2() - fit.dof()).sum();
+            let is_right = found.residual_over_noise().ln().abs() < STATED.ln()
+                && own.into_iter().all(is_noise)
+                && is_plausible(&found);
             Some((2.0 * slope, is_right))
         });
         // Of noise that is far too small, there may be no fit.
@@ -86,6 +93,14 @@ impl Case<'_> {
         }
         (gain > largest && gain > 2.0 * ODDS.ln()).then_some(gain)
     }
+}
+
+/// The residuals of a kind are noise: they are the stated one, to the factor to which it is known, and a few do not make up for
+/// most.
+fn is_noise(fit: &KindFit) -> bool {
+    let is_told = fit.dof() >= 1.0;
+    let ratio = (fit.chi2() / fit.dof()).sqrt();
+    !is_told || (ratio.ln().abs() < STATED.ln() && fit.of_most.sqrt().ln().abs() < NEARER.ln())
 }
 
 impl Whose {

@@ -13,6 +13,7 @@ use tau_runtime::{Pattern, ResidualFamily, Shape};
 use crate::calibration::error::Error;
 use crate::joint::variant::at_true_poses;
 use crate::numerics::number;
+use crate::numerics::order::place;
 use crate::samples::Sample;
 
 /// The variant that a folder with unknown poses is fitted with: closures of true poses, errors of the tracker apart.
@@ -106,8 +107,8 @@ impl TrackerErrors {
         let inputs = union(all().flat_map(|own| own.inputs.iter().copied()));
         let parameters = union(all().flat_map(|own| own.parameters.iter().copied()));
         let axes = instances.map(|instance| {
-            let datum = |input| inputs.binary_search(input).unwrap_or_default();
-            let parameter = |index| parameters.binary_search(index).unwrap_or_default();
+            let datum = |input| place(&inputs, input);
+            let parameter = |index| place(&parameters, index);
             Axis {
                 data: instance.inputs.iter().map(datum).collect(),
                 parameters: instance.parameters.iter().map(parameter).collect(),

@@ -15,9 +15,7 @@ use crate::calibration::{self, Nominal};
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
 use crate::trust::exchanged::orders;
-use crate::trust::hypothesis::{
-    Hypothesis, THOUSAND, angles, axes, commands_in_degrees, neighbour,
-};
+use crate::trust::hypothesis::{Hypothesis, UNITS, angles, axes, commands_in_degrees, neighbour};
 use crate::trust::recognise::{differ, has_sign};
 
 /// Measurements and the robot that they are of.
@@ -32,6 +30,7 @@ pub(super) struct Case<'a> {
 }
 
 /// Parameters that may be far off, of a machine with links of some length.
+#[derive(Default)]
 pub(super) struct Dimensions {
     pub(super) nominal: Vec<Nominal>,
     pub(super) seen: Vec<usize>,
@@ -99,7 +98,10 @@ impl<'a> Case<'a> {
         let of_files = files.iter().copied().chain(of_distances).flat_map(|file| {
             let shifted = [1, -1].map(Hypothesis::Shifted).into_iter();
             let is_height = file == PlateKind::Height.file();
-            let own = shifted.chain(is_height.then_some(Hypothesis::Heights));
+            let has_lengths = file != PlateKind::Reading.file();
+            let own = shifted
+                .chain(is_height.then_some(Hypothesis::Heights))
+                .chain(UNITS.into_iter().filter(move |_| has_lengths));
             own.map(move |own| (own, Some(file)))
         });
         let of_places = files.iter().filter(|file| files_of_places().contains(file));
@@ -107,15 +109,13 @@ impl<'a> Case<'a> {
             let turns = *file == TCP_POSES;
             let is_told = move |own: &Hypothesis| match own {
                 Hypothesis::Axes { turned, .. } => turns || !turned,
-                Hypothesis::Millimetres => true,
                 Hypothesis::Degrees => turns && turns_in_degrees,
                 _ => turns,
             };
-            let units = [Hypothesis::Millimetres, Hypothesis::Degrees];
             let own = axes(robot.plate)
                 .into_iter()
                 .chain(angles(robot.plate))
-                .chain(units);
+                .chain([Hypothesis::Degrees]);
             own.filter(is_told).map(|own| (own, Some(*file)))
         });
         let of_commands = scopes.iter().flat_map(|&file| {
@@ -145,15 +145,21 @@ impl<'a> Case<'a> {
             hypothesis,
             file,
         });
-        let freed = dimensions.seen.iter().map(|&parameter| Trial {
+        of_rows.chain(dimensions.freed_of(folder)).collect()
+    }
+}
+
+impl Dimensions {
+    /// Each of them set free.
+    pub(super) fn freed_of<'f>(&self, folder: &'f Folder) -> impl Iterator<Item = Trial<'f>> {
+        self.seen.iter().map(|&parameter| Trial {
             folder: Cow::Borrowed(folder),
             hypothesis: Hypothesis::Dimension {
                 parameter,
-                start: dimensions.nominal[parameter].value,
+                start: self.nominal[parameter].value,
             },
             file: None,
-        });
-        of_rows.chain(freed).collect()
+        })
     }
 }
 
@@ -181,6 +187,12 @@ fn mended(folder: &Folder, hypothesis: &Hypothesis, file: Option<&str>) -> Folde
                 row.values = other.values;
                 row.sigmas = other.sigmas;
                 row.of.clone_from(&other.of);
+            } else if let Some(other) = neighbour(&rows, place, -*by) {
+                // Of the row at the end nothing is known; what it holds was measured there.
+                row.commands_m.clone_from(&other.commands_m);
+                row.directions.clone_from(&other.directions);
+                row.conditions = other.conditions;
+                row.tensions_n.clone_from(&other.tensions_n);
             }
         }
         let poses = folder.tcp_poses.iter_mut();
@@ -189,6 +201,11 @@ fn mended(folder: &Folder, hypothesis: &Hypothesis, file: Option<&str>) -> Folde
                 pose.position_m = other.position_m;
                 pose.angles_rad = other.angles_rad;
                 pose.sigmas = other.sigmas;
+            } else if let Some(other) = neighbour(&given.tcp_poses, place, -*by) {
+                pose.commands_m.clone_from(&other.commands_m);
+                pose.directions.clone_from(&other.directions);
+                pose.conditions = other.conditions;
+                pose.tensions_n.clone_from(&other.tensions_n);
             }
         }
         return folder;
@@ -200,7 +217,9 @@ fn mended(folder: &Folder, hypothesis: &Hypothesis, file: Option<&str>) -> Folde
                 let given = row.values;
                 row.values = [0, 1, 2].map(|axis| Some(signs[axis] * given[columns[axis]]?));
             }
-            Hypothesis::Millimetres => row.values = row.values.map(|value| Some(value? / THOUSAND)),
+            Hypothesis::Unit(of_metre) => {
+                row.values = row.values.map(|value| Some(value? / of_metre));
+            }
             Hypothesis::Frame { rotation, shift } if row.kind == PlateKind::Position => {
                 let given = row.values;
                 let at = rotation * Vector3::from(given.map(Option::unwrap_or_default)) + shift;
@@ -208,6 +227,10 @@ fn mended(folder: &Folder, hypothesis: &Hypothesis, file: Option<&str>) -> Folde
             }
             own => own.mend_commands(&mut row.commands_m, row.directions.as_mut()),
         }
+    }
+    if let (Hypothesis::Unit(of_metre), true) = (hypothesis, is_meant(DISTANCES)) {
+        let rows = folder.distances.iter_mut();
+        rows.for_each(|row| row.distance_m /= of_metre);
     }
     if is_meant(TCP_POSES) {
         hypothesis.mend_poses(&mut folder.tcp_poses);

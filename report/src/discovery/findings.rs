@@ -22,8 +22,26 @@ pub(crate) fn what_errs(found: &Discovery) -> &'static str {
     }
 }
 
-/// The verdict.
+/// The verdict, with what speaks against it.
 pub(crate) fn verdict(found: &Discovery) -> String {
+    let worst = found.pulls.iter();
+    let worst = worst.max_by(|a, b| a.tolerances.abs().total_cmp(&b.tolerances.abs()));
+    let Some(worst) = worst else {
+        return status(found);
+    };
+    let others = match found.pulls.len() - 1 {
+        0 => String::new(),
+        others => format!(", and {others} more beyond chance"),
+    };
+    format!(
+        "{} Yet `{}` comes out {} tolerances from the robot file{others}: see below.",
+        status(found),
+        worst.parameter,
+        general(worst.tolerances.abs(), 2)
+    )
+}
+
+fn status(found: &Discovery) -> String {
     let errs = what_errs(found);
     let base = format!("the model {}", words::variant(&found.model, &found.base));
     let count = found.effects.len();

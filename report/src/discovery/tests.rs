@@ -2,9 +2,9 @@ use roxmltree::Document;
 use tau::discovery::PValue;
 use tau::discovery::results::{
     Ambiguous, Bin, Derived, Dimension, Discovery, ErrorOf, Estimate, Evidence, FoundEffect, Gap,
-    LeftOut, Micro, Misfit, Motion, NoiseScale, Pattern, PiecewiseTrack, Place, Quantity, Readable,
-    Reason, Rival, Separation, SerialCorrelation, Spectrum, Status, Step, Target, Treatment,
-    Unnamed, Unseen, UsedEffect, Validation, Wave, Whiteness,
+    LeftOut, Micro, Misfit, Motion, NoiseScale, Pattern, PiecewiseTrack, Place, Pull, Quantity,
+    Readable, Reason, Rival, Separation, SerialCorrelation, Spectrum, Status, Step, Target,
+    Treatment, Unnamed, Unseen, UsedEffect, Validation, Wave, Whiteness,
 };
 use tau::measurements::PoseCounts;
 use tau::robot::Architecture;
@@ -122,6 +122,7 @@ fn found() -> Discovery {
             of: ErrorOf::Position,
         },
         gross_rows: vec![],
+        pulls: vec![],
         validation_outliers: vec![],
         misfit: vec![],
         noise: vec![],
@@ -444,6 +445,15 @@ fn a_verdict_claims_no_more_than_was_found() {
     found.effects.clear();
     found.status = Status::NothingMissing;
     assert!(findings::verdict(&found).contains("nothing significant is missing"));
+    let pull = |parameter: &str, tolerances| Pull {
+        parameter: parameter.to_owned(),
+        tolerances,
+    };
+    found.pulls = vec![pull("l1.length", 6.2), pull("l2.length", -9.04)];
+    let pulled =
+        "Yet `l2.length` comes out 9.0 tolerances from the robot file, and 1 more beyond chance";
+    assert!(findings::verdict(&found).contains(pulled));
+    found.pulls.clear();
     assert!(!findings::gap(&found).contains("falls"));
     let noise = |factor| NoiseScale {
         set: 1,

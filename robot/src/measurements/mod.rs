@@ -27,6 +27,8 @@ pub struct Folder {
     pub name: String,
     /// Set 1, `tcp_poses.csv`, in file order; empty where there is none.
     pub tcp_poses: Vec<TcpPose>,
+    /// True where poses are positions of a plate that is a point, from the file of these.
+    pub has_positions_for_poses: bool,
     /// Set 2, `cart_poses.csv`, in file order; empty where there is none.
     pub cart_poses: Vec<CartPose>,
     /// Set 3, `cart_positions.csv`, in file order; empty where there is none.

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use tau_model_dsl::model::Plate;
 
-use super::{Conditions, Folder, PoseSigmas, TcpPose};
+use super::{Conditions, Folder, PoseSigmas, TCP_POSES, TcpPose};
 use crate::fingerprint;
 
 /// A kind of measurement of the plate, with a file of its own.
@@ -156,7 +156,17 @@ impl Folder {
             },
         };
         self.tcp_poses = Vec::into_iter(positions).map(pose).collect();
-        !self.tcp_poses.is_empty()
+        self.has_positions_for_poses = !self.tcp_poses.is_empty();
+        self.has_positions_for_poses
+    }
+
+    /// The file that poses stand in.
+    pub fn poses_file(&self) -> &'static str {
+        if self.has_positions_for_poses {
+            PlateKind::Position.file()
+        } else {
+            TCP_POSES
+        }
     }
 
     /// A file of what was measured of the plate, where no tracker measured any of it.

@@ -178,6 +178,7 @@ impl Folder {
         let mut folder = Self {
             name: name.to_owned(),
             tcp_poses,
+            has_positions_for_poses: false,
             cart_poses,
             cart_positions,
             plate_rows: (files.into_iter())

@@ -62,8 +62,9 @@ pub(in super::super) struct Found {
     pub(super) after: Moved,
     /// Number of unknowns of objects that nothing but these measurements determine.
     pub(super) objects: usize,
-    /// Of each parameter: the change that takes away most squares where it alone changes, and these squares.
-    pub(super) alone: Vec<(f64, f64)>,
+    /// Of each parameter that the measurements see: the change that takes away most squares where it alone changes, and these
+    /// squares.
+    pub(super) alone: Vec<Option<(f64, f64)>>,
 }
 
 impl Known {
@@ -160,13 +161,20 @@ impl Known {
         let left = reduced.projected.rows(0, width) + &reduced.triangle * &after.change;
         let slope = reduced.triangle.tr_mul(&left);
         let seen = &normal - &normal * &after.covariance * &normal;
+        // Of parameters of which nothing else is known, by the drawing's tolerances.
+        let drawn = |k: usize| fit.prepared.nominal[fit.used[k]].sigma().unwrap_or(1.0);
+        let variances = self.variances();
         let alone = (0..used).map(|k| {
-            let curvature = seen[(k, k)];
-            if curvature > ROUNDING * normal[(k, k)] {
-                (-slope[k] / curvature, slope[k].powi(2) / curvature)
+            let variance = if self.columns == 0 {
+                drawn(k).powi(2)
             } else {
-                (0.0, 0.0)
-            }
+                variances[k]
+            };
+            let curvature = seen[(k, k)];
+            // Where the column is null, slope and curvature are rounding, of which a quotient would be any number.
+            let is_seen =
+                curvature > ROUNDING * normal[(k, k)] && curvature * variance > SEEN.powi(2);
+            is_seen.then(|| (-slope[k] / curvature, slope[k].powi(2) / curvature))
         });
         Found {
             all: with_all.sum,

@@ -133,9 +133,9 @@ pub struct Moved {
     pub parameter: String,
     /// SI unit.
     pub unit: String,
-    /// Change that takes away most squares where it alone changes.
-    pub change: f64,
-    /// These squares.
+    /// Change that takes away most squares where it alone changes; `None` where the measurements see too little of it.
+    pub change: Option<f64>,
+    /// These squares; zero without a change.
     pub squares: f64,
     /// Change where all may, in standard deviations of what chance makes it.
     pub sigmas: f64,
@@ -541,13 +541,13 @@ impl Fit<'_> {
         let variances = known.variances();
         let parameters = &self.machine.variant.parameters;
         let of = |(k, &index): (usize, &usize)| {
-            let (change, squares) = found.alone[k];
+            let (change, squares) = found.alone[k].unzip();
             let by_chance = variances[k] - found.after.covariance[(k, k)];
             Moved {
                 parameter: parameters[index].name.clone(),
                 unit: parameters[index].unit.clone(),
                 change,
-                squares,
+                squares: squares.unwrap_or(0.0),
                 sigmas: if by_chance > ROUNDING * variances[k] {
                     found.after.change[k] / by_chance.sqrt()
                 } else {

@@ -90,12 +90,13 @@ impl HeldErrors {
             why.push(words::changed(squares, degrees));
             let beyond = squares - degrees;
             let first = self.moved.first();
-            if let Some(own) = first.filter(|own| own.squares > MOST * beyond) {
+            let first = first.filter(|own| own.squares > MOST * beyond);
+            if let Some((own, change)) = first.and_then(|own| Some((own, own.change?))) {
                 why.push(format!(
                     "`{}` alone would take away {}, changed by {} {}.",
                     own.parameter,
                     general(own.squares, 3),
-                    general(own.change, 2),
+                    general(change, 2),
                     own.unit
                 ));
             }

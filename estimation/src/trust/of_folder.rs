@@ -1,0 +1,89 @@
+//! Mistakes of a folder and its robot file whose poses were measured.
+
+use tau_robot::input_error::InputError;
+use tau_robot::measurements::Folder;
+use tau_robot::robot::{Robot, Variant};
+use tau_robot::robot_file::RobotFile;
+
+use crate::calibration::Error;
+use crate::trust::hypothesis::Case;
+use crate::trust::judged::Judged;
+use crate::trust::mistake::{Mistake, MistakeKind};
+use crate::trust::numbering;
+use crate::trust::recognise::{self, Recognised};
+use crate::trust::verdict::{case, plain};
+
+/// Mistakes of the input that explain why a variant does not fit the given poses; none where it does.
+///
+/// # Errors
+/// Values or columns that the variant needs are missing.
+pub fn mistakes(
+    robot: &Robot,
+    variant: &Variant,
+    file: &RobotFile,
+    folder: &Folder,
+    poses: &[usize],
+) -> Result<Vec<Mistake>, Error> {
+    Ok(looked_at((robot, variant), file, folder, poses)?.mistakes)
+}
+
+/// The same, and the misfit where none explains it.
+///
+/// # Errors
+/// As [`mistakes`].
+pub(super) fn looked_at(
+    (robot, variant): (&Robot, &Variant),
+    file: &RobotFile,
+    folder: &Folder,
+    poses: &[usize],
+) -> Result<Recognised, Error> {
+    let case = case(robot, plain(robot, variant, folder), file, folder, poses);
+    of_case(&case, None, folder)
+}
+
+/// Mistakes of a case and in how the carts of its folder are numbered. These are compared with where tracks run once
+/// other mistakes are mended: on a machine that fits none, any numbering may look right.
+pub(super) fn of_case(
+    case: &Case<'_>,
+    known: Option<&Judged>,
+    folder: &Folder,
+) -> Result<Recognised, Error> {
+    let mut found = recognise::recognised(case, known)?;
+    let mut mistakes = found.mistakes.iter();
+    if mistakes.all(|mistake| mistake.kind != MistakeKind::Carts) {
+        let machine = found.machine.as_ref();
+        let of_carts = machine.and_then(|machine| numbering::mistake(machine, folder));
+        found.mistakes.extend(of_carts);
+    }
+    found.misfit = found.misfit.filter(|_| found.mistakes.is_empty());
+    Ok(found)
+}
+
+/// Refuses measurements with a mistake that leaves nothing to be learnt from them: of set 1, or in how the carts of sets
+/// 2 and 3 are numbered. Noise, tolerances and dimensions are not refused: an effect that the model lacks looks like
+/// them.
+///
+/// # Errors
+/// The first mistake, with its mend.
+pub fn refuse(
+    (robot, variant): (&Robot, &Variant),
+    file: &RobotFile,
+    folder: &Folder,
+    poses: &[usize],
+) -> Result<(), Error> {
+    match mistakes(robot, variant, file, folder, poses)?
+        .into_iter()
+        .find(|mistake| mistake.is_absurd && mistake.is_of_measurements())
+    {
+        Some(mistake) => Err(mistake.into()),
+        None => Ok(()),
+    }
+}
+
+impl From<Mistake> for Error {
+    fn from(mistake: Mistake) -> Self {
+        InputError::whole(mistake.file, mistake.what)
+            .help(mistake.mend)
+            .into()
+    }
+}
