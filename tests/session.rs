@@ -109,6 +109,7 @@ fn poses_that_can_not_be_divided() {
     );
 }
 
+#[track_caller]
 fn refusal<T>(answer: Result<T, impl std::fmt::Display>) -> String {
     answer.err().expect("a refusal").to_string()
 }
@@ -126,7 +127,9 @@ fn verdicts_are_of_what_was_fitted() {
         assert!(told.contains(other), "{split:?}: {told}");
     }
     let mut folder = session.folder().clone();
-    folder.tcp_poses[0].position_m[0] += 1e-6;
+    for pose in &mut folder.tcp_poses {
+        pose.position_m[0] += 1e-6;
+    }
     let moved = Session::<GantryTau>::of(folder, session.robot_file().clone());
     assert!(refusal(moved.verdict(&found)).contains(other));
 
