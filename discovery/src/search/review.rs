@@ -173,7 +173,7 @@ impl Search<'_> {
 
     /// Effects that the base absorbs, beside a model: by how much each would relieve the tolerances that the base is
     /// absorbed against, and what explains it.
-    fn absorbed(&self, linear: &LinearModel) -> Vec<(Score, Subspace)> {
+    pub(super) fn absorbed(&self, linear: &LinearModel) -> Vec<(Score, Subspace)> {
         let scored = parallel::map(&self.set.absorbed, |&candidate| {
             let described = &self.set.candidates[candidate];
             let wanted = described.amplitudes();

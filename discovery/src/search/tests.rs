@@ -9,6 +9,7 @@ use tau_robot::measurements::{Division, Folder, Poses};
 use tau_robot::prototype;
 use tau_robot::robot_file::RobotFile;
 
+use super::super::candidate_set::Score;
 use super::super::{Input, Options, begun};
 use super::*;
 
@@ -178,4 +179,52 @@ fn the_misfit_is_that_of_the_estimated_noise() {
             "{more} {of_outliers}"
         );
     }
+}
+
+/// What a joint that leaves its drawing would explain is what the sum of squares loses with the rows of its tolerances.
+#[test]
+fn an_absorbed_effect_is_worth_the_tolerances_that_it_relieves() {
+    let mut case = Case::prototype();
+    let joint = case.file.links.get_mut("l1").unwrap().plate_joint.as_mut();
+    let joint = joint.unwrap();
+    joint.value[2] += 5.0 * joint.tol;
+    let input = case.input();
+    let (search, _) = begun(&input, None, &mut |_| {}).unwrap();
+    let fit = &search.state.fit;
+    let absorbed = search.absorbed(&LinearModel::of(fit));
+    let name = |score: &Score| {
+        let own = &search.set.candidates[score.candidate];
+        format!("{}({})", own.name, own.at)
+    };
+    let own = absorbed
+        .iter()
+        .find(|own| name(&own.0) == "joint_placement(l1)");
+    let (score, _) = own.expect("the base absorbs it");
+
+    let columns: Vec<usize> = (0..fit.jacobian.ncols()).collect();
+    let (mut jacobian, mut residuals) =
+        (fit.jacobian.select_columns(&columns), fit.residuals.clone());
+    for column in 0..columns.len() {
+        let parameter = &fit.joint.machine.variant.parameters[fit.joint.used[column]];
+        if parameter.name.starts_with("l1.plate_joint") {
+            let row = fit.joint.rows.len() + column;
+            jacobian.row_mut(row).fill(0.0);
+            residuals[row] = 0.0;
+        }
+    }
+    // In units in which all columns are equally long.
+    for mut column in jacobian.column_iter_mut() {
+        let length = column.norm();
+        column /= length;
+    }
+    let step = jacobian
+        .clone()
+        .svd(true, true)
+        .solve(&residuals, 1e-12)
+        .unwrap();
+    let left = (&residuals - jacobian * step).norm_squared();
+    let relieved = fit.residuals.norm_squared() - left;
+    assert!(relieved > 10.0, "{relieved}");
+    let ratio = score.statistic / relieved;
+    assert!((ratio - 1.0).abs() < 1e-3, "{} {relieved}", score.statistic);
 }

@@ -20,7 +20,7 @@ use crate::samples::frames::Frames;
 use crate::trust::numbering;
 use crate::trust::observability::{Gap, Observability, missing, observabilities};
 use crate::trust::of_folder::looked_at as of_poses;
-use crate::trust::verdict::plain;
+use crate::trust::of_folder::plain;
 use crate::trust::{mistake::Mistake, reach::Reach};
 use crate::uncertainty::Uncertainty;
 use crate::unknown_poses::{self, Rank, Recognised, RowDivision};

@@ -1,8 +1,10 @@
 //! Mistakes of a folder and its robot file whose poses were measured.
 
+use std::sync::Arc;
+
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::Folder;
-use tau_robot::robot::{Robot, Variant};
+use tau_robot::robot::{Arm, Robot, TrackShape, Variant};
 use tau_robot::robot_file::RobotFile;
 
 use crate::calibration::Error;
@@ -11,7 +13,6 @@ use crate::trust::judged::Judged;
 use crate::trust::mistake::{Mistake, MistakeKind};
 use crate::trust::numbering;
 use crate::trust::recognise::{self, Recognised};
-use crate::trust::verdict::{case, plain};
 
 /// Mistakes of the input that explain why a variant does not fit the given poses; none where it does.
 ///
@@ -78,6 +79,63 @@ pub fn refuse(
         Some(mistake) => Err(mistake.into()),
         None => Ok(()),
     }
+}
+
+/// A case of the given poses; files as read.
+pub(super) fn case<'a>(
+    robot: &'a Robot,
+    variant: &'a Variant,
+    file: &RobotFile,
+    folder: &'a Folder,
+    poses: &[usize],
+) -> Case<'a> {
+    let tcp_poses = poses.iter().filter_map(|&pose| folder.tcp_poses.get(pose));
+    let with_paths = variant
+        .tracks
+        .iter()
+        .any(|track| track.shape == TrackShape::Piecewise);
+    Case {
+        robot,
+        variant,
+        file: Arc::new(file.completed(robot)),
+        folder: Folder {
+            name: folder.name.clone(),
+            tcp_poses: tcp_poses.cloned().collect(),
+            has_positions_for_poses: folder.has_positions_for_poses,
+            cart_poses: if with_paths {
+                folder.cart_poses.clone()
+            } else {
+                vec![]
+            },
+            ..Folder::default()
+        },
+        rows: &folder.tcp_poses,
+        places: (poses.iter().copied())
+            .filter(|&pose| pose < folder.tcp_poses.len())
+            .collect(),
+        tolerances: None,
+    }
+}
+
+/// The variant by which mistakes of the input are looked for: the given one where it has all links, straight tracks and
+/// nothing else, or else the last such; where there is none, the last with all links and measured paths, if there are any.
+/// A misfit of a variant that is too simple is no mistake.
+pub(super) fn plain<'a>(robot: &'a Robot, variant: &'a Variant, folder: &Folder) -> &'a Variant {
+    let has_all_links = |variant: &&Variant| variant.arm == Arm::Full && variant.effects.is_empty();
+    let is_plain = |variant: &&Variant| {
+        let is_linear = |track: &tau_robot::robot::TrackModel| track.shape != TrackShape::Piecewise;
+        has_all_links(variant) && variant.tracks.iter().all(is_linear)
+    };
+    if is_plain(&variant) {
+        return variant;
+    }
+    let all = || robot.variants.iter().rev();
+    let with_paths = || {
+        all()
+            .find(has_all_links)
+            .filter(|_| !folder.cart_poses.is_empty())
+    };
+    all().find(is_plain).or_else(with_paths).unwrap_or(variant)
 }
 
 impl From<Mistake> for Error {

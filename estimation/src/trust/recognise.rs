@@ -112,25 +112,28 @@ impl Tried {
             || NEARER * self.misfit.ratio() < given.misfit.ratio()
     }
 
-    /// False where wider tolerances only make room for something else. A factor of a thousand is exact: with it residuals are
-    /// the stated noise and departures from nominal what such tolerances make them, each to the factor to which either is
-    /// known, and no departure is beyond chance.
+    /// False where wider tolerances only make room for something else. With them residuals are the stated noise, to the
+    /// factor to which that is known, no departure from nominal is beyond chance, and most departures are of the size of the
+    /// wider tolerances rather than of the given ones: drawings are stated with caution, and machines are better.
     fn meets_its_tolerances(&self, variant: &Variant) -> bool {
-        let Some(&Hypothesis::Tolerances { lengths_only, .. }) = self.hypothesis.as_ref() else {
+        let Some(&Hypothesis::Tolerances {
+            factor,
+            lengths_only,
+            ..
+        }) = self.hypothesis.as_ref()
+        else {
             return true;
         };
-        let is_scaled = |deviation: &&Deviation| {
-            !lengths_only || variant.parameters[deviation.parameter].unit == hypothesis::LENGTH
+        // Of what data hardly tell, departures say nothing of tolerances.
+        let is_told = |deviation: &&Deviation| {
+            let unit = &variant.parameters[deviation.parameter].unit;
+            deviation.told > 0.5 && (!lengths_only || unit == hypothesis::LENGTH)
         };
-        let (mut found, mut expected) = (0.0, 0.0);
-        for deviation in self.deviations.iter().filter(is_scaled) {
-            found += deviation.tolerances.powi(2);
-            expected += deviation.told;
-        }
-        let is_stated = |ratio: f64| ratio.ln().abs() < STATED.ln();
+        let told: Vec<&Deviation> = self.deviations.iter().filter(is_told).collect();
+        let is_wide = |own: &&&Deviation| factor * own.tolerances.powi(2) > own.told;
         let ratio = self.misfit.ratio();
-        is_stated(ratio)
-            && is_stated((found / expected).sqrt())
+        ratio.ln().abs() < STATED.ln()
+            && 2 * told.iter().filter(is_wide).count() >= told.len()
             && beyond_tolerance(&self.deviations, ratio).is_none()
     }
 }

@@ -1,9 +1,9 @@
 //! The verdict on a fit or a prediction.
 
-use std::sync::Arc;
+use std::fmt;
 
 use tau_robot::measurements::{CART_POSES, CART_POSITIONS, Folder, TcpPose};
-use tau_robot::robot::{Arm, Robot, TrackShape, Variant};
+use tau_robot::robot::Variant;
 use tau_robot::robot_file::RobotFile;
 
 use crate::calibration::{Calibration, Error, ParameterEstimate, Prepared};
@@ -15,7 +15,7 @@ use crate::problem::Component;
 use crate::trust::hypothesis::{self, Case};
 use crate::trust::judged::{Deviation, Judged, Misfit};
 use crate::trust::mistake::{Mistake, MistakeKind};
-use crate::trust::of_folder::of_case;
+use crate::trust::of_folder::{self, of_case};
 use crate::trust::reach::Reach;
 use crate::trust::recognise::{self, ITERATIONS};
 use crate::trust::{
@@ -185,61 +185,10 @@ impl Verdict {
     }
 }
 
-/// A case of the given poses; files as read.
-pub(super) fn case<'a>(
-    robot: &'a Robot,
-    variant: &'a Variant,
-    file: &RobotFile,
-    folder: &'a Folder,
-    poses: &[usize],
-) -> Case<'a> {
-    let tcp_poses = poses.iter().filter_map(|&pose| folder.tcp_poses.get(pose));
-    let with_paths = variant
-        .tracks
-        .iter()
-        .any(|track| track.shape == TrackShape::Piecewise);
-    Case {
-        robot,
-        variant,
-        file: Arc::new(file.completed(robot)),
-        folder: Folder {
-            name: folder.name.clone(),
-            tcp_poses: tcp_poses.cloned().collect(),
-            has_positions_for_poses: folder.has_positions_for_poses,
-            cart_poses: if with_paths {
-                folder.cart_poses.clone()
-            } else {
-                vec![]
-            },
-            ..Folder::default()
-        },
-        rows: &folder.tcp_poses,
-        places: (poses.iter().copied())
-            .filter(|&pose| pose < folder.tcp_poses.len())
-            .collect(),
-        tolerances: None,
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.line())
     }
-}
-
-/// The variant by which mistakes of the input are looked for: the given one where it has all links, straight tracks and
-/// nothing else, or else the last such; where there is none, the last with all links and measured paths, if there are any.
-/// A misfit of a variant that is too simple is no mistake.
-pub(super) fn plain<'a>(robot: &'a Robot, variant: &'a Variant, folder: &Folder) -> &'a Variant {
-    let has_all_links = |variant: &&Variant| variant.arm == Arm::Full && variant.effects.is_empty();
-    let is_plain = |variant: &&Variant| {
-        let is_linear = |track: &tau_robot::robot::TrackModel| track.shape != TrackShape::Piecewise;
-        has_all_links(variant) && variant.tracks.iter().all(is_linear)
-    };
-    if is_plain(&variant) {
-        return variant;
-    }
-    let all = || robot.variants.iter().rev();
-    let with_paths = || {
-        all()
-            .find(has_all_links)
-            .filter(|_| !folder.cart_poses.is_empty())
-    };
-    all().find(is_plain).or_else(with_paths).unwrap_or(variant)
 }
 
 /// The verdict on a calibration with the poses that it was made of and the robot file that it started from.
@@ -277,7 +226,7 @@ pub fn of_calibration_knowing(
     let poses = kept.as_slice();
     let spread = spread(poses.len(), MOST_POSES);
     let some: Vec<usize> = spread.iter().map(|&k| poses[k]).collect();
-    let case = case(robot, &machine.variant, file, folder, &some);
+    let case = of_folder::case(robot, &machine.variant, file, folder, &some);
     let own;
     let judged = match calibration.judged() {
         Some(known) => known,
@@ -311,12 +260,12 @@ pub fn of_calibration_knowing(
         || is_off
         || hypothesis::widest_tolerance_m(&machine.variant, nominal)
             > LARGEST_MISFIT * case.mean_length_m();
-    let plain = plain(robot, &machine.variant, folder);
+    let plain = of_folder::plain(robot, &machine.variant, folder);
     let fit = (calibration.judged())
         .filter(|_| plain.name == machine.variant.name && weighing.outliers.is_empty());
     let found = || match (suspect, known.take()) {
         (true, None) => {
-            let case = self::case(robot, plain, file, folder, poses);
+            let case = of_folder::case(robot, plain, file, folder, poses);
             of_case(&case, fit, folder).map(|found| Some(found.mistakes))
         }
         (_, found) => Ok(found),

@@ -1,7 +1,5 @@
 //! Mistakes in words, and how to mend them.
 
-use std::fmt;
-
 use nalgebra::{Rotation3, Vector3};
 use tau_robot::input_error::quoted;
 use tau_robot::measurements::{Actuator, CART_POSES, DISTANCES, PlateKind, Shape, TCP_POSES};
@@ -10,7 +8,6 @@ use tau_robot::robot::{Parameter, Plate, Robot};
 use crate::calibration::Nominal;
 use crate::trust::hypothesis::{Case, Hypothesis, THOUSAND};
 use crate::trust::mistake::{Mistake, MistakeKind};
-use crate::trust::verdict::Verdict;
 use crate::trust::{ABSURD_TOLERANCES, general};
 
 const ROBOT: &str = "robot.toml";
@@ -20,12 +17,6 @@ const ANGLES: [&str; 3] = ["alpha_rad", "beta_rad", "gamma_rad"];
 const FRAME_DIGITS: usize = 10;
 /// Rivals that are named beside the best explanation.
 const RIVALS: usize = 3;
-
-impl fmt::Display for Verdict {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.line())
-    }
-}
 
 /// The mistake that hypotheses describe, the likeliest first, each with the values of the variant under it.
 pub(crate) fn mistake(case: &Case<'_>, all: &[(&Hypothesis, &[f64])]) -> Option<Mistake> {
