@@ -366,17 +366,3 @@ fn errors_of_drives_that_turn_are_lengths() {
     assert!((5.0..40.0).contains(&floor), "{floor}");
     assert!((before / floor - 1.0).abs() < 0.3, "{before} {floor}");
 }
-
-/// A stretch that follows the tension hangs on the pull that makes it: where that is known to a seventh alone, so is the
-/// stretch.
-#[test]
-fn what_hangs_on_a_pull_is_known_no_better() {
-    let folder = tempfile::tempdir().unwrap();
-    let simulate = "tau simulate --model four_belts --random --poses 120 --noise-drives 1e-5 --payload 5 --seed 13 \
-                    --effect link_compliance(all):strain=2e-6 --out DIR/m";
-    tau_in(folder.path(), simulate).done();
-    let found = tau_in(folder.path(), "tau discover DIR/m --out DIR/f --json -").json();
-    let remarks = found["remarks"].as_array().unwrap().iter();
-    let of_pull = remarks.filter(|remark| remark.as_str().unwrap().contains("known to 14 %"));
-    assert_eq!(of_pull.count(), 1, "{:#}", found["remarks"]);
-}

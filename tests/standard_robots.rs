@@ -262,11 +262,15 @@ fn robots_are_measured_as_the_list_says() {
     let folder = tempfile::tempdir().unwrap();
     let list = tau_in(folder.path(), "tau robots").done();
     let lines: Vec<&str> = list.lines().collect();
-    let entries = lines.chunks_exact(3);
+    // What belongs to a robot is indented below its name.
+    let entries: Vec<&[&str]> = (lines.chunk_by(|_, next| next.starts_with(' '))).collect();
     assert_eq!(entries.len(), tau_generated::ROBOTS.len());
     for entry in entries {
         let name = entry[0].split_whitespace().next().unwrap();
-        let listed = entry[2].trim().strip_prefix("measured by ").unwrap();
+        let mut told = entry.iter().map(|line| line.trim());
+        let listed = told
+            .find_map(|line| line.strip_prefix("measured by "))
+            .unwrap();
         let listed: Vec<&str> = listed.split(", ").collect();
         let robot = tau_generated::ROBOTS.iter().find(|own| own.0 == name);
         let is_redundant = Robot::from(robot.unwrap().1).is_redundant();

@@ -187,7 +187,9 @@ fn an_absorbed_effect_is_worth_the_tolerances_that_it_relieves() {
     let mut case = Case::prototype();
     let joint = case.file.links.get_mut("l1").unwrap().plate_joint.as_mut();
     let joint = joint.unwrap();
-    joint.value[2] += 5.0 * joint.tol;
+    for value in &mut joint.value {
+        *value += 5.0 * joint.tol;
+    }
     let input = case.input();
     let (search, _) = begun(&input, None, &mut |_| {}).unwrap();
     let fit = &search.state.fit;
@@ -224,7 +226,7 @@ fn an_absorbed_effect_is_worth_the_tolerances_that_it_relieves() {
         .unwrap();
     let left = (&residuals - jacobian * step).norm_squared();
     let relieved = fit.residuals.norm_squared() - left;
-    assert!(relieved > 10.0, "{relieved}");
+    assert!(relieved > 1.0, "{relieved}");
     let ratio = score.statistic / relieved;
     assert!((ratio - 1.0).abs() < 1e-3, "{} {relieved}", score.statistic);
 }

@@ -33,8 +33,24 @@ pub(super) struct Look<'a> {
     dimensions: Dimensions,
     /// Of the rows as given.
     given: Squares,
-    /// Hypotheses that leave less at a few poses than the rows as given, the best first.
+    /// Number of hypotheses that were tried.
+    tried: usize,
+    /// Those that leave less at a few poses than the rows as given, the best first.
     ranked: Vec<(Squares, Trial<'a>)>,
+}
+
+impl Look<'_> {
+    /// True if one of so many hypotheses would leave as little by chance, were all of them wrong: residuals of n degrees of
+    /// freedom fall to a share s or less with the probability sⁿ. Rows that are met as given are not judged by that.
+    fn is_chance(&self, found: &UnknownPoses, given: Option<&UnknownPoses>) -> bool {
+        let share = match given {
+            Some(given) if given.is_consistent() => return false,
+            Some(given) => misfit(found, given) / given.residual_over_noise(),
+            None => found.residual_over_noise() / (self.given.sum / self.given.expected).sqrt(),
+        };
+        let (_, degrees) = found.of_stated();
+        self.tried as f64 * share.powf(degrees) > LEVEL
+    }
 }
 
 /// Squares after a few steps, tolerances among them, and their expectation.
@@ -168,7 +184,7 @@ impl<'a> Case<'a> {
             squares.are_noise() && trial.freed().is_none()
         };
         let right = look.ranked.iter().take_while(meets);
-        let fitted = case.closer(right, &look.dimensions, None);
+        let fitted = case.closer(right, &look, None);
         let fitted: Vec<_> = (fitted.into_iter())
             .filter(|(_, found, _)| found.is_consistent())
             .collect();
@@ -190,6 +206,17 @@ impl<'a> Case<'a> {
     fn look(&self, few: &RowDivision, as_given: Squares) -> Look<'a> {
         let dimensions = self.dimensions(few);
         let trials = self.trials(&dimensions);
+        self.ranked(few, as_given, dimensions, trials)
+    }
+
+    fn ranked(
+        &self,
+        few: &RowDivision,
+        as_given: Squares,
+        dimensions: Dimensions,
+        trials: Vec<Trial<'a>>,
+    ) -> Look<'a> {
+        let tried = trials.len();
         let costs = parallel::map(&trials, |trial| {
             self.cost(&trial.folder, few, dimensions.freed(trial))
         });
@@ -204,6 +231,7 @@ impl<'a> Case<'a> {
         Look {
             dimensions,
             given: as_given,
+            tried,
             ranked,
         }
     }
@@ -267,7 +295,7 @@ impl<'a> Case<'a> {
                 &own
             }
         };
-        let fitted = self.closer(look.ranked.iter(), &look.dimensions, given);
+        let fitted = self.closer(look.ranked.iter(), look, given);
         self.likeliest(fitted, &look.dimensions)
     }
 
@@ -275,9 +303,10 @@ impl<'a> Case<'a> {
     fn closer<'t>(
         &self,
         trials: impl Iterator<Item = &'t (Squares, Trial<'t>)>,
-        dimensions: &Dimensions,
+        look: &Look<'_>,
         given: Option<&UnknownPoses>,
     ) -> Vec<(f64, UnknownPoses, &'t Trial<'t>)> {
+        let dimensions = &look.dimensions;
         let trials: Vec<&Trial<'_>> = trials.map(|(_, trial)| trial).collect();
         let fitted = parallel::map(&trials, |trial| {
             let freed = dimensions.freed(trial);
@@ -300,7 +329,8 @@ impl<'a> Case<'a> {
                 let decisive = scale(&found) * 2.0 * ODDS.ln();
                 !given.is_consistent() || self::total(given) - total > decisive
             });
-            (is_near && is_likelier && is_plausible(&found)).then_some((total, found, *trial))
+            let is_told = is_near && is_likelier && !look.is_chance(&found, given);
+            (is_told && is_plausible(&found)).then_some((total, found, *trial))
         });
         fitted.into_iter().flatten().collect()
     }
@@ -329,13 +359,13 @@ impl<'a> Case<'a> {
             division: thinned.as_ref().unwrap_or(self.division),
             ..*self
         };
-        let dimensions = case.seen(&case.few());
-        let trials: Vec<(Squares, Trial<'_>)> = (dimensions.freed_of(self.folder))
-            .map(|trial| (Squares::NONE, trial))
-            .collect();
-        let mut fitted = case.closer(trials.iter(), &dimensions, Some(given));
+        let few = case.few();
+        let dimensions = case.seen(&few);
+        let trials = dimensions.freed_of(self.folder).collect();
+        let look = case.ranked(&few, Squares::NONE, dimensions, trials);
+        let mut fitted = case.closer(look.ranked.iter(), &look, Some(given));
         fitted.retain(|(_, found, _)| found.is_consistent());
-        case.likeliest(fitted, &dimensions)
+        case.likeliest(fitted, &look.dimensions)
     }
 
     /// Parameters that some measured poses tell of, to first order. Where less was measured of them, others do the same.
