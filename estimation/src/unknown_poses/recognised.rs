@@ -351,7 +351,7 @@ impl<'a> Case<'a> {
         words::beside(rivals)
     }
 
-    /// One dimension far off with which the rows meet the stated noise, where no pose was measured and a few of its kind do
+    /// One dimension far off with which the rows meet the stated noise, where no place was measured and a few of its kind do
     /// the same.
     pub(super) fn dimension_instead(&self, given: &UnknownPoses) -> Option<Mistake> {
         let thinned = self.division.thinned(self.folder, POSES);

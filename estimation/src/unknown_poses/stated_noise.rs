@@ -3,6 +3,7 @@
 //! More noise makes any residuals fit. That they are noise shows in each kind of them for itself, and in most as in all; and
 //! a dimension without which they are the stated noise goes before, for it leaves less room.
 
+use tau_robot::measurements::PlateKind;
 use tau_robot::robot_file::{RobotFile, StatedNoise};
 
 use super::UnknownPoses;
@@ -44,7 +45,11 @@ impl Case<'_> {
         let tried = all.into_iter().take(1 + usize::from(has_drives));
         let gains = tried.filter_map(|whose| Some((self.gain(whose, factor)?, whose)));
         let (_, whose) = gains.max_by(|a, b| a.0.total_cmp(&b.0))?;
-        if let Some(dimension) = self.dimension_instead(given).filter(|_| factor > 1.0) {
+        // Where a tracker measured places, these tell noise from dimensions.
+        let has_places = !self.folder.tcp_poses.is_empty()
+            || self.folder.rows_of(PlateKind::Position).next().is_some();
+        let dimension = (factor > 1.0 && !has_places).then(|| self.dimension_instead(given));
+        if let Some(dimension) = dimension.flatten() {
             return Some(dimension);
         }
         let whose = match whose {
