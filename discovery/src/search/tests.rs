@@ -181,7 +181,8 @@ fn the_misfit_is_that_of_the_estimated_noise() {
     }
 }
 
-/// What a joint that leaves its drawing would explain is what the sum of squares loses with the rows of its tolerances.
+/// What a joint that leaves its drawing would explain is most of what the sum of squares loses with the rows of its
+/// tolerances, and no more.
 #[test]
 fn an_absorbed_effect_is_worth_the_tolerances_that_it_relieves() {
     let mut case = Case::prototype();
@@ -204,29 +205,31 @@ fn an_absorbed_effect_is_worth_the_tolerances_that_it_relieves() {
     let (score, _) = own.expect("the base absorbs it");
 
     let columns: Vec<usize> = (0..fit.jacobian.ncols()).collect();
-    let (mut jacobian, mut residuals) =
-        (fit.jacobian.select_columns(&columns), fit.residuals.clone());
-    for column in 0..columns.len() {
-        let parameter = &fit.joint.machine.variant.parameters[fit.joint.used[column]];
-        if parameter.name.starts_with("l1.plate_joint") {
-            let row = fit.joint.rows.len() + column;
-            jacobian.row_mut(row).fill(0.0);
-            residuals[row] = 0.0;
+    let left = |is_relieved: &dyn Fn(&str) -> bool| {
+        let mut residuals = fit.residuals.clone();
+        let mut jacobian = fit.jacobian.select_columns(&columns);
+        for &column in &columns {
+            let parameter = &fit.joint.machine.variant.parameters[fit.joint.used[column]];
+            if is_relieved(&parameter.name) {
+                let row = fit.joint.rows.len() + column;
+                jacobian.row_mut(row).fill(0.0);
+                residuals[row] = 0.0;
+            }
         }
-    }
-    // In units in which all columns are equally long.
-    for mut column in jacobian.column_iter_mut() {
-        let length = column.norm();
-        column /= length;
-    }
-    let step = jacobian
-        .clone()
-        .svd(true, true)
-        .solve(&residuals, 1e-12)
-        .unwrap();
-    let left = (&residuals - jacobian * step).norm_squared();
-    let relieved = fit.residuals.norm_squared() - left;
+        // In units in which all columns are equally long.
+        for mut column in jacobian.column_iter_mut() {
+            let length = column.norm();
+            column /= length;
+        }
+        let step = jacobian.clone().svd(true, true).solve(&residuals, 1e-12);
+        (residuals - jacobian * step.unwrap()).norm_squared()
+    };
+    let relieved = left(&|_| false) - left(&|name| name.starts_with("l1.plate_joint"));
     assert!(relieved > 1.0, "{relieved}");
     let ratio = score.statistic / relieved;
-    assert!((ratio - 1.0).abs() < 1e-3, "{} {relieved}", score.statistic);
+    assert!(
+        (0.8..1.0 + 1e-6).contains(&ratio),
+        "{} {relieved}",
+        score.statistic
+    );
 }
