@@ -114,7 +114,7 @@ fn pulls_are_calibrated_with_the_stretch() {
     }
 }
 
-/// What pulls are off by is no error of scale.
+/// Errors of pulls are no errors of scale.
 #[test]
 fn stretch_at_rough_pulls_is_one_effect() {
     let work = belts();

@@ -139,7 +139,7 @@ fn verdicts_are_of_what_was_fitted() {
     assert!(told(vec![0, 100_000]).contains("no pose 100000"));
 }
 
-/// What no file can hold is refused in memory, too.
+/// Numbers that no file can hold are refused in memory, too.
 #[test]
 fn measurements_in_memory_are_looked_at() {
     let session = Session::<GantryTau>::open(Files::prototype()).unwrap();

@@ -262,7 +262,7 @@ fn robots_are_measured_as_the_list_says() {
     let folder = tempfile::tempdir().unwrap();
     let list = tau_in(folder.path(), "tau robots").done();
     let lines: Vec<&str> = list.lines().collect();
-    // What belongs to a robot is indented below its name.
+    // Lines that belong to a robot are indented below its name.
     let entries: Vec<&[&str]> = (lines.chunk_by(|_, next| next.starts_with(' '))).collect();
     assert_eq!(entries.len(), tau_generated::ROBOTS.len());
     for entry in entries {

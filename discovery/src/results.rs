@@ -22,7 +22,7 @@ pub use words::{Derived, Micro, Motion, Place, Quantity, Reason, Separation, Use
 pub struct Pull {
     /// Name of the parameter.
     pub parameter: String,
-    /// How far it lies from the robot file, in tolerances.
+    /// Distance from the robot file, in tolerances.
     pub tolerances: f64,
 }
 

@@ -39,7 +39,7 @@ pub struct Forces {
     /// Force of the arm on each cart (N): along its track, horizontally across it, and in the third
     /// direction; on a crank along x, y, z.
     pub loads_n: Vec<[f64; 3]>,
-    /// What each pull that is known to a tolerance has in them.
+    /// Share of each pull that is known to a tolerance.
     pub by_pull: Vec<ByPull>,
 }
 

@@ -181,7 +181,7 @@ fn the_misfit_is_that_of_the_estimated_noise() {
     }
 }
 
-/// What a joint that leaves its drawing would explain is most of what the sum of squares loses with the rows of its
+/// The worth of a joint that leaves its drawing is most of what the sum of squares loses with the rows of its
 /// tolerances, and no more.
 #[test]
 fn an_absorbed_effect_is_worth_the_tolerances_that_it_relieves() {
