@@ -396,8 +396,8 @@ pub(crate) fn commands_in_degrees(robot: &Robot) -> Option<Hypothesis> {
     (!turning.is_empty()).then_some(Hypothesis::CommandsInDegrees(turning))
 }
 
-/// Each angle counted the other way; the twelve sequences of axes, about fixed and about turning ones, and their inverses, but for what is asked for; a plate
-/// in the plane has one angle, which may be that of the inverse.
+/// Each angle counted the other way; the twelve sequences of axes, about fixed and about turning ones, and their inverses,
+/// but for what is asked for; a plate in the plane has one angle, which may be that of the inverse.
 ///
 /// The most usual come first, so that of those that mean the same rotation the best known is named.
 pub(crate) fn angles(plate: Plate) -> Vec<Hypothesis> {

@@ -43,7 +43,7 @@ const WIDEST_TOLERANCE: f64 = 0.1;
 /// Noise that is stated so many times too large is no caution any more. Where tolerances hold a fit back, noise that is
 /// stated a thousand times too large leaves a misfit of less than that.
 const CAUTIOUS: f64 = 10.0;
-/// Factor to which noise, and tolerances, are known where their unit is right.
+/// Factor to which noise is known where its unit is right.
 pub(crate) const STATED: f64 = 2.0;
 
 /// A hypothesis with its fit.
