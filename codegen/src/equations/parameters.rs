@@ -1,7 +1,7 @@
 //! The table of a variant's parameters.
 
 use tau_model_dsl::model::{
-    Arm, CrankValue, Held, LinkDefaults, Model, Place, TrackShape, Variant,
+    Arm, CrankValue, Held, LinkDefaults, Model, Place, Quantity, TrackShape, Variant,
 };
 use tau_runtime::Owner;
 
@@ -54,176 +54,27 @@ pub(super) fn uncertain_pulls(model: &Model) -> impl Iterator<Item = usize> {
     links.filter_map(|(link, own)| own.uncertain_pull().map(|_| link))
 }
 
-/// All parameters of a variant: links or clusters, shared track directions, effects, then the frames
-/// and targets of sets 2 and 3.
+/// All parameters of a variant: links or clusters, shared track directions, cranks, pulls, the robot's own, effects, then
+/// the frames and targets of sets 2 and 3.
 pub fn parameters(model: &Model, variant: &Variant) -> Vec<Parameter> {
-    let mut table = Table::default();
+    let mut table = Table {
+        model,
+        variant,
+        parameters: vec![],
+    };
     match variant.arm {
         Arm::Full => {
-            for (index, link) in model.links.iter().enumerate() {
-                let owner = Owner::Link(index);
-                let LinkDefaults {
-                    length,
-                    plate_joint,
-                    track_offset,
-                    track_direction,
-                } = &link.defaults;
-                if length.formula.is_none() {
-                    table.scalar(
-                        &link.name,
-                        owner,
-                        "length",
-                        "m",
-                        length.value.map(|v| v[0]),
-                        length.tolerance,
-                    );
-                }
-                if !model.plate.is_point() && plate_joint.formula.is_none() {
-                    table.vector(
-                        &link.name,
-                        owner,
-                        "plate_joint",
-                        "m",
-                        plate_joint.value,
-                        plate_joint.tolerance,
-                    );
-                }
-                if track_offset.formula.is_none() {
-                    table.vector(
-                        &link.name,
-                        owner,
-                        "track_offset",
-                        "m",
-                        track_offset.value,
-                        track_offset.tolerance,
-                    );
-                }
-                if let Some(track) = model.clusters[link.cluster].track
-                    && variant.tracks[track].per_link
-                    && !has_given_direction(model, variant, index)
-                {
-                    table.path(
-                        &link.name,
-                        owner,
-                        variant.tracks[track].shape,
-                        Some(track_direction),
-                    );
-                }
-            }
-            for (index, track) in model.tracks.iter().enumerate() {
-                let links = model.links_of_track(index);
-                let all_given = links
-                    .iter()
-                    .all(|&link| has_given_direction(model, variant, link));
-                if !variant.tracks[index].per_link && track.crank.is_none() && !all_given {
-                    table.path(
-                        &track.name,
-                        Owner::Track(index),
-                        variant.tracks[index].shape,
-                        None,
-                    );
-                }
-            }
+            table.links();
+            table.shared_paths();
         }
-        Arm::Reduced => {
-            for (index, cluster) in model.clusters.iter().enumerate() {
-                let owner = Owner::Cluster(index);
-                table.scalar(&cluster.name, owner, "length", "m", None, None);
-                table.vector(&cluster.name, owner, "track_offset", "m", None, None);
-                if let Some(track) = cluster.track.filter(|&track| is_rail(model, track)) {
-                    table.path(&cluster.name, owner, variant.tracks[track].shape, None);
-                }
-            }
-        }
+        Arm::Reduced => table.clusters(),
     }
-    for (index, track) in model.tracks.iter().enumerate() {
-        let Some(crank) = &track.crank else {
-            continue;
-        };
-        for value in CrankValue::ALL {
-            let quantity = crank.quantity(value);
-            if quantity.formula.is_none() {
-                table.vector(
-                    &track.name,
-                    Owner::Crank(index),
-                    value.name(),
-                    value.unit(),
-                    quantity.value,
-                    quantity.tolerance,
-                );
-            }
-        }
-    }
-    let mut used = variant.effects.iter();
-    if used.any(|used| model.effects[used.effect].reads_forces()) {
-        for pulled in uncertain_pulls(model) {
-            let link = &model.links[pulled];
-            let [value, tolerance] = link.uncertain_pull().unwrap_or_default();
-            table.scalar(
-                &link.name,
-                Owner::Link(pulled),
-                PULL,
-                "N",
-                Some(value),
-                Some(tolerance),
-            );
-        }
-    }
-    for parameter in model.parameters.iter().filter(|own| !own.exact) {
-        for component in 0..parameter.components {
-            let nominal = parameter.nominal.as_ref();
-            table.push(
-                Parameter {
-                    name: String::new(),
-                    owner: Owner::Robot,
-                    quantity: parameter.name.clone(),
-                    component: (parameter.components > 1).then_some(component),
-                    unit: parameter.dimension.si_unit(),
-                    nominal: nominal.and_then(|values| values.get(component).copied()),
-                    tolerance: parameter.tolerance,
-                    search: None,
-                },
-                "",
-            );
-        }
-    }
-    for (index, used) in variant.effects.iter().enumerate() {
-        let effect = &model.effects[used.effect];
-        let name = format!("{}({})", effect.name, places(model, used.place).join(", "));
-        let taken = effect.parameters.iter().enumerate();
-        for (_, parameter) in taken.filter(|(at, parameter)| used.takes(*at, parameter)) {
-            for component in 0..parameter.components {
-                table.push(
-                    Parameter {
-                        name: String::new(),
-                        owner: Owner::Effect(index),
-                        quantity: parameter.name.clone(),
-                        component: (parameter.components > 1).then_some(component),
-                        unit: parameter.dimension.si_unit(),
-                        nominal: Some(parameter.nominal),
-                        tolerance: parameter.tolerance,
-                        search: parameter.search,
-                    },
-                    &name,
-                );
-            }
-        }
-    }
-    for set in [2, 3] {
-        let frame = format!("set{set}");
-        table.vector(&frame, Owner::Frame(set), "translation", "m", None, None);
-        table.vector(&frame, Owner::Frame(set), "rotation", "rad", None, None);
-        let rails = model.tracks.iter().enumerate();
-        for (index, track) in rails.filter(|(_, track)| track.crank.is_none()) {
-            let owner = Owner::Target { set, track: index };
-            let target = format!("{frame}.target({})", track.name);
-            table.vector(&target, owner, "position", "m", None, None);
-            if set == 2 {
-                table.vector(&target, owner, "rotation", "rad", None, None);
-            }
-        }
-    }
-    table.infos
+    table.cranks();
+    table.pulls();
+    table.of_robot();
+    table.effects();
+    table.frames();
+    table.parameters
 }
 
 /// True if a link's direction follows from a formula, so that neither it nor its track has a parameter of it.
@@ -251,94 +102,226 @@ pub fn places(model: &Model, place: Place) -> Vec<String> {
     }
 }
 
-#[derive(Default)]
-struct Table {
-    infos: Vec<Parameter>,
+/// A scalar or a vector, listed by its components.
+struct Entry<'a> {
+    /// Its owner's name; empty for the robot.
+    of: &'a str,
+    owner: Owner,
+    quantity: &'a str,
+    unit: &'a str,
+    components: usize,
+    nominal: Option<&'a [f64]>,
+    tolerance: Option<f64>,
+    search: Option<(f64, f64)>,
 }
 
-impl Table {
-    fn push(&mut self, mut info: Parameter, of: &str) {
-        info.name = if of.is_empty() {
-            info.quantity.clone()
-        } else {
-            format!("{of}.{}", info.quantity)
-        };
-        if let Some(component) = info.component {
-            info.name.push_str([".x", ".y", ".z"][component]);
-        }
-        self.infos.push(info);
-    }
-
-    fn scalar(
-        &mut self,
-        of: &str,
-        owner: Owner,
-        quantity: &str,
-        unit: &str,
-        nominal: Option<f64>,
-        tolerance: Option<f64>,
-    ) {
-        self.push(
-            Parameter {
-                name: String::new(),
-                owner,
-                quantity: quantity.into(),
-                component: None,
-                unit: unit.into(),
-                nominal,
-                tolerance,
-                search: None,
-            },
+impl<'a> Entry<'a> {
+    /// One that the description says nothing of.
+    fn unknown(of: &'a str, owner: Owner, (quantity, unit): (&'a str, &'a str), n: usize) -> Self {
+        Self {
             of,
-        );
-    }
-
-    fn vector(
-        &mut self,
-        of: &str,
-        owner: Owner,
-        quantity: &str,
-        unit: &str,
-        nominal: Option<[f64; 3]>,
-        tolerance: Option<f64>,
-    ) {
-        for component in 0..3 {
-            self.push(
-                Parameter {
-                    name: String::new(),
-                    owner,
-                    quantity: quantity.into(),
-                    component: Some(component),
-                    unit: unit.into(),
-                    nominal: nominal.map(|value| value[component]),
-                    tolerance,
-                    search: None,
-                },
-                of,
-            );
+            owner,
+            quantity,
+            unit,
+            components: n,
+            nominal: None,
+            tolerance: None,
+            search: None,
         }
     }
 
-    fn path(
-        &mut self,
-        of: &str,
-        owner: Owner,
-        shape: TrackShape,
-        direction: Option<&tau_model_dsl::model::Quantity<3>>,
-    ) {
+    fn known<const N: usize>(self, quantity: &'a Quantity<N>) -> Self {
+        Self {
+            nominal: quantity.value.as_ref().map(<[f64; N]>::as_slice),
+            tolerance: quantity.tolerance,
+            ..self
+        }
+    }
+}
+
+struct Table<'a> {
+    model: &'a Model,
+    variant: &'a Variant,
+    parameters: Vec<Parameter>,
+}
+
+impl Table<'_> {
+    fn push(&mut self, entry: &Entry<'_>) {
+        let Entry { of, quantity, .. } = entry;
+        for component in 0..entry.components {
+            let component = (entry.components > 1).then_some(component);
+            let point = if of.is_empty() { "" } else { "." };
+            let axis = component.map_or("", |component| [".x", ".y", ".z"][component]);
+            let at = component.unwrap_or(0);
+            self.parameters.push(Parameter {
+                name: format!("{of}{point}{quantity}{axis}"),
+                owner: entry.owner,
+                quantity: (*quantity).to_owned(),
+                component,
+                unit: entry.unit.to_owned(),
+                nominal: entry.nominal.and_then(|values| values.get(at).copied()),
+                tolerance: entry.tolerance,
+                search: entry.search,
+            });
+        }
+    }
+
+    /// A path of a track, of which a link may know the direction.
+    fn path(&mut self, of: &str, owner: Owner, shape: TrackShape, direction: Option<&Quantity<3>>) {
         match shape {
-            TrackShape::Linear => self.vector(
-                of,
-                owner,
-                "track_direction",
-                "1",
-                direction.and_then(|d| d.value),
-                direction.and_then(|d| d.tolerance),
-            ),
-            TrackShape::Piecewise => {
-                self.vector(of, owner, "track_rotation", "rad", Some([0.0; 3]), None);
+            TrackShape::Linear => {
+                let entry = Entry::unknown(of, owner, ("track_direction", "1"), 3);
+                self.push(&match direction {
+                    Some(direction) => entry.known(direction),
+                    None => entry,
+                });
             }
+            TrackShape::Piecewise => self.push(&Entry {
+                nominal: Some(&[0.0; 3]),
+                ..Entry::unknown(of, owner, ("track_rotation", "rad"), 3)
+            }),
             TrackShape::Crank => {}
+        }
+    }
+
+    fn links(&mut self) {
+        let Self { model, variant, .. } = *self;
+        for (index, link) in model.links.iter().enumerate() {
+            let owner = Owner::Link(index);
+            let entry = |quantity, n| Entry::unknown(&link.name, owner, (quantity, "m"), n);
+            let LinkDefaults {
+                length,
+                plate_joint,
+                track_offset,
+                track_direction,
+            } = &link.defaults;
+            if length.formula.is_none() {
+                self.push(&entry("length", 1).known(length));
+            }
+            if !model.plate.is_point() && plate_joint.formula.is_none() {
+                self.push(&entry("plate_joint", 3).known(plate_joint));
+            }
+            if track_offset.formula.is_none() {
+                self.push(&entry("track_offset", 3).known(track_offset));
+            }
+            if let Some(track) = model.clusters[link.cluster].track
+                && variant.tracks[track].per_link
+                && !has_given_direction(model, variant, index)
+            {
+                let shape = variant.tracks[track].shape;
+                self.path(&link.name, owner, shape, Some(track_direction));
+            }
+        }
+    }
+
+    /// Paths of tracks that all their links share.
+    fn shared_paths(&mut self) {
+        let Self { model, variant, .. } = *self;
+        for (index, track) in model.tracks.iter().enumerate() {
+            let links = model.links_of_track(index);
+            let mut links = links.iter();
+            let all_given = links.all(|&link| has_given_direction(model, variant, link));
+            if !variant.tracks[index].per_link && is_rail(model, index) && !all_given {
+                let shape = variant.tracks[index].shape;
+                self.path(&track.name, Owner::Track(index), shape, None);
+            }
+        }
+    }
+
+    fn clusters(&mut self) {
+        let Self { model, variant, .. } = *self;
+        for (index, cluster) in model.clusters.iter().enumerate() {
+            let owner = Owner::Cluster(index);
+            let entry = |quantity, n| Entry::unknown(&cluster.name, owner, (quantity, "m"), n);
+            self.push(&entry("length", 1));
+            self.push(&entry("track_offset", 3));
+            if let Some(track) = cluster.track.filter(|&track| is_rail(model, track)) {
+                self.path(&cluster.name, owner, variant.tracks[track].shape, None);
+            }
+        }
+    }
+
+    fn cranks(&mut self) {
+        for (index, track) in self.model.tracks.iter().enumerate() {
+            let Some(crank) = &track.crank else {
+                continue;
+            };
+            for value in CrankValue::ALL {
+                let quantity = crank.quantity(value);
+                if quantity.formula.is_none() {
+                    let named = (value.name(), value.unit());
+                    let entry = Entry::unknown(&track.name, Owner::Crank(index), named, 3);
+                    self.push(&entry.known(quantity));
+                }
+            }
+        }
+    }
+
+    fn pulls(&mut self) {
+        let Self { model, variant, .. } = *self;
+        let mut used = variant.effects.iter();
+        if !used.any(|used| model.effects[used.effect].reads_forces()) {
+            return;
+        }
+        for pulled in uncertain_pulls(model) {
+            let link = &model.links[pulled];
+            let [value, tolerance] = link.uncertain_pull().unwrap_or_default();
+            self.push(&Entry {
+                nominal: Some(&[value]),
+                tolerance: Some(tolerance),
+                ..Entry::unknown(&link.name, Owner::Link(pulled), (PULL, "N"), 1)
+            });
+        }
+    }
+
+    fn of_robot(&mut self) {
+        for parameter in self.model.parameters.iter().filter(|own| !own.exact) {
+            let unit = parameter.dimension.si_unit();
+            let named = (parameter.name.as_str(), unit.as_str());
+            self.push(&Entry {
+                nominal: parameter.nominal.as_deref(),
+                tolerance: parameter.tolerance,
+                ..Entry::unknown("", Owner::Robot, named, parameter.components)
+            });
+        }
+    }
+
+    fn effects(&mut self) {
+        let Self { model, variant, .. } = *self;
+        for (index, used) in variant.effects.iter().enumerate() {
+            let effect = &model.effects[used.effect];
+            let name = format!("{}({})", effect.name, places(model, used.place).join(", "));
+            let parameters = effect.parameters.iter().enumerate();
+            for (_, parameter) in parameters.filter(|(at, parameter)| used.takes(*at, parameter)) {
+                let unit = parameter.dimension.si_unit();
+                let named = (parameter.name.as_str(), unit.as_str());
+                self.push(&Entry {
+                    nominal: Some(&[parameter.nominal; 3]),
+                    tolerance: parameter.tolerance,
+                    search: parameter.search,
+                    ..Entry::unknown(&name, Owner::Effect(index), named, parameter.components)
+                });
+            }
+        }
+    }
+
+    /// Frames and targets of sets 2 and 3.
+    fn frames(&mut self) {
+        let model = self.model;
+        for set in [2, 3] {
+            let frame = format!("set{set}");
+            let owner = Owner::Frame(set);
+            self.push(&Entry::unknown(&frame, owner, ("translation", "m"), 3));
+            self.push(&Entry::unknown(&frame, owner, ("rotation", "rad"), 3));
+            let rails = model.tracks.iter().enumerate();
+            for (index, track) in rails.filter(|(index, _)| is_rail(model, *index)) {
+                let owner = Owner::Target { set, track: index };
+                let target = format!("{frame}.target({})", track.name);
+                self.push(&Entry::unknown(&target, owner, ("position", "m"), 3));
+                if set == 2 {
+                    self.push(&Entry::unknown(&target, owner, ("rotation", "rad"), 3));
+                }
+            }
         }
     }
 }

@@ -106,6 +106,10 @@ impl Check {
     }
 }
 
+/// Why a variant can't be calibrated that no fit reaches, though its rows determine it.
+const WITHOUT_FIT: &str = "no calibration from these values converges, and no mistake that was tried explains it: look for columns, \
+    units or dimensions that are far off";
+
 /// Looks at the measurements of a robot: `variants` are those that are asked for, `catalogue` holds effects in the
 /// language. The poses of `division` calibrate, or, where poses are unknown, the rows of the other.
 ///
@@ -130,6 +134,7 @@ pub fn check(
             Ok(Recognised {
                 mistakes: found.mistakes,
                 misfit: found.misfit,
+                is_without_fit: found.is_without_fit,
                 ..Recognised::default()
             })
         }
@@ -143,8 +148,12 @@ pub fn check(
     let mut checked: Vec<Checked> = (variants.iter())
         .map(|variant| checked(robot, variant, file, folder, (&division.calibration, rows)))
         .collect();
-    for own in &mut checked {
-        own.why_not = own.why_not.take().or(found.another_machine.clone());
+    for (own, variant) in checked.iter_mut().zip(variants) {
+        let is_without_fit = found.is_without_fit
+            && looked_at.is_some_and(|looked_at| looked_at.name == variant.name);
+        let without_fit = is_without_fit.then(|| WITHOUT_FIT.to_owned());
+        let why_not = own.why_not.take().or(found.another_machine.clone());
+        own.why_not = why_not.or(without_fit);
     }
     let drawn = (variants.first())
         .and_then(|variant| Prepared::new(robot, variant, file, Some(folder), &[]).ok());

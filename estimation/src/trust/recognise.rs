@@ -162,6 +162,8 @@ pub(crate) struct Recognised {
     pub(crate) machine: Option<Machine>,
     /// Residuals over the noise, where they exceed it significantly and nothing explains it.
     pub(crate) misfit: Option<f64>,
+    /// True where nothing fits and nothing explains it.
+    pub(crate) is_without_fit: bool,
 }
 
 /// The likeliest explanation of a misfit; none where there is no misfit.
@@ -203,7 +205,7 @@ pub(crate) fn recognised(case: &Case<'_>, known: Option<&Judged>) -> Result<Reco
         return Ok(Recognised {
             mistakes: vec![mistake],
             machine: as_given(&thinned, given.as_ref(), judged.as_deref()),
-            misfit: None,
+            ..Recognised::default()
         });
     }
     let by_noise = |case: &Case<'_>, given: Option<&Tried>, judged: Option<&Judged>| Recognised {
@@ -212,7 +214,7 @@ pub(crate) fn recognised(case: &Case<'_>, known: Option<&Judged>) -> Result<Reco
             .into_iter()
             .collect(),
         machine: as_given(case, given, judged),
-        misfit: None,
+        ..Recognised::default()
     };
     let is_fine = given.as_ref().is_some_and(|given| {
         !is_beyond_noise(&given.misfit) && beyond_tolerance(&given.deviations, 1.0).is_none()
@@ -273,13 +275,14 @@ pub(crate) fn recognised(case: &Case<'_>, known: Option<&Judged>) -> Result<Reco
         return Ok(Recognised {
             mistakes: described(&thinned, &rivals).into_iter().collect(),
             machine: best.machine(&thinned),
-            misfit: None,
+            ..Recognised::default()
         });
     }
     Ok(Recognised {
         misfit: (given.as_ref())
             .filter(|given| is_beyond_noise(&given.misfit))
             .map(|given| given.misfit.ratio()),
+        is_without_fit: given.is_none(),
         ..by_noise(&thinned, given.as_ref(), judged.as_deref())
     })
 }

@@ -53,50 +53,10 @@ pub(super) fn kinds_of_noise(
     file: &RobotFile,
     machine: &Machine,
 ) -> Result<Vec<Kind>, Error> {
+    let noise = Stated(file);
     let mut kinds = vec![];
-    let source = &file.source;
-    let unstated = |file: &str, key: &str| {
-        let message = format!("nothing states the noise of {file}");
-        InputError::whole(source, message).help(format!("add {key}, or \"estimate\""))
-    };
-    let robot_file = file;
-    let default = file.noise;
-    let first_guess = |stated: StatedNoise| match stated {
-        StatedNoise::Known(sigma) => sigma,
-        StatedNoise::Estimate if default.position_m.is_finite() => default.position_m,
-        StatedNoise::Estimate => FIRST_GUESS_M,
-    };
-    let length = |file: &'static str, quantity: &'static str, key: &str| {
-        let section = file.trim_end_matches(".csv");
-        let stated = robot_file.noise_of(file);
-        let stated =
-            stated.ok_or_else(|| unstated(file, &format!("`[noise.{section}]` with `{key}`")))?;
-        Ok::<Kind, InputError>(Kind {
-            file,
-            quantity,
-            unit: "m",
-            stated: Some(stated),
-            sigma: first_guess(stated),
-        })
-    };
     if !folder.tcp_poses.is_empty() {
-        let noise = default;
-        if !(noise.position_m.is_finite() && noise.rotation_rad.is_finite()) {
-            let keys = "`position_m` and `rotation_rad` to `[noise]`";
-            return Err(unstated(TCP_POSES, keys).into());
-        }
-        for (quantity, unit, sigma) in [
-            ("position", "m", noise.position_m),
-            ("rotation", "rad", noise.rotation_rad),
-        ] {
-            kinds.push(Kind {
-                file: TCP_POSES,
-                quantity,
-                unit,
-                stated: Some(StatedNoise::Known(sigma)),
-                sigma,
-            });
-        }
+        kinds.extend(noise.of_poses()?);
     }
     for (kind, quantity, key) in [
         (PlateKind::Position, "position", "position_m"),
@@ -106,81 +66,138 @@ pub(super) fn kinds_of_noise(
         if folder.rows_of(kind).next().is_none() {
             continue;
         }
-        let axes = robot_file
-            .noise_of_axes()
-            .filter(|_| kind == PlateKind::Position);
-        let Some(axes) = axes else {
-            kinds.push(length(kind.file(), quantity, key)?);
-            continue;
-        };
-        for ((axis, column), stated) in AXES.into_iter().zip(kind.columns()).zip(axes) {
-            let missing = || {
-                unstated(
-                    kind.file(),
-                    &format!("`{column}` to `[noise.tcp_positions]`"),
-                )
-            };
-            let stated = stated.ok_or_else(missing)?;
-            kinds.push(Kind {
-                file: kind.file(),
-                quantity: axis,
-                unit: "m",
-                stated: Some(stated),
-                sigma: first_guess(stated),
-            });
+        match file.noise_of_axes().filter(|_| kind == PlateKind::Position) {
+            Some(axes) => kinds.extend(noise.of_axes(axes)?),
+            None => kinds.push(noise.of_lengths(kind.file(), quantity, key)?),
         }
     }
     if !folder.distances.is_empty() {
-        kinds.push(length(DISTANCES, "distance", "distance_m")?);
+        kinds.push(noise.of_lengths(DISTANCES, "distance", "distance_m")?);
     }
-    let drives: Vec<Option<StatedNoise>> = (0..machine.robot.commands)
-        .map(|command| file.noise_of_drive(command))
-        .collect();
-    let is_estimated = drives.contains(&Some(StatedNoise::Estimate));
-    let are_exact = drives.iter().all(Option::is_none);
-    if let Some(stated) = file.noise_of_links() {
-        if !are_exact {
-            let message = "both `[drives]` and `[noise.links]` state the noise of a link's length";
-            let error = InputError::whole(source, message);
-            return Err(error.help("keep the one that scatters more").into());
-        }
-        kinds.push(Kind {
-            file: LINKS,
-            quantity: "length",
-            unit: "m",
-            stated: Some(stated),
-            sigma: first_guess(stated),
-        });
-        return Ok(kinds);
-    }
-    if kinds.is_empty() && are_exact {
-        let message = "nothing states the noise of the drives, and nothing else was measured";
-        let error = InputError::whole(source, message);
-        return Err(error.help("add `[drives]` with `noise_m`").into());
-    }
-    // Closures of exact drives hold to a share of what lengths are measured to.
-    let least = |kinds: &[Kind]| {
-        let lengths = kinds.iter().filter(|kind| kind.unit == "m");
-        lengths.map(|kind| kind.sigma).fold(f64::INFINITY, f64::min)
-    };
-    let (stated, sigma) = if are_exact {
-        (None, CLOSURE_SHARE * least(&kinds))
-    } else if is_estimated {
-        (Some(StatedNoise::Estimate), FIRST_GUESS_M)
-    } else {
-        let usual = usual_drive(file, machine.robot.commands);
-        (Some(StatedNoise::Known(usual)), usual)
-    };
-    // Closures of exact drives are lengths, whatever the drives do.
-    let turn = (0..machine.robot.commands).all(|command| machine.robot.is_angle(command));
-    kinds.push(Kind {
-        file: DRIVES,
-        quantity: "closure",
-        unit: if turn && !are_exact { "rad" } else { "m" },
-        stated,
-        sigma,
-    });
+    kinds.push(noise.of_drives(machine, &kinds)?);
     Ok(kinds)
+}
+
+/// The noise that a robot file states.
+struct Stated<'a>(&'a RobotFile);
+
+impl Stated<'_> {
+    fn refused(&self, message: impl Into<String>, help: impl Into<String>) -> InputError {
+        InputError::whole(&self.0.source, message).help(help)
+    }
+
+    fn unstated(&self, file: &str, key: &str) -> InputError {
+        self.refused(
+            format!("nothing states the noise of {file}"),
+            format!("add {key}, or \"estimate\""),
+        )
+    }
+
+    fn kind(
+        &self,
+        (file, quantity): (&'static str, &'static str),
+        unit: &'static str,
+        stated: StatedNoise,
+    ) -> Kind {
+        let usual = self.0.noise.position_m;
+        let sigma = match stated {
+            StatedNoise::Known(sigma) => sigma,
+            StatedNoise::Estimate if usual.is_finite() => usual,
+            StatedNoise::Estimate => FIRST_GUESS_M,
+        };
+        Kind {
+            file,
+            quantity,
+            unit,
+            stated: Some(stated),
+            sigma,
+        }
+    }
+
+    fn of_poses(&self) -> Result<[Kind; 2], InputError> {
+        let noise = self.0.noise;
+        let of = [
+            ("position", "m", noise.position_m),
+            ("rotation", "rad", noise.rotation_rad),
+        ];
+        if of.iter().any(|(.., sigma)| !sigma.is_finite()) {
+            let keys = "`position_m` and `rotation_rad` to `[noise]`";
+            return Err(self.unstated(TCP_POSES, keys));
+        }
+        Ok(of.map(|(quantity, unit, sigma)| {
+            self.kind((TCP_POSES, quantity), unit, StatedNoise::Known(sigma))
+        }))
+    }
+
+    fn of_lengths(
+        &self,
+        file: &'static str,
+        quantity: &'static str,
+        key: &str,
+    ) -> Result<Kind, InputError> {
+        let section = file.trim_end_matches(".csv");
+        let missing = || self.unstated(file, &format!("`[noise.{section}]` with `{key}`"));
+        let stated = self.0.noise_of(file).ok_or_else(missing)?;
+        Ok(self.kind((file, quantity), "m", stated))
+    }
+
+    /// Of positions, axis by axis.
+    fn of_axes(&self, axes: [Option<StatedNoise>; 3]) -> Result<Vec<Kind>, InputError> {
+        let of = PlateKind::Position;
+        let named = AXES.into_iter().zip(of.columns()).zip(axes);
+        let kinds = named.map(|((axis, column), stated)| {
+            let key = || format!("`{column}` to `[noise.tcp_positions]`");
+            let stated = stated.ok_or_else(|| self.unstated(of.file(), &key()))?;
+            Ok(self.kind((of.file(), axis), "m", stated))
+        });
+        kinds.collect()
+    }
+
+    /// Of drives or of the links' lengths beside what else was measured. Closures of exact drives hold to a share of what
+    /// lengths are measured to.
+    fn of_drives(&self, machine: &Machine, others: &[Kind]) -> Result<Kind, InputError> {
+        let commands = 0..machine.robot.commands;
+        let drives: Vec<Option<StatedNoise>> = (commands.clone())
+            .map(|command| self.0.noise_of_drive(command))
+            .collect();
+        let are_exact = drives.iter().all(Option::is_none);
+        if let Some(stated) = self.0.noise_of_links() {
+            if !are_exact {
+                return Err(self.refused(
+                    "both `[drives]` and `[noise.links]` state the noise of a link's length",
+                    "keep the one that scatters more",
+                ));
+            }
+            return Ok(self.kind((LINKS, "length"), "m", stated));
+        }
+        if others.is_empty() && are_exact {
+            return Err(self.refused(
+                "nothing states the noise of the drives, and nothing else was measured",
+                "add `[drives]` with `noise_m`",
+            ));
+        }
+        let (stated, sigma) = if are_exact {
+            let lengths = others.iter().filter(|kind| kind.unit == "m");
+            let least = lengths.map(|kind| kind.sigma).fold(f64::INFINITY, f64::min);
+            (None, CLOSURE_SHARE * least)
+        } else if drives.contains(&Some(StatedNoise::Estimate)) {
+            (Some(StatedNoise::Estimate), FIRST_GUESS_M)
+        } else {
+            let usual = usual_drive(self.0, machine.robot.commands);
+            (Some(StatedNoise::Known(usual)), usual)
+        };
+        // Closures of exact drives are lengths, whatever the drives do.
+        let turn = commands
+            .clone()
+            .all(|command| machine.robot.is_angle(command));
+        Ok(Kind {
+            file: DRIVES,
+            quantity: "closure",
+            unit: if turn && !are_exact { "rad" } else { "m" },
+            stated,
+            sigma,
+        })
+    }
 }
 
 /// Kinds of residuals of carts, in the order of their [components](Component).

@@ -80,6 +80,8 @@ pub struct Recognised {
     pub another_machine: Option<String>,
     /// Residuals over the stated noise, where they exceed it significantly and no mistake explains it.
     pub misfit: Option<f64>,
+    /// True where nothing fits and no mistake explains it.
+    pub is_without_fit: bool,
 }
 
 /// Mistakes in the rows of a folder that explain why a variant does not fit: none where it does, and none where it
@@ -149,12 +151,14 @@ pub fn recognised(
             let misfit = fitted
                 .filter(is_missed)
                 .map(UnknownPoses::residual_over_noise);
+            let has_fit = fitted.is_some();
             mistakes.extend(found.into_iter().flat_map(|found| found.mistakes));
             let is_explained = !mistakes.is_empty();
             Ok(Recognised {
                 mistakes,
                 another_machine: another_machine.filter(|_| !is_explained),
                 misfit: misfit.filter(|_| !is_explained),
+                is_without_fit: !has_fit && !is_explained,
             })
         }
         // A mistake may be the reason of a refusal before the fit.

@@ -160,118 +160,43 @@ impl UnknownPoses {
 
     /// Residuals against noise and parameters against tolerances.
     pub fn verdict(&self) -> Verdict {
-        let (chi2, dof) = self.of_stated();
-        let ratio = (chi2 / dof.max(1e-9)).sqrt();
-        let mut why = vec![];
-        let mut status = Status::Consistent;
-        if self.is_consistent() {
-            if dof > 0.0 {
-                let is_too_small = chi2_survival(chi2, dof) > 1.0 - LEVEL;
-                why.push(format!(
-                    "Residuals are {} times their noise{}, {} of them beyond what the fit absorbs.",
-                    general(ratio, 3),
-                    if is_too_small {
-                        ", which is stated too large"
-                    } else {
-                        ""
-                    },
-                    general(dof, 3)
-                ));
-            }
-            // Noise that was estimated from residuals holds what the model misses.
-            let is_missed = |fit: &KindFit| fit.kind.is_estimated() && self.lacks_fit(fit);
-            if self.kinds.iter().any(is_missed) {
-                status = Status::Inconsistent;
+        // Noise that was estimated from residuals holds what the model misses.
+        let is_missed = |fit: &KindFit| fit.kind.is_estimated() && self.lacks_fit(fit);
+        let (is_consistent, mut why) = if self.is_consistent() {
+            let is_missed = self.kinds.iter().any(is_missed);
+            let mut why: Vec<String> = self.ratio_to_noise().into_iter().collect();
+            if is_missed {
                 why.extend(self.causes(Kind::is_estimated));
             }
+            (!is_missed, why)
         } else {
-            status = Status::Inconsistent;
-            let noisy_kinds = self.kinds.iter().filter(|fit| fit.is_tested()).count();
-            let causes = self.causes(|_| true);
-            why.push(if causes.is_empty() {
-                format!(
-                    "Residuals are {} times the stated noise: the model lacks something, or the noise is larger.",
-                    general(ratio, 3)
-                )
-            } else {
-                format!("Residuals are {} times the stated noise.", general(ratio, 3))
-            });
-            let beyond: Vec<String> = (self.beyond_noise().into_iter())
-                .filter_map(|fit| {
-                    let ratio = general(fit.residual_over_noise()?, 3);
-                    Some(format!("{} {ratio} times", fit.kind.words()))
-                })
-                .collect();
-            if noisy_kinds > 1 && !beyond.is_empty() {
-                why.push(format!("Beyond chance are those of {}.", beyond.join(", ")));
-            }
-            why.extend(causes);
-            if self.widened > 1.0 {
-                why.push(format!(
-                    "At that noise what is missed would drive parameters beyond their tolerances: they are those at {} times \
-                     that noise, where tolerances hold them.",
-                    general(self.widened, 3)
-                ));
-            }
-            if self.rank.net_rows() == self.rank.factors() + 1 {
-                why.push(
-                    "One residual is left beyond the factors: every effect would explain it as well as any other; measure \
-                     more poses to tell what the model lacks."
-                        .to_owned(),
-                );
-            }
-        }
+            (false, self.misfit_in_words())
+        };
         if !self.is_settled {
             why.push(format!(
                 "Poses, noise or the rows that take part still changed after {ROUNDS} rounds of fit and weights."
             ));
         }
         let pulls = Pull::largest(self.pulls());
-        if let Some(pull) = pulls
+        let far = pulls
             .first()
-            .filter(|pull| pull.tolerances.abs() > FAR_PULL)
-        {
-            status = Status::Inconsistent;
+            .filter(|pull| pull.tolerances.abs() > FAR_PULL);
+        if let Some(pull) = far {
             why.push(format!(
                 "`{}` lies {} tolerances off its nominal value.",
                 pull.parameter,
                 general(pull.tolerances.abs(), 2)
             ));
         }
-        for kind in self.kinds.iter().filter(|kind| kind.kind.is_estimated()) {
-            let own = kind.kind.words();
-            let Kind { unit, sigma, .. } = kind.kind;
-            why.push(match kind.residual_over_noise() {
-                Some(_) => format!(
-                    "The noise of {own} was estimated: {} {unit}; {}.",
-                    general(sigma, 2),
-                    if kind.repeats.is_some_and(|own| own.lack_of_fit.is_some()) {
-                        "of the model its repeated readings tell, not the size of its residuals"
-                    } else {
-                        ESTIMATED_FROM_RESIDUALS
-                    }
-                ),
-                None => {
-                    format!("The noise of {own} could not be estimated: the fit follows its rows.")
-                }
-            });
-        }
-        let missed = self.kinds.iter().map(|kind| &kind.kind);
-        let missed = missed.filter(|kind| kind.is_of_carts() && kind.excess() > 1.0);
-        let missed: Vec<String> = missed
-            .map(|kind| {
-                let times = general(kind.excess(), 2);
-                format!("{}s in {} {times} times", kind.quantity, kind.file)
-            })
-            .collect();
-        if !missed.is_empty() {
-            why.push(format!(
-                "Carts miss their stated noise, and count that much less: {}.",
-                missed.join(", ")
-            ));
-        }
-        let repeatability = self.kinds.iter().filter_map(Self::repeatability);
-        why.extend(repeatability);
+        let status = if is_consistent && far.is_none() {
+            Status::Consistent
+        } else {
+            Status::Inconsistent
+        };
+        let estimated = self.kinds.iter().filter(|fit| fit.kind.is_estimated());
+        why.extend(estimated.map(estimated_noise));
+        why.extend(self.misses_of_carts());
+        why.extend(self.kinds.iter().filter_map(Self::repeatability));
         let kinds = self.kinds.iter().filter(|kind| kind.is_listed());
         let mut verdict = Verdict {
             status,
@@ -310,4 +235,96 @@ impl UnknownPoses {
         }
         verdict
     }
+
+    /// Residuals over the noise that they meet; `None` where the fit follows its rows.
+    fn ratio_to_noise(&self) -> Option<String> {
+        let (chi2, dof) = self.of_stated();
+        let is_too_large = chi2_survival(chi2, dof) > 1.0 - LEVEL;
+        (dof > 0.0).then(|| {
+            format!(
+                "Residuals are {} times their noise{}, {} of them beyond what the fit absorbs.",
+                general((chi2 / dof).sqrt(), 3),
+                if is_too_large {
+                    ", which is stated too large"
+                } else {
+                    ""
+                },
+                general(dof, 3)
+            )
+        })
+    }
+
+    /// Sentences on residuals that exceed the stated noise.
+    fn misfit_in_words(&self) -> Vec<String> {
+        let (chi2, dof) = self.of_stated();
+        let ratio = general((chi2 / dof.max(1e-9)).sqrt(), 3);
+        let noisy_kinds = self.kinds.iter().filter(|fit| fit.is_tested()).count();
+        let causes = self.causes(|_| true);
+        let mut why = vec![if causes.is_empty() {
+            format!(
+                "Residuals are {ratio} times the stated noise: the model lacks something, or the noise is larger."
+            )
+        } else {
+            format!("Residuals are {ratio} times the stated noise.")
+        }];
+        let beyond: Vec<String> = (self.beyond_noise().into_iter())
+            .filter_map(|fit| {
+                let ratio = general(fit.residual_over_noise()?, 3);
+                Some(format!("{} {ratio} times", fit.kind.words()))
+            })
+            .collect();
+        if noisy_kinds > 1 && !beyond.is_empty() {
+            why.push(format!("Beyond chance are those of {}.", beyond.join(", ")));
+        }
+        why.extend(causes);
+        if self.widened > 1.0 {
+            why.push(format!(
+                "At that noise what is missed would drive parameters beyond their tolerances: they are those at {} times \
+                 that noise, where tolerances hold them.",
+                general(self.widened, 3)
+            ));
+        }
+        if self.rank.net_rows() == self.rank.factors() + 1 {
+            why.push(
+                "One residual is left beyond the factors: every effect would explain it as well as any other; measure \
+                 more poses to tell what the model lacks."
+                    .to_owned(),
+            );
+        }
+        why
+    }
+
+    fn misses_of_carts(&self) -> Option<String> {
+        let missed = self.kinds.iter().map(|kind| &kind.kind);
+        let missed = missed.filter(|kind| kind.is_of_carts() && kind.excess() > 1.0);
+        let missed: Vec<String> = missed
+            .map(|kind| {
+                let times = general(kind.excess(), 2);
+                format!("{}s in {} {times} times", kind.quantity, kind.file)
+            })
+            .collect();
+        (!missed.is_empty()).then(|| {
+            format!(
+                "Carts miss their stated noise, and count that much less: {}.",
+                missed.join(", ")
+            )
+        })
+    }
+}
+
+fn estimated_noise(fit: &KindFit) -> String {
+    let own = fit.kind.words();
+    let Kind { unit, sigma, .. } = fit.kind;
+    if fit.residual_over_noise().is_none() {
+        return format!("The noise of {own} could not be estimated: the fit follows its rows.");
+    }
+    format!(
+        "The noise of {own} was estimated: {} {unit}; {}.",
+        general(sigma, 2),
+        if fit.repeats.is_some_and(|own| own.lack_of_fit.is_some()) {
+            "of the model its repeated readings tell, not the size of its residuals"
+        } else {
+            ESTIMATED_FROM_RESIDUALS
+        }
+    )
 }
