@@ -138,8 +138,20 @@ impl Errors {
                     .help("every bracket needs its partner")
             }
             Some(bracket @ (')' | ']' | '}')) => {
-                Diagnostic::new(span, format!("`{bracket}` closes nothing that is open"))
-                    .help("every bracket needs its partner")
+                match innermost_open(&text[..span.byte_range().start]) {
+                    Some((open, line, column)) => {
+                        let message = format!(
+                            "`{bracket}` does not close the `{open}` of line {line}, column {column}"
+                        );
+                        let partner = partner(open);
+                        Diagnostic::new(span, message)
+                            .help(format!("close that with `{partner}` before"))
+                    }
+                    None => {
+                        Diagnostic::new(span, format!("`{bracket}` closes nothing that is open"))
+                            .help("every bracket needs its partner")
+                    }
+                }
             }
             Some('/') => {
                 Diagnostic::new(span, "this comment is never closed").help("end it with `*/`")
@@ -168,6 +180,38 @@ impl Errors {
             diagnostics: vec![diagnostic],
         }
     }
+}
+
+fn partner(open: char) -> char {
+    match open {
+        '(' => ')',
+        '[' => ']',
+        _ => '}',
+    }
+}
+
+/// The last bracket that is open at the end of a text of tokens, with its line and column, from one.
+fn innermost_open(text: &str) -> Option<(char, usize, usize)> {
+    let mut open = vec![];
+    let mut rest = text;
+    while let Some(character) = rest.chars().next() {
+        let length = match character {
+            '/' if rest.starts_with("//") => rest.find('\n').unwrap_or(rest.len()),
+            '/' if rest.starts_with("/*") => rest.find("*/").map_or(rest.len(), |end| end + 2),
+            _ => character.len_utf8(),
+        };
+        match character {
+            '(' | '[' | '{' => open.push((character, text.len() - rest.len())),
+            ')' | ']' | '}' => drop(open.pop()),
+            _ => {}
+        }
+        rest = &rest[length..];
+    }
+    let (bracket, at) = open.pop()?;
+    let before = &text[..at];
+    let line = before.matches('\n').count() + 1;
+    let column = before.chars().rev().take_while(|&own| own != '\n').count() + 1;
+    Some((bracket, line, column))
 }
 
 impl From<&Errors> for syn::Error {

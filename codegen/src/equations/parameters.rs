@@ -305,18 +305,21 @@ impl Table<'_> {
         }
     }
 
-    /// Frames and targets of sets 2 and 3.
+    /// Frames and targets of sets 2 and 3, which are measurements of carts.
     fn frames(&mut self) {
         let model = self.model;
+        let rails = || (0..model.tracks.len()).filter(|&track| is_rail(model, track));
+        if rails().next().is_none() {
+            return;
+        }
         for set in [2, 3] {
             let frame = format!("set{set}");
             let owner = Owner::Frame(set);
             self.push(&Entry::unknown(&frame, owner, ("translation", "m"), 3));
             self.push(&Entry::unknown(&frame, owner, ("rotation", "rad"), 3));
-            let rails = model.tracks.iter().enumerate();
-            for (index, track) in rails.filter(|(index, _)| is_rail(model, *index)) {
-                let owner = Owner::Target { set, track: index };
-                let target = format!("{frame}.target({})", track.name);
+            for track in rails() {
+                let owner = Owner::Target { set, track };
+                let target = format!("{frame}.target({})", model.tracks[track].name);
                 self.push(&Entry::unknown(&target, owner, ("position", "m"), 3));
                 if set == 2 {
                     self.push(&Entry::unknown(&target, owner, ("rotation", "rad"), 3));

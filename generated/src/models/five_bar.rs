@@ -150,90 +150,6 @@ pub mod full {
                 .with_values(Some(0.0), Some(0.017453292519943295)),
             Parameter::new("zero_right", Owner::Robot, "zero_right", None, "rad")
                 .with_values(Some(0.0), Some(0.017453292519943295)),
-            Parameter::new(
-                "set2.translation.x",
-                Owner::Frame(2),
-                "translation",
-                Some(0),
-                "m",
-            ),
-            Parameter::new(
-                "set2.translation.y",
-                Owner::Frame(2),
-                "translation",
-                Some(1),
-                "m",
-            ),
-            Parameter::new(
-                "set2.translation.z",
-                Owner::Frame(2),
-                "translation",
-                Some(2),
-                "m",
-            ),
-            Parameter::new(
-                "set2.rotation.x",
-                Owner::Frame(2),
-                "rotation",
-                Some(0),
-                "rad",
-            ),
-            Parameter::new(
-                "set2.rotation.y",
-                Owner::Frame(2),
-                "rotation",
-                Some(1),
-                "rad",
-            ),
-            Parameter::new(
-                "set2.rotation.z",
-                Owner::Frame(2),
-                "rotation",
-                Some(2),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.translation.x",
-                Owner::Frame(3),
-                "translation",
-                Some(0),
-                "m",
-            ),
-            Parameter::new(
-                "set3.translation.y",
-                Owner::Frame(3),
-                "translation",
-                Some(1),
-                "m",
-            ),
-            Parameter::new(
-                "set3.translation.z",
-                Owner::Frame(3),
-                "translation",
-                Some(2),
-                "m",
-            ),
-            Parameter::new(
-                "set3.rotation.x",
-                Owner::Frame(3),
-                "rotation",
-                Some(0),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.rotation.y",
-                Owner::Frame(3),
-                "rotation",
-                Some(1),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.rotation.z",
-                Owner::Frame(3),
-                "rotation",
-                Some(2),
-                "rad",
-            ),
         ],
         instances: &[
             Instance {
@@ -296,30 +212,6 @@ pub mod full {
     pub const ZERO_LEFT: Handle = Handle::new(0, 8);
     /// `zero_right` (rad)
     pub const ZERO_RIGHT: Handle = Handle::new(0, 9);
-    /// `set2.translation.x` (m)
-    pub const SET2_TRANSLATION_X: Handle = Handle::new(0, 10);
-    /// `set2.translation.y` (m)
-    pub const SET2_TRANSLATION_Y: Handle = Handle::new(0, 11);
-    /// `set2.translation.z` (m)
-    pub const SET2_TRANSLATION_Z: Handle = Handle::new(0, 12);
-    /// `set2.rotation.x` (rad)
-    pub const SET2_ROTATION_X: Handle = Handle::new(0, 13);
-    /// `set2.rotation.y` (rad)
-    pub const SET2_ROTATION_Y: Handle = Handle::new(0, 14);
-    /// `set2.rotation.z` (rad)
-    pub const SET2_ROTATION_Z: Handle = Handle::new(0, 15);
-    /// `set3.translation.x` (m)
-    pub const SET3_TRANSLATION_X: Handle = Handle::new(0, 16);
-    /// `set3.translation.y` (m)
-    pub const SET3_TRANSLATION_Y: Handle = Handle::new(0, 17);
-    /// `set3.translation.z` (m)
-    pub const SET3_TRANSLATION_Z: Handle = Handle::new(0, 18);
-    /// `set3.rotation.x` (rad)
-    pub const SET3_ROTATION_X: Handle = Handle::new(0, 19);
-    /// `set3.rotation.y` (rad)
-    pub const SET3_ROTATION_Y: Handle = Handle::new(0, 20);
-    /// `set3.rotation.z` (rad)
-    pub const SET3_ROTATION_Z: Handle = Handle::new(0, 21);
     /// `L² − ‖T − C(q)‖², T the point, z = 0`
     ///
     /// Data: `q`, `x`, `y`, `z`.
@@ -544,90 +436,6 @@ pub mod basic {
                 .with_values(Some(0.0), Some(0.017453292519943295)),
             Parameter::new("zero_right", Owner::Robot, "zero_right", None, "rad")
                 .with_values(Some(0.0), Some(0.017453292519943295)),
-            Parameter::new(
-                "set2.translation.x",
-                Owner::Frame(2),
-                "translation",
-                Some(0),
-                "m",
-            ),
-            Parameter::new(
-                "set2.translation.y",
-                Owner::Frame(2),
-                "translation",
-                Some(1),
-                "m",
-            ),
-            Parameter::new(
-                "set2.translation.z",
-                Owner::Frame(2),
-                "translation",
-                Some(2),
-                "m",
-            ),
-            Parameter::new(
-                "set2.rotation.x",
-                Owner::Frame(2),
-                "rotation",
-                Some(0),
-                "rad",
-            ),
-            Parameter::new(
-                "set2.rotation.y",
-                Owner::Frame(2),
-                "rotation",
-                Some(1),
-                "rad",
-            ),
-            Parameter::new(
-                "set2.rotation.z",
-                Owner::Frame(2),
-                "rotation",
-                Some(2),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.translation.x",
-                Owner::Frame(3),
-                "translation",
-                Some(0),
-                "m",
-            ),
-            Parameter::new(
-                "set3.translation.y",
-                Owner::Frame(3),
-                "translation",
-                Some(1),
-                "m",
-            ),
-            Parameter::new(
-                "set3.translation.z",
-                Owner::Frame(3),
-                "translation",
-                Some(2),
-                "m",
-            ),
-            Parameter::new(
-                "set3.rotation.x",
-                Owner::Frame(3),
-                "rotation",
-                Some(0),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.rotation.y",
-                Owner::Frame(3),
-                "rotation",
-                Some(1),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.rotation.z",
-                Owner::Frame(3),
-                "rotation",
-                Some(2),
-                "rad",
-            ),
         ],
         instances: &[
             Instance {
@@ -694,30 +502,6 @@ pub mod basic {
     pub const ZERO_LEFT: Handle = Handle::new(1, 8);
     /// `zero_right` (rad)
     pub const ZERO_RIGHT: Handle = Handle::new(1, 9);
-    /// `set2.translation.x` (m)
-    pub const SET2_TRANSLATION_X: Handle = Handle::new(1, 10);
-    /// `set2.translation.y` (m)
-    pub const SET2_TRANSLATION_Y: Handle = Handle::new(1, 11);
-    /// `set2.translation.z` (m)
-    pub const SET2_TRANSLATION_Z: Handle = Handle::new(1, 12);
-    /// `set2.rotation.x` (rad)
-    pub const SET2_ROTATION_X: Handle = Handle::new(1, 13);
-    /// `set2.rotation.y` (rad)
-    pub const SET2_ROTATION_Y: Handle = Handle::new(1, 14);
-    /// `set2.rotation.z` (rad)
-    pub const SET2_ROTATION_Z: Handle = Handle::new(1, 15);
-    /// `set3.translation.x` (m)
-    pub const SET3_TRANSLATION_X: Handle = Handle::new(1, 16);
-    /// `set3.translation.y` (m)
-    pub const SET3_TRANSLATION_Y: Handle = Handle::new(1, 17);
-    /// `set3.translation.z` (m)
-    pub const SET3_TRANSLATION_Z: Handle = Handle::new(1, 18);
-    /// `set3.rotation.x` (rad)
-    pub const SET3_ROTATION_X: Handle = Handle::new(1, 19);
-    /// `set3.rotation.y` (rad)
-    pub const SET3_ROTATION_Y: Handle = Handle::new(1, 20);
-    /// `set3.rotation.z` (rad)
-    pub const SET3_ROTATION_Z: Handle = Handle::new(1, 21);
     /// `L² − ‖T − C(q)‖², T the point, z = 0`
     ///
     /// Data: `q`, `x`, `y`, `z`, `length`, `own_x`, `own_y`, `upper`.

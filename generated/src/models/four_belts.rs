@@ -168,90 +168,6 @@ pub mod scaled {
                 .with_values(Some(0.0), Some(0.002)),
             Parameter::new("scale", Owner::Robot, "scale", None, "1")
                 .with_values(Some(0.0), Some(0.002)),
-            Parameter::new(
-                "set2.translation.x",
-                Owner::Frame(2),
-                "translation",
-                Some(0),
-                "m",
-            ),
-            Parameter::new(
-                "set2.translation.y",
-                Owner::Frame(2),
-                "translation",
-                Some(1),
-                "m",
-            ),
-            Parameter::new(
-                "set2.translation.z",
-                Owner::Frame(2),
-                "translation",
-                Some(2),
-                "m",
-            ),
-            Parameter::new(
-                "set2.rotation.x",
-                Owner::Frame(2),
-                "rotation",
-                Some(0),
-                "rad",
-            ),
-            Parameter::new(
-                "set2.rotation.y",
-                Owner::Frame(2),
-                "rotation",
-                Some(1),
-                "rad",
-            ),
-            Parameter::new(
-                "set2.rotation.z",
-                Owner::Frame(2),
-                "rotation",
-                Some(2),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.translation.x",
-                Owner::Frame(3),
-                "translation",
-                Some(0),
-                "m",
-            ),
-            Parameter::new(
-                "set3.translation.y",
-                Owner::Frame(3),
-                "translation",
-                Some(1),
-                "m",
-            ),
-            Parameter::new(
-                "set3.translation.z",
-                Owner::Frame(3),
-                "translation",
-                Some(2),
-                "m",
-            ),
-            Parameter::new(
-                "set3.rotation.x",
-                Owner::Frame(3),
-                "rotation",
-                Some(0),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.rotation.y",
-                Owner::Frame(3),
-                "rotation",
-                Some(1),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.rotation.z",
-                Owner::Frame(3),
-                "rotation",
-                Some(2),
-                "rad",
-            ),
         ],
         instances: &[
             Instance {
@@ -354,30 +270,6 @@ pub mod scaled {
     pub const ZERO: Handle = Handle::new(0, 10);
     /// `scale` (1)
     pub const SCALE: Handle = Handle::new(0, 11);
-    /// `set2.translation.x` (m)
-    pub const SET2_TRANSLATION_X: Handle = Handle::new(0, 12);
-    /// `set2.translation.y` (m)
-    pub const SET2_TRANSLATION_Y: Handle = Handle::new(0, 13);
-    /// `set2.translation.z` (m)
-    pub const SET2_TRANSLATION_Z: Handle = Handle::new(0, 14);
-    /// `set2.rotation.x` (rad)
-    pub const SET2_ROTATION_X: Handle = Handle::new(0, 15);
-    /// `set2.rotation.y` (rad)
-    pub const SET2_ROTATION_Y: Handle = Handle::new(0, 16);
-    /// `set2.rotation.z` (rad)
-    pub const SET2_ROTATION_Z: Handle = Handle::new(0, 17);
-    /// `set3.translation.x` (m)
-    pub const SET3_TRANSLATION_X: Handle = Handle::new(0, 18);
-    /// `set3.translation.y` (m)
-    pub const SET3_TRANSLATION_Y: Handle = Handle::new(0, 19);
-    /// `set3.translation.z` (m)
-    pub const SET3_TRANSLATION_Z: Handle = Handle::new(0, 20);
-    /// `set3.rotation.x` (rad)
-    pub const SET3_ROTATION_X: Handle = Handle::new(0, 21);
-    /// `set3.rotation.y` (rad)
-    pub const SET3_ROTATION_Y: Handle = Handle::new(0, 22);
-    /// `set3.rotation.z` (rad)
-    pub const SET3_ROTATION_Z: Handle = Handle::new(0, 23);
     /// `L² − ‖T − C(q)‖², T the point, z = 0`
     ///
     /// Data: `q`, `x`, `y`, `z`.
@@ -571,90 +463,6 @@ pub mod full {
                 .with_values(Some(0.0), Some(0.002)),
             Parameter::new("scale", Owner::Robot, "scale", None, "1")
                 .with_values(Some(0.0), Some(0.002)),
-            Parameter::new(
-                "set2.translation.x",
-                Owner::Frame(2),
-                "translation",
-                Some(0),
-                "m",
-            ),
-            Parameter::new(
-                "set2.translation.y",
-                Owner::Frame(2),
-                "translation",
-                Some(1),
-                "m",
-            ),
-            Parameter::new(
-                "set2.translation.z",
-                Owner::Frame(2),
-                "translation",
-                Some(2),
-                "m",
-            ),
-            Parameter::new(
-                "set2.rotation.x",
-                Owner::Frame(2),
-                "rotation",
-                Some(0),
-                "rad",
-            ),
-            Parameter::new(
-                "set2.rotation.y",
-                Owner::Frame(2),
-                "rotation",
-                Some(1),
-                "rad",
-            ),
-            Parameter::new(
-                "set2.rotation.z",
-                Owner::Frame(2),
-                "rotation",
-                Some(2),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.translation.x",
-                Owner::Frame(3),
-                "translation",
-                Some(0),
-                "m",
-            ),
-            Parameter::new(
-                "set3.translation.y",
-                Owner::Frame(3),
-                "translation",
-                Some(1),
-                "m",
-            ),
-            Parameter::new(
-                "set3.translation.z",
-                Owner::Frame(3),
-                "translation",
-                Some(2),
-                "m",
-            ),
-            Parameter::new(
-                "set3.rotation.x",
-                Owner::Frame(3),
-                "rotation",
-                Some(0),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.rotation.y",
-                Owner::Frame(3),
-                "rotation",
-                Some(1),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.rotation.z",
-                Owner::Frame(3),
-                "rotation",
-                Some(2),
-                "rad",
-            ),
         ],
         instances: &[
             Instance {
@@ -765,30 +573,6 @@ pub mod full {
     pub const ZERO: Handle = Handle::new(1, 10);
     /// `scale` (1)
     pub const SCALE: Handle = Handle::new(1, 11);
-    /// `set2.translation.x` (m)
-    pub const SET2_TRANSLATION_X: Handle = Handle::new(1, 12);
-    /// `set2.translation.y` (m)
-    pub const SET2_TRANSLATION_Y: Handle = Handle::new(1, 13);
-    /// `set2.translation.z` (m)
-    pub const SET2_TRANSLATION_Z: Handle = Handle::new(1, 14);
-    /// `set2.rotation.x` (rad)
-    pub const SET2_ROTATION_X: Handle = Handle::new(1, 15);
-    /// `set2.rotation.y` (rad)
-    pub const SET2_ROTATION_Y: Handle = Handle::new(1, 16);
-    /// `set2.rotation.z` (rad)
-    pub const SET2_ROTATION_Z: Handle = Handle::new(1, 17);
-    /// `set3.translation.x` (m)
-    pub const SET3_TRANSLATION_X: Handle = Handle::new(1, 18);
-    /// `set3.translation.y` (m)
-    pub const SET3_TRANSLATION_Y: Handle = Handle::new(1, 19);
-    /// `set3.translation.z` (m)
-    pub const SET3_TRANSLATION_Z: Handle = Handle::new(1, 20);
-    /// `set3.rotation.x` (rad)
-    pub const SET3_ROTATION_X: Handle = Handle::new(1, 21);
-    /// `set3.rotation.y` (rad)
-    pub const SET3_ROTATION_Y: Handle = Handle::new(1, 22);
-    /// `set3.rotation.z` (rad)
-    pub const SET3_ROTATION_Z: Handle = Handle::new(1, 23);
     /// `L² − ‖T − C(q)‖², T the point, z = 0`
     ///
     /// Data: `q`, `x`, `y`, `z`, `scale`.
@@ -985,90 +769,6 @@ pub mod anchors {
                 .with_values(Some(0.0), Some(0.002)),
             Parameter::new("scale", Owner::Robot, "scale", None, "1")
                 .with_values(Some(0.0), Some(0.002)),
-            Parameter::new(
-                "set2.translation.x",
-                Owner::Frame(2),
-                "translation",
-                Some(0),
-                "m",
-            ),
-            Parameter::new(
-                "set2.translation.y",
-                Owner::Frame(2),
-                "translation",
-                Some(1),
-                "m",
-            ),
-            Parameter::new(
-                "set2.translation.z",
-                Owner::Frame(2),
-                "translation",
-                Some(2),
-                "m",
-            ),
-            Parameter::new(
-                "set2.rotation.x",
-                Owner::Frame(2),
-                "rotation",
-                Some(0),
-                "rad",
-            ),
-            Parameter::new(
-                "set2.rotation.y",
-                Owner::Frame(2),
-                "rotation",
-                Some(1),
-                "rad",
-            ),
-            Parameter::new(
-                "set2.rotation.z",
-                Owner::Frame(2),
-                "rotation",
-                Some(2),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.translation.x",
-                Owner::Frame(3),
-                "translation",
-                Some(0),
-                "m",
-            ),
-            Parameter::new(
-                "set3.translation.y",
-                Owner::Frame(3),
-                "translation",
-                Some(1),
-                "m",
-            ),
-            Parameter::new(
-                "set3.translation.z",
-                Owner::Frame(3),
-                "translation",
-                Some(2),
-                "m",
-            ),
-            Parameter::new(
-                "set3.rotation.x",
-                Owner::Frame(3),
-                "rotation",
-                Some(0),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.rotation.y",
-                Owner::Frame(3),
-                "rotation",
-                Some(1),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.rotation.z",
-                Owner::Frame(3),
-                "rotation",
-                Some(2),
-                "rad",
-            ),
         ],
         instances: &[
             Instance {
@@ -1179,30 +879,6 @@ pub mod anchors {
     pub const ZERO: Handle = Handle::new(2, 10);
     /// `scale` (1)
     pub const SCALE: Handle = Handle::new(2, 11);
-    /// `set2.translation.x` (m)
-    pub const SET2_TRANSLATION_X: Handle = Handle::new(2, 12);
-    /// `set2.translation.y` (m)
-    pub const SET2_TRANSLATION_Y: Handle = Handle::new(2, 13);
-    /// `set2.translation.z` (m)
-    pub const SET2_TRANSLATION_Z: Handle = Handle::new(2, 14);
-    /// `set2.rotation.x` (rad)
-    pub const SET2_ROTATION_X: Handle = Handle::new(2, 15);
-    /// `set2.rotation.y` (rad)
-    pub const SET2_ROTATION_Y: Handle = Handle::new(2, 16);
-    /// `set2.rotation.z` (rad)
-    pub const SET2_ROTATION_Z: Handle = Handle::new(2, 17);
-    /// `set3.translation.x` (m)
-    pub const SET3_TRANSLATION_X: Handle = Handle::new(2, 18);
-    /// `set3.translation.y` (m)
-    pub const SET3_TRANSLATION_Y: Handle = Handle::new(2, 19);
-    /// `set3.translation.z` (m)
-    pub const SET3_TRANSLATION_Z: Handle = Handle::new(2, 20);
-    /// `set3.rotation.x` (rad)
-    pub const SET3_ROTATION_X: Handle = Handle::new(2, 21);
-    /// `set3.rotation.y` (rad)
-    pub const SET3_ROTATION_Y: Handle = Handle::new(2, 22);
-    /// `set3.rotation.z` (rad)
-    pub const SET3_ROTATION_Z: Handle = Handle::new(2, 23);
     /// `L² − ‖T − C(q)‖², T the point, z = 0`
     ///
     /// Data: `q`, `x`, `y`, `z`, `arm`, `height`, `scale`.

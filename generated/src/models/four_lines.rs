@@ -243,90 +243,6 @@ pub mod full {
                 .with_values(Some(0.075), Some(0.0005)),
             Parameter::new("build_up", Owner::Robot, "build_up", None, "m/rad^2")
                 .with_values(Some(0.000014), Some(0.00007)),
-            Parameter::new(
-                "set2.translation.x",
-                Owner::Frame(2),
-                "translation",
-                Some(0),
-                "m",
-            ),
-            Parameter::new(
-                "set2.translation.y",
-                Owner::Frame(2),
-                "translation",
-                Some(1),
-                "m",
-            ),
-            Parameter::new(
-                "set2.translation.z",
-                Owner::Frame(2),
-                "translation",
-                Some(2),
-                "m",
-            ),
-            Parameter::new(
-                "set2.rotation.x",
-                Owner::Frame(2),
-                "rotation",
-                Some(0),
-                "rad",
-            ),
-            Parameter::new(
-                "set2.rotation.y",
-                Owner::Frame(2),
-                "rotation",
-                Some(1),
-                "rad",
-            ),
-            Parameter::new(
-                "set2.rotation.z",
-                Owner::Frame(2),
-                "rotation",
-                Some(2),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.translation.x",
-                Owner::Frame(3),
-                "translation",
-                Some(0),
-                "m",
-            ),
-            Parameter::new(
-                "set3.translation.y",
-                Owner::Frame(3),
-                "translation",
-                Some(1),
-                "m",
-            ),
-            Parameter::new(
-                "set3.translation.z",
-                Owner::Frame(3),
-                "translation",
-                Some(2),
-                "m",
-            ),
-            Parameter::new(
-                "set3.rotation.x",
-                Owner::Frame(3),
-                "rotation",
-                Some(0),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.rotation.y",
-                Owner::Frame(3),
-                "rotation",
-                Some(1),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.rotation.z",
-                Owner::Frame(3),
-                "rotation",
-                Some(2),
-                "rad",
-            ),
         ],
         instances: &[
             Instance {
@@ -439,30 +355,6 @@ pub mod full {
     pub const RADIUS_D: Handle = Handle::new(0, 15);
     /// `build_up` (m/rad^2)
     pub const BUILD_UP: Handle = Handle::new(0, 16);
-    /// `set2.translation.x` (m)
-    pub const SET2_TRANSLATION_X: Handle = Handle::new(0, 17);
-    /// `set2.translation.y` (m)
-    pub const SET2_TRANSLATION_Y: Handle = Handle::new(0, 18);
-    /// `set2.translation.z` (m)
-    pub const SET2_TRANSLATION_Z: Handle = Handle::new(0, 19);
-    /// `set2.rotation.x` (rad)
-    pub const SET2_ROTATION_X: Handle = Handle::new(0, 20);
-    /// `set2.rotation.y` (rad)
-    pub const SET2_ROTATION_Y: Handle = Handle::new(0, 21);
-    /// `set2.rotation.z` (rad)
-    pub const SET2_ROTATION_Z: Handle = Handle::new(0, 22);
-    /// `set3.translation.x` (m)
-    pub const SET3_TRANSLATION_X: Handle = Handle::new(0, 23);
-    /// `set3.translation.y` (m)
-    pub const SET3_TRANSLATION_Y: Handle = Handle::new(0, 24);
-    /// `set3.translation.z` (m)
-    pub const SET3_TRANSLATION_Z: Handle = Handle::new(0, 25);
-    /// `set3.rotation.x` (rad)
-    pub const SET3_ROTATION_X: Handle = Handle::new(0, 26);
-    /// `set3.rotation.y` (rad)
-    pub const SET3_ROTATION_Y: Handle = Handle::new(0, 27);
-    /// `set3.rotation.z` (rad)
-    pub const SET3_ROTATION_Z: Handle = Handle::new(0, 28);
     /// `L² − ‖T − C(q)‖², T the point`
     ///
     /// Data: `q`, `x`, `y`, `z`.
@@ -954,90 +846,6 @@ pub mod radii {
                 .with_values(Some(0.075), Some(0.0005)),
             Parameter::new("build_up", Owner::Robot, "build_up", None, "m/rad^2")
                 .with_values(Some(0.000014), Some(0.00007)),
-            Parameter::new(
-                "set2.translation.x",
-                Owner::Frame(2),
-                "translation",
-                Some(0),
-                "m",
-            ),
-            Parameter::new(
-                "set2.translation.y",
-                Owner::Frame(2),
-                "translation",
-                Some(1),
-                "m",
-            ),
-            Parameter::new(
-                "set2.translation.z",
-                Owner::Frame(2),
-                "translation",
-                Some(2),
-                "m",
-            ),
-            Parameter::new(
-                "set2.rotation.x",
-                Owner::Frame(2),
-                "rotation",
-                Some(0),
-                "rad",
-            ),
-            Parameter::new(
-                "set2.rotation.y",
-                Owner::Frame(2),
-                "rotation",
-                Some(1),
-                "rad",
-            ),
-            Parameter::new(
-                "set2.rotation.z",
-                Owner::Frame(2),
-                "rotation",
-                Some(2),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.translation.x",
-                Owner::Frame(3),
-                "translation",
-                Some(0),
-                "m",
-            ),
-            Parameter::new(
-                "set3.translation.y",
-                Owner::Frame(3),
-                "translation",
-                Some(1),
-                "m",
-            ),
-            Parameter::new(
-                "set3.translation.z",
-                Owner::Frame(3),
-                "translation",
-                Some(2),
-                "m",
-            ),
-            Parameter::new(
-                "set3.rotation.x",
-                Owner::Frame(3),
-                "rotation",
-                Some(0),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.rotation.y",
-                Owner::Frame(3),
-                "rotation",
-                Some(1),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.rotation.z",
-                Owner::Frame(3),
-                "rotation",
-                Some(2),
-                "rad",
-            ),
         ],
         instances: &[
             Instance {
@@ -1158,30 +966,6 @@ pub mod radii {
     pub const RADIUS_D: Handle = Handle::new(1, 15);
     /// `build_up` (m/rad^2)
     pub const BUILD_UP: Handle = Handle::new(1, 16);
-    /// `set2.translation.x` (m)
-    pub const SET2_TRANSLATION_X: Handle = Handle::new(1, 17);
-    /// `set2.translation.y` (m)
-    pub const SET2_TRANSLATION_Y: Handle = Handle::new(1, 18);
-    /// `set2.translation.z` (m)
-    pub const SET2_TRANSLATION_Z: Handle = Handle::new(1, 19);
-    /// `set2.rotation.x` (rad)
-    pub const SET2_ROTATION_X: Handle = Handle::new(1, 20);
-    /// `set2.rotation.y` (rad)
-    pub const SET2_ROTATION_Y: Handle = Handle::new(1, 21);
-    /// `set2.rotation.z` (rad)
-    pub const SET2_ROTATION_Z: Handle = Handle::new(1, 22);
-    /// `set3.translation.x` (m)
-    pub const SET3_TRANSLATION_X: Handle = Handle::new(1, 23);
-    /// `set3.translation.y` (m)
-    pub const SET3_TRANSLATION_Y: Handle = Handle::new(1, 24);
-    /// `set3.translation.z` (m)
-    pub const SET3_TRANSLATION_Z: Handle = Handle::new(1, 25);
-    /// `set3.rotation.x` (rad)
-    pub const SET3_ROTATION_X: Handle = Handle::new(1, 26);
-    /// `set3.rotation.y` (rad)
-    pub const SET3_ROTATION_Y: Handle = Handle::new(1, 27);
-    /// `set3.rotation.z` (rad)
-    pub const SET3_ROTATION_Z: Handle = Handle::new(1, 28);
     /// `L² − ‖T − C(q)‖², T the point`
     ///
     /// Data: `q`, `x`, `y`, `z`, `build_up`.
@@ -1664,90 +1448,6 @@ pub mod anchors {
                 .with_values(Some(0.075), Some(0.0005)),
             Parameter::new("build_up", Owner::Robot, "build_up", None, "m/rad^2")
                 .with_values(Some(0.000014), Some(0.00007)),
-            Parameter::new(
-                "set2.translation.x",
-                Owner::Frame(2),
-                "translation",
-                Some(0),
-                "m",
-            ),
-            Parameter::new(
-                "set2.translation.y",
-                Owner::Frame(2),
-                "translation",
-                Some(1),
-                "m",
-            ),
-            Parameter::new(
-                "set2.translation.z",
-                Owner::Frame(2),
-                "translation",
-                Some(2),
-                "m",
-            ),
-            Parameter::new(
-                "set2.rotation.x",
-                Owner::Frame(2),
-                "rotation",
-                Some(0),
-                "rad",
-            ),
-            Parameter::new(
-                "set2.rotation.y",
-                Owner::Frame(2),
-                "rotation",
-                Some(1),
-                "rad",
-            ),
-            Parameter::new(
-                "set2.rotation.z",
-                Owner::Frame(2),
-                "rotation",
-                Some(2),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.translation.x",
-                Owner::Frame(3),
-                "translation",
-                Some(0),
-                "m",
-            ),
-            Parameter::new(
-                "set3.translation.y",
-                Owner::Frame(3),
-                "translation",
-                Some(1),
-                "m",
-            ),
-            Parameter::new(
-                "set3.translation.z",
-                Owner::Frame(3),
-                "translation",
-                Some(2),
-                "m",
-            ),
-            Parameter::new(
-                "set3.rotation.x",
-                Owner::Frame(3),
-                "rotation",
-                Some(0),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.rotation.y",
-                Owner::Frame(3),
-                "rotation",
-                Some(1),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.rotation.z",
-                Owner::Frame(3),
-                "rotation",
-                Some(2),
-                "rad",
-            ),
         ],
         instances: &[
             Instance {
@@ -1868,30 +1568,6 @@ pub mod anchors {
     pub const RADIUS_D: Handle = Handle::new(2, 15);
     /// `build_up` (m/rad^2)
     pub const BUILD_UP: Handle = Handle::new(2, 16);
-    /// `set2.translation.x` (m)
-    pub const SET2_TRANSLATION_X: Handle = Handle::new(2, 17);
-    /// `set2.translation.y` (m)
-    pub const SET2_TRANSLATION_Y: Handle = Handle::new(2, 18);
-    /// `set2.translation.z` (m)
-    pub const SET2_TRANSLATION_Z: Handle = Handle::new(2, 19);
-    /// `set2.rotation.x` (rad)
-    pub const SET2_ROTATION_X: Handle = Handle::new(2, 20);
-    /// `set2.rotation.y` (rad)
-    pub const SET2_ROTATION_Y: Handle = Handle::new(2, 21);
-    /// `set2.rotation.z` (rad)
-    pub const SET2_ROTATION_Z: Handle = Handle::new(2, 22);
-    /// `set3.translation.x` (m)
-    pub const SET3_TRANSLATION_X: Handle = Handle::new(2, 23);
-    /// `set3.translation.y` (m)
-    pub const SET3_TRANSLATION_Y: Handle = Handle::new(2, 24);
-    /// `set3.translation.z` (m)
-    pub const SET3_TRANSLATION_Z: Handle = Handle::new(2, 25);
-    /// `set3.rotation.x` (rad)
-    pub const SET3_ROTATION_X: Handle = Handle::new(2, 26);
-    /// `set3.rotation.y` (rad)
-    pub const SET3_ROTATION_Y: Handle = Handle::new(2, 27);
-    /// `set3.rotation.z` (rad)
-    pub const SET3_ROTATION_Z: Handle = Handle::new(2, 28);
     /// `L² − ‖T − C(q)‖², T the point`
     ///
     /// Data: `q`, `x`, `y`, `z`, `radius`, `build_up`.

@@ -437,90 +437,6 @@ pub mod full {
                     "m",
                 )
                 .with_values(Some(0.0), Some(0.01)),
-            Parameter::new(
-                "set2.translation.x",
-                Owner::Frame(2),
-                "translation",
-                Some(0),
-                "m",
-            ),
-            Parameter::new(
-                "set2.translation.y",
-                Owner::Frame(2),
-                "translation",
-                Some(1),
-                "m",
-            ),
-            Parameter::new(
-                "set2.translation.z",
-                Owner::Frame(2),
-                "translation",
-                Some(2),
-                "m",
-            ),
-            Parameter::new(
-                "set2.rotation.x",
-                Owner::Frame(2),
-                "rotation",
-                Some(0),
-                "rad",
-            ),
-            Parameter::new(
-                "set2.rotation.y",
-                Owner::Frame(2),
-                "rotation",
-                Some(1),
-                "rad",
-            ),
-            Parameter::new(
-                "set2.rotation.z",
-                Owner::Frame(2),
-                "rotation",
-                Some(2),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.translation.x",
-                Owner::Frame(3),
-                "translation",
-                Some(0),
-                "m",
-            ),
-            Parameter::new(
-                "set3.translation.y",
-                Owner::Frame(3),
-                "translation",
-                Some(1),
-                "m",
-            ),
-            Parameter::new(
-                "set3.translation.z",
-                Owner::Frame(3),
-                "translation",
-                Some(2),
-                "m",
-            ),
-            Parameter::new(
-                "set3.rotation.x",
-                Owner::Frame(3),
-                "rotation",
-                Some(0),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.rotation.y",
-                Owner::Frame(3),
-                "rotation",
-                Some(1),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.rotation.z",
-                Owner::Frame(3),
-                "rotation",
-                Some(2),
-                "rad",
-            ),
         ],
         instances: &[
             Instance {
@@ -743,30 +659,6 @@ pub mod full {
     pub const LEG6_TRACK_OFFSET_Y: Handle = Handle::new(0, 40);
     /// `leg6.track_offset.z` (m)
     pub const LEG6_TRACK_OFFSET_Z: Handle = Handle::new(0, 41);
-    /// `set2.translation.x` (m)
-    pub const SET2_TRANSLATION_X: Handle = Handle::new(0, 42);
-    /// `set2.translation.y` (m)
-    pub const SET2_TRANSLATION_Y: Handle = Handle::new(0, 43);
-    /// `set2.translation.z` (m)
-    pub const SET2_TRANSLATION_Z: Handle = Handle::new(0, 44);
-    /// `set2.rotation.x` (rad)
-    pub const SET2_ROTATION_X: Handle = Handle::new(0, 45);
-    /// `set2.rotation.y` (rad)
-    pub const SET2_ROTATION_Y: Handle = Handle::new(0, 46);
-    /// `set2.rotation.z` (rad)
-    pub const SET2_ROTATION_Z: Handle = Handle::new(0, 47);
-    /// `set3.translation.x` (m)
-    pub const SET3_TRANSLATION_X: Handle = Handle::new(0, 48);
-    /// `set3.translation.y` (m)
-    pub const SET3_TRANSLATION_Y: Handle = Handle::new(0, 49);
-    /// `set3.translation.z` (m)
-    pub const SET3_TRANSLATION_Z: Handle = Handle::new(0, 50);
-    /// `set3.rotation.x` (rad)
-    pub const SET3_ROTATION_X: Handle = Handle::new(0, 51);
-    /// `set3.rotation.y` (rad)
-    pub const SET3_ROTATION_Y: Handle = Handle::new(0, 52);
-    /// `set3.rotation.z` (rad)
-    pub const SET3_ROTATION_Z: Handle = Handle::new(0, 53);
     /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
     ///
     /// Data: `q`, `x`, `y`, `z`, `alpha`, `beta`, `gamma`.
@@ -1333,90 +1225,6 @@ pub mod lengths {
                     "m",
                 )
                 .with_values(Some(0.0), Some(0.01)),
-            Parameter::new(
-                "set2.translation.x",
-                Owner::Frame(2),
-                "translation",
-                Some(0),
-                "m",
-            ),
-            Parameter::new(
-                "set2.translation.y",
-                Owner::Frame(2),
-                "translation",
-                Some(1),
-                "m",
-            ),
-            Parameter::new(
-                "set2.translation.z",
-                Owner::Frame(2),
-                "translation",
-                Some(2),
-                "m",
-            ),
-            Parameter::new(
-                "set2.rotation.x",
-                Owner::Frame(2),
-                "rotation",
-                Some(0),
-                "rad",
-            ),
-            Parameter::new(
-                "set2.rotation.y",
-                Owner::Frame(2),
-                "rotation",
-                Some(1),
-                "rad",
-            ),
-            Parameter::new(
-                "set2.rotation.z",
-                Owner::Frame(2),
-                "rotation",
-                Some(2),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.translation.x",
-                Owner::Frame(3),
-                "translation",
-                Some(0),
-                "m",
-            ),
-            Parameter::new(
-                "set3.translation.y",
-                Owner::Frame(3),
-                "translation",
-                Some(1),
-                "m",
-            ),
-            Parameter::new(
-                "set3.translation.z",
-                Owner::Frame(3),
-                "translation",
-                Some(2),
-                "m",
-            ),
-            Parameter::new(
-                "set3.rotation.x",
-                Owner::Frame(3),
-                "rotation",
-                Some(0),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.rotation.y",
-                Owner::Frame(3),
-                "rotation",
-                Some(1),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.rotation.z",
-                Owner::Frame(3),
-                "rotation",
-                Some(2),
-                "rad",
-            ),
         ],
         instances: &[
             Instance {
@@ -1656,30 +1464,6 @@ pub mod lengths {
     pub const LEG6_TRACK_OFFSET_Y: Handle = Handle::new(1, 40);
     /// `leg6.track_offset.z` (m)
     pub const LEG6_TRACK_OFFSET_Z: Handle = Handle::new(1, 41);
-    /// `set2.translation.x` (m)
-    pub const SET2_TRANSLATION_X: Handle = Handle::new(1, 42);
-    /// `set2.translation.y` (m)
-    pub const SET2_TRANSLATION_Y: Handle = Handle::new(1, 43);
-    /// `set2.translation.z` (m)
-    pub const SET2_TRANSLATION_Z: Handle = Handle::new(1, 44);
-    /// `set2.rotation.x` (rad)
-    pub const SET2_ROTATION_X: Handle = Handle::new(1, 45);
-    /// `set2.rotation.y` (rad)
-    pub const SET2_ROTATION_Y: Handle = Handle::new(1, 46);
-    /// `set2.rotation.z` (rad)
-    pub const SET2_ROTATION_Z: Handle = Handle::new(1, 47);
-    /// `set3.translation.x` (m)
-    pub const SET3_TRANSLATION_X: Handle = Handle::new(1, 48);
-    /// `set3.translation.y` (m)
-    pub const SET3_TRANSLATION_Y: Handle = Handle::new(1, 49);
-    /// `set3.translation.z` (m)
-    pub const SET3_TRANSLATION_Z: Handle = Handle::new(1, 50);
-    /// `set3.rotation.x` (rad)
-    pub const SET3_ROTATION_X: Handle = Handle::new(1, 51);
-    /// `set3.rotation.y` (rad)
-    pub const SET3_ROTATION_Y: Handle = Handle::new(1, 52);
-    /// `set3.rotation.z` (rad)
-    pub const SET3_ROTATION_Z: Handle = Handle::new(1, 53);
     /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
     ///
     /// Data: `q`, `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `plate_joint_x`, `plate_joint_y`, `plate_joint_z`, `track_offset_x`, `track_offset_y`, `track_offset_z`.

@@ -594,90 +594,6 @@ pub mod full {
                 .with_values(Some(-0.9781), Some(0.01)),
             Parameter::new("servo6.axis.z", Owner::Crank(5), "axis", Some(2), "1")
                 .with_values(Some(0.0), Some(0.01)),
-            Parameter::new(
-                "set2.translation.x",
-                Owner::Frame(2),
-                "translation",
-                Some(0),
-                "m",
-            ),
-            Parameter::new(
-                "set2.translation.y",
-                Owner::Frame(2),
-                "translation",
-                Some(1),
-                "m",
-            ),
-            Parameter::new(
-                "set2.translation.z",
-                Owner::Frame(2),
-                "translation",
-                Some(2),
-                "m",
-            ),
-            Parameter::new(
-                "set2.rotation.x",
-                Owner::Frame(2),
-                "rotation",
-                Some(0),
-                "rad",
-            ),
-            Parameter::new(
-                "set2.rotation.y",
-                Owner::Frame(2),
-                "rotation",
-                Some(1),
-                "rad",
-            ),
-            Parameter::new(
-                "set2.rotation.z",
-                Owner::Frame(2),
-                "rotation",
-                Some(2),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.translation.x",
-                Owner::Frame(3),
-                "translation",
-                Some(0),
-                "m",
-            ),
-            Parameter::new(
-                "set3.translation.y",
-                Owner::Frame(3),
-                "translation",
-                Some(1),
-                "m",
-            ),
-            Parameter::new(
-                "set3.translation.z",
-                Owner::Frame(3),
-                "translation",
-                Some(2),
-                "m",
-            ),
-            Parameter::new(
-                "set3.rotation.x",
-                Owner::Frame(3),
-                "rotation",
-                Some(0),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.rotation.y",
-                Owner::Frame(3),
-                "rotation",
-                Some(1),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.rotation.z",
-                Owner::Frame(3),
-                "rotation",
-                Some(2),
-                "rad",
-            ),
         ],
         instances: &[
             Instance {
@@ -972,30 +888,6 @@ pub mod full {
     pub const SERVO6_AXIS_Y: Handle = Handle::new(0, 76);
     /// `servo6.axis.z` (1)
     pub const SERVO6_AXIS_Z: Handle = Handle::new(0, 77);
-    /// `set2.translation.x` (m)
-    pub const SET2_TRANSLATION_X: Handle = Handle::new(0, 78);
-    /// `set2.translation.y` (m)
-    pub const SET2_TRANSLATION_Y: Handle = Handle::new(0, 79);
-    /// `set2.translation.z` (m)
-    pub const SET2_TRANSLATION_Z: Handle = Handle::new(0, 80);
-    /// `set2.rotation.x` (rad)
-    pub const SET2_ROTATION_X: Handle = Handle::new(0, 81);
-    /// `set2.rotation.y` (rad)
-    pub const SET2_ROTATION_Y: Handle = Handle::new(0, 82);
-    /// `set2.rotation.z` (rad)
-    pub const SET2_ROTATION_Z: Handle = Handle::new(0, 83);
-    /// `set3.translation.x` (m)
-    pub const SET3_TRANSLATION_X: Handle = Handle::new(0, 84);
-    /// `set3.translation.y` (m)
-    pub const SET3_TRANSLATION_Y: Handle = Handle::new(0, 85);
-    /// `set3.translation.z` (m)
-    pub const SET3_TRANSLATION_Z: Handle = Handle::new(0, 86);
-    /// `set3.rotation.x` (rad)
-    pub const SET3_ROTATION_X: Handle = Handle::new(0, 87);
-    /// `set3.rotation.y` (rad)
-    pub const SET3_ROTATION_Y: Handle = Handle::new(0, 88);
-    /// `set3.rotation.z` (rad)
-    pub const SET3_ROTATION_Z: Handle = Handle::new(0, 89);
     /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
     ///
     /// Data: `q`, `x`, `y`, `z`, `alpha`, `beta`, `gamma`.
@@ -1751,90 +1643,6 @@ pub mod rods {
                 .with_values(Some(-0.9781), Some(0.01)),
             Parameter::new("servo6.axis.z", Owner::Crank(5), "axis", Some(2), "1")
                 .with_values(Some(0.0), Some(0.01)),
-            Parameter::new(
-                "set2.translation.x",
-                Owner::Frame(2),
-                "translation",
-                Some(0),
-                "m",
-            ),
-            Parameter::new(
-                "set2.translation.y",
-                Owner::Frame(2),
-                "translation",
-                Some(1),
-                "m",
-            ),
-            Parameter::new(
-                "set2.translation.z",
-                Owner::Frame(2),
-                "translation",
-                Some(2),
-                "m",
-            ),
-            Parameter::new(
-                "set2.rotation.x",
-                Owner::Frame(2),
-                "rotation",
-                Some(0),
-                "rad",
-            ),
-            Parameter::new(
-                "set2.rotation.y",
-                Owner::Frame(2),
-                "rotation",
-                Some(1),
-                "rad",
-            ),
-            Parameter::new(
-                "set2.rotation.z",
-                Owner::Frame(2),
-                "rotation",
-                Some(2),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.translation.x",
-                Owner::Frame(3),
-                "translation",
-                Some(0),
-                "m",
-            ),
-            Parameter::new(
-                "set3.translation.y",
-                Owner::Frame(3),
-                "translation",
-                Some(1),
-                "m",
-            ),
-            Parameter::new(
-                "set3.translation.z",
-                Owner::Frame(3),
-                "translation",
-                Some(2),
-                "m",
-            ),
-            Parameter::new(
-                "set3.rotation.x",
-                Owner::Frame(3),
-                "rotation",
-                Some(0),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.rotation.y",
-                Owner::Frame(3),
-                "rotation",
-                Some(1),
-                "rad",
-            ),
-            Parameter::new(
-                "set3.rotation.z",
-                Owner::Frame(3),
-                "rotation",
-                Some(2),
-                "rad",
-            ),
         ],
         instances: &[
             Instance {
@@ -2147,30 +1955,6 @@ pub mod rods {
     pub const SERVO6_AXIS_Y: Handle = Handle::new(1, 76);
     /// `servo6.axis.z` (1)
     pub const SERVO6_AXIS_Z: Handle = Handle::new(1, 77);
-    /// `set2.translation.x` (m)
-    pub const SET2_TRANSLATION_X: Handle = Handle::new(1, 78);
-    /// `set2.translation.y` (m)
-    pub const SET2_TRANSLATION_Y: Handle = Handle::new(1, 79);
-    /// `set2.translation.z` (m)
-    pub const SET2_TRANSLATION_Z: Handle = Handle::new(1, 80);
-    /// `set2.rotation.x` (rad)
-    pub const SET2_ROTATION_X: Handle = Handle::new(1, 81);
-    /// `set2.rotation.y` (rad)
-    pub const SET2_ROTATION_Y: Handle = Handle::new(1, 82);
-    /// `set2.rotation.z` (rad)
-    pub const SET2_ROTATION_Z: Handle = Handle::new(1, 83);
-    /// `set3.translation.x` (m)
-    pub const SET3_TRANSLATION_X: Handle = Handle::new(1, 84);
-    /// `set3.translation.y` (m)
-    pub const SET3_TRANSLATION_Y: Handle = Handle::new(1, 85);
-    /// `set3.translation.z` (m)
-    pub const SET3_TRANSLATION_Z: Handle = Handle::new(1, 86);
-    /// `set3.rotation.x` (rad)
-    pub const SET3_ROTATION_X: Handle = Handle::new(1, 87);
-    /// `set3.rotation.y` (rad)
-    pub const SET3_ROTATION_Y: Handle = Handle::new(1, 88);
-    /// `set3.rotation.z` (rad)
-    pub const SET3_ROTATION_Z: Handle = Handle::new(1, 89);
     /// `L² − ‖T + R·P − C(q)‖², R = Rz(alpha)·Ry(beta)·Rz(gamma)`
     ///
     /// Data: `q`, `x`, `y`, `z`, `alpha`, `beta`, `gamma`, `crank_centre_x`, `crank_centre_y`, `crank_centre_z`, `crank_axis_x`, `crank_axis_y`, `crank_axis_z`.

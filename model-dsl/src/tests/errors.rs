@@ -215,8 +215,14 @@ fn text_that_is_no_tokens() {
     assert_snapshot!(errors("robot Slide { track one; )"), @r"
     robot Slide { track one; )
                              ^
-    `)` closes nothing that is open
-    help: every bracket needs its partner
+    `)` does not close the `{` of line 1, column 13
+    help: close that with `}` before
+    ");
+    assert_snapshot!(errors("robot Slide { /* ( */ track one; // (\n link l1 { length = (1 m }\n}"), @r"
+    link l1 { length = (1 m }
+                            ^
+    `}` does not close the `(` of line 2, column 21
+    help: close that with `)` before
     ");
     assert_snapshot!(errors("robot Slide { track \"one; }"), @r#"
     robot Slide { track "one; }
