@@ -34,6 +34,18 @@ pub struct Sensitivity {
     pub disagreement: f64,
 }
 
+impl Sensitivity {
+    /// Names of the parameters that any link has, in the order of the table.
+    pub fn parameters(&self) -> Vec<&'static str> {
+        let has = |name: &str| {
+            let mut rows = self.links.iter().flat_map(|link| &link.parameters);
+            rows.any(|row| row.parameter == name)
+        };
+        let names = ROWS.iter().map(|row| row.0);
+        names.filter(|name| has(name)).collect()
+    }
+}
+
 /// Coordinates of a small change of orientation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Turn {
@@ -83,7 +95,7 @@ impl Turn {
 pub struct LinkSensitivity {
     /// Name of the link.
     pub link: String,
-    /// One entry per parameter, in the order `L, Px, Py, Pz, Offset_x, …, Orient_3`.
+    /// One entry per parameter that it has, in the order `L, Px, Py, Pz, Offset_x, …, Orient_3`.
     pub parameters: Vec<ParameterSensitivity>,
 }
 
@@ -94,10 +106,14 @@ pub struct ParameterSensitivity {
     pub parameter: String,
     /// Sum of ‖ΔT⁺‖ + ‖ΔT⁻‖ (mm), by steps.
     pub position_mm: f64,
+    /// Sum of ‖T⁺ − T⁻‖ (mm), by steps: the same without what is of second order in the step.
+    pub position_mm_central: f64,
     /// The same by implicit differentiation.
     pub position_mm_analytic: f64,
     /// Sum of the magnitudes of the three changes in [`Sensitivity::turn`] over both steps (rad), by steps.
     pub orientation_rad: f64,
+    /// The same from the lower step to the upper one (rad).
+    pub orientation_rad_central: f64,
     /// The same by implicit differentiation.
     pub orientation_rad_analytic: f64,
     /// Change of the paper's cost on the validation poses (m⁴), magnitudes summed over both steps.
@@ -115,7 +131,7 @@ pub const PAPER_STEP: f64 = 5e-5;
 const MOST_POSES: usize = 1000;
 
 /// A sum below this share of the largest of its quantity does not count in the comparison of the two
-/// ways: it is rounding, or of second order in the step.
+/// ways: it is rounding, or of third order in the step.
 const NEGLIGIBLE: f64 = 1e-6;
 
 /// Parameters of Table III: name, quantity, component.
@@ -192,6 +208,16 @@ struct Change {
     orientation: Vec<f64>,
 }
 
+impl Change {
+    fn between(from: &[Pose], to: &[Pose], turn: Turn) -> Self {
+        let pairs = || from.iter().zip(to);
+        Self {
+            position: (pairs().map(|(from, to)| (to.position - from.position).norm())).collect(),
+            orientation: pairs().map(|(from, to)| turn.sum(from, to)).collect(),
+        }
+    }
+}
+
 impl<'a> Place<'a> {
     fn new(machine: &Machine, measured: &'a TcpPose) -> Result<Self, Error> {
         let sample = Sample::from(measured);
@@ -240,10 +266,11 @@ fn row(
         machine.with_values(values)
     };
     let (plus, minus) = (with(step), with(-step));
-    let (up, down) = (
-        by_step(&plus, places, turn)?,
-        by_step(&minus, places, turn)?,
-    );
+    let before: Vec<Pose> = places.iter().map(|place| place.pose).collect();
+    let (above, below) = (moved(&plus, places)?, moved(&minus, places)?);
+    let up = Change::between(&before, &above, turn);
+    let down = Change::between(&before, &below, turn);
+    let across = Change::between(&below, &above, turn);
     let analytic = implicit(machine, parameter, places, turn);
     let total = |values: &[f64]| values.iter().sum::<f64>();
     let measured: Vec<&TcpPose> = places.iter().map(|place| place.measured).collect();
@@ -259,8 +286,10 @@ fn row(
     Ok(ParameterSensitivity {
         parameter: name.to_owned(),
         position_mm: (total(&up.position) + total(&down.position)) * 1e3,
+        position_mm_central: total(&across.position) * 1e3,
         position_mm_analytic: 2.0 * step * total(&analytic.position) * 1e3,
         orientation_rad: total(&up.orientation) + total(&down.orientation),
+        orientation_rad_central: total(&across.orientation),
         orientation_rad_analytic: 2.0 * step * total(&analytic.orientation),
         cost_m4: (total_cost(&plus)? - cost).abs() + (total_cost(&minus)? - cost).abs(),
         by_pose_um: up.position.iter().map(|change| change * 1e6).collect(),
@@ -268,25 +297,17 @@ fn row(
     })
 }
 
-/// Changes of the predicted poses when the machine is replaced by one with a parameter moved.
-fn by_step(moved: &Machine, places: &[Place<'_>], turn: Turn) -> Result<Change, Error> {
-    let mut change = Change {
-        position: Vec::new(),
-        orientation: Vec::new(),
-    };
-    for place in places {
-        let pose = moved
-            .forward_unchecked(&Sample::from(place.measured).at(place.pose))
-            .map_err(|error| Error::at_pose(place.measured.pose, error))?;
-        change
-            .position
-            .push((pose.position - place.pose.position).norm());
-        change.orientation.push(turn.sum(&place.pose, &pose));
-    }
-    Ok(change)
+/// The poses that a machine with a parameter moved takes in place of the predicted ones.
+fn moved(moved: &Machine, places: &[Place<'_>]) -> Result<Vec<Pose>, Error> {
+    let poses = places.iter().map(|place| {
+        let from = Sample::from(place.measured).at(place.pose);
+        let pose = moved.forward_unchecked(&from);
+        pose.map_err(|error| Error::at_pose(place.measured.pose, error))
+    });
+    poses.collect()
 }
 
-/// The same per unit of the parameter, by the implicit function theorem.
+/// Changes of the predicted poses per unit of a parameter, by the implicit function theorem.
 fn implicit(machine: &Machine, parameter: usize, places: &[Place<'_>], turn: Turn) -> Change {
     let mut change = Change {
         position: Vec::new(),
@@ -308,21 +329,18 @@ fn implicit(machine: &Machine, parameter: usize, places: &[Place<'_>], turn: Tur
 
 /// Largest relative difference between the two ways, over all entries that are not negligible.
 fn disagreement(links: &[LinkSensitivity]) -> f64 {
-    let entries = |of: fn(&ParameterSensitivity) -> (f64, f64)| {
-        let all: Vec<(f64, f64)> = links
-            .iter()
-            .flat_map(|link| &link.parameters)
-            .map(of)
-            .collect();
-        let largest = all.iter().map(|(by_step, _)| *by_step).fold(0.0, f64::max);
-        all.into_iter()
-            .filter(|(by_step, _)| *by_step > NEGLIGIBLE * largest)
-            .map(|(by_step, analytic)| ((by_step - analytic) / by_step).abs())
+    let entries = |of: fn(&ParameterSensitivity) -> [f64; 2]| {
+        let rows = || links.iter().flat_map(|link| &link.parameters).map(of);
+        let largest = rows().flatten().fold(0.0, f64::max);
+        rows()
+            .map(|[by_step, analytic]| ((by_step - analytic).abs(), by_step.max(analytic)))
+            .filter(|(_, size)| *size > NEGLIGIBLE * largest)
+            .map(|(difference, size)| difference / size)
             .fold(0.0, f64::max)
     };
-    entries(|row| (row.position_mm, row.position_mm_analytic)).max(entries(|row| {
-        (row.orientation_rad, row.orientation_rad_analytic)
-    }))
+    let position = entries(|row| [row.position_mm_central, row.position_mm_analytic]);
+    let orientation = entries(|row| [row.orientation_rad_central, row.orientation_rad_analytic]);
+    position.max(orientation)
 }
 
 /// The parameter of a closure's own link, cluster or track that a row of the table changes.

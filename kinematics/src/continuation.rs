@@ -21,6 +21,10 @@ const SMALLEST_CORRECTION: f64 = 1e-6;
 /// Shortest step, as a share of the whole way: below it the way ends at a singular pose. Close to one, as where a link is
 /// nearly at right angles to its track, steps go with the distance to it.
 const SHORTEST: f64 = 1.0 / 16_777_216.0;
+/// Most steps of a way, those that were too long among them. One that ends at a singular pose halves its step 24 times, with a
+/// step or two between; where redundant
+/// links contradict each other, a way may have a corner at which steps stay short for good.
+const MOST_STEPS: usize = 256;
 /// Farthest that the machine may stand from where its reference says: as a share of the mean length of its links, and
 /// in rad. Beyond it the reference is that of another machine, or of another frame.
 const REFERENCE_OFF: (f64, f64) = (0.1, 0.2);
@@ -165,7 +169,7 @@ impl Machine {
     ) -> Result<Standing, Error> {
         let mut here = start;
         let (mut done, mut step) = (0.0, 1.0_f64);
-        loop {
+        for _ in 0..MOST_STEPS {
             let rest = 1.0 - done;
             let share = (step / rest).min(1.0);
             match self.step(like, &here, &goal.between(&here, share), unknowns) {
@@ -181,9 +185,10 @@ impl Machine {
                     return Err(Error::Missing { closure, what });
                 }
                 Err(_) if step > SHORTEST => step /= 2.0,
-                Err(_) => return Err(Error::Way { share: done }),
+                Err(_) => break,
             }
         }
+        Err(Error::Way { share: done })
     }
 
     /// One step of the way: along the tangent, then by Newton's method.

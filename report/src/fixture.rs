@@ -329,8 +329,10 @@ fn sensitivity(numbers: &mut Numbers) -> Sensitivity {
                     ParameterSensitivity {
                         parameter: (*parameter).to_owned(),
                         position_mm,
+                        position_mm_central: position_mm * 1.000_01,
                         position_mm_analytic: position_mm * 1.000_01,
                         orientation_rad,
+                        orientation_rad_central: orientation_rad,
                         orientation_rad_analytic: orientation_rad,
                         cost_m4: 1e-7 * (1.5 + numbers.next()),
                         by_pose_um,

@@ -30,11 +30,7 @@ pub(super) fn joint_heading(of: Architecture) -> &'static str {
 
 /// Meaning of the letters by which tables of sensitivities call parameters; `None` where they have none.
 pub(super) fn letters(sensitivity: &Sensitivity, of: Architecture) -> Option<String> {
-    let links = sensitivity.links.iter();
-    let parameters: Vec<&str> = links
-        .flat_map(|link| &link.parameters)
-        .map(|own| own.parameter.as_str())
-        .collect();
+    let parameters = sensitivity.parameters();
     let joint = match (of.carts > 0, of.cranks > 0) {
         (true, false) => "C: track offset".to_owned(),
         (false, false) => "C: joint on the base".to_owned(),

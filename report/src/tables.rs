@@ -237,23 +237,14 @@ pub(super) fn sensitivity(sensitivity: &Sensitivity, of: Architecture) -> Vec<Ta
             parameter.cost_m4
         }),
     ];
-    let links = sensitivity.links.first();
-    let Some(first) = links.filter(|link| !link.parameters.is_empty()) else {
+    let names = sensitivity.parameters();
+    if names.is_empty() {
         return Vec::new();
-    };
-    let names: Vec<&str> = first
-        .parameters
-        .iter()
-        .map(|parameter| parameter.parameter.as_str())
-        .collect();
-    let names: Vec<String> = names
-        .iter()
-        .map(|name| name.replace("Offset_", "C").replace("Orient_", "O"))
-        .collect();
+    }
     let mut headings = columns(&[("", &["Link"])]);
-    headings.extend(names.into_iter().map(|name| Column {
+    headings.extend(names.iter().map(|name| Column {
         group: String::new(),
-        name,
+        name: name.replace("Offset_", "C").replace("Orient_", "O"),
     }));
     quantities
         .into_iter()
@@ -277,23 +268,19 @@ pub(super) fn sensitivity(sensitivity: &Sensitivity, of: Architecture) -> Vec<Ta
                     )
                 }
             };
-            let rows = sensitivity
-                .links
-                .iter()
-                .map(|link| {
-                    let mut row = vec![text(&link.link)];
-                    row.extend(
-                        link.parameters
-                            .iter()
-                            .map(|parameter| cell(value(parameter))),
-                    );
-                    row
-                })
-                .collect();
+            let rows = sensitivity.links.iter().map(|link| {
+                let entry = |name: &&str| {
+                    let mut own = link.parameters.iter();
+                    let own = own.find(|own| own.parameter == *name);
+                    own.map_or(Cell::Empty, |own| cell(value(own)))
+                };
+                let entries = names.iter().map(entry);
+                [text(&link.link)].into_iter().chain(entries).collect()
+            });
             Table {
                 title: numbered("Table III", &format!("Sensitivity: {quantity}"), of),
                 columns: headings.clone(),
-                rows,
+                rows: rows.collect(),
             }
         })
         .collect()

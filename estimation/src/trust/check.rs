@@ -132,10 +132,10 @@ pub fn check(
             let of = (robot, variant);
             let found = of_poses(of, file, folder, &division.calibration)?;
             Ok(Recognised {
+                another_machine: found.another_machine.filter(|_| found.mistakes.is_empty()),
                 mistakes: found.mistakes,
                 misfit: found.misfit,
                 is_without_fit: found.is_without_fit,
-                ..Recognised::default()
             })
         }
         Some(rows) => {

@@ -37,6 +37,8 @@ pub(crate) enum Hypothesis {
     Commands(Vec<usize>),
     /// A command counts the other way.
     Sign(usize),
+    /// A command counts from another zero, so far (m or rad) from that of the drawing.
+    Zero { command: usize, by: f64 },
     /// Commands of these drives, which turn, are in degrees.
     CommandsInDegrees(Vec<usize>),
     /// What was measured in a row belongs so many rows below it, or above.
@@ -215,6 +217,7 @@ impl Hypothesis {
                 }
             }
             Self::Sign(command) => commands_m[*command] = -commands_m[*command],
+            Self::Zero { command, by } => commands_m[*command] += by,
             Self::CommandsInDegrees(commands) => {
                 for &command in commands {
                     commands_m[command] = commands_m[command].to_radians();
@@ -457,6 +460,25 @@ pub(crate) fn noise(plate: Plate) -> Vec<Hypothesis> {
         }
     }
     all
+}
+
+/// Noise larger than stated, of positions and of rotations each as stated, a thousand times as large or halfway between:
+/// those of the nine that are not among [`noise`].
+pub(crate) fn noise_between(plate: Plate) -> Vec<Hypothesis> {
+    let steps = [1.0, THOUSAND.sqrt(), THOUSAND];
+    let turns = !plate.turning_axes().is_empty();
+    let of_rotations = if turns { &steps[..] } else { &steps[..1] };
+    let all = steps.iter().flat_map(|&position| {
+        let pairs = of_rotations.iter();
+        pairs.map(move |&rotation| (position, rotation))
+    });
+    let is_between = |&(position, rotation): &(f64, f64)| {
+        let between = [position, rotation].contains(&steps[1]);
+        between || (position, rotation) == (1.0, 1.0)
+    };
+    all.filter(is_between)
+        .map(|(position, rotation)| Hypothesis::Noise { position, rotation })
+        .collect()
 }
 
 #[cfg(test)]

@@ -41,6 +41,8 @@ pub enum MistakeKind {
     Commands,
     /// A command counts the other way.
     CommandSign,
+    /// A command counts from another zero.
+    CommandZero,
     /// Measured rows are shifted against those of the commands.
     Rows,
     /// Heights count the other way.
@@ -75,6 +77,7 @@ impl MistakeKind {
         match self {
             Self::Commands => "commands",
             Self::CommandSign => "command_sign",
+            Self::CommandZero => "command_zero",
             Self::Rows => "rows",
             Self::HeightSign => "height_sign",
             Self::Axes => "axes",

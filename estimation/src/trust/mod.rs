@@ -9,9 +9,9 @@
 
 mod check;
 pub(crate) mod dimensions;
+pub(crate) mod drawing;
 pub(crate) mod exchanged;
 mod first_look;
-pub(crate) mod frame;
 pub(crate) mod hypothesis;
 pub(crate) mod judged;
 mod mistake;
@@ -22,6 +22,8 @@ mod of_folder;
 mod prediction;
 mod reach;
 pub(crate) mod recognise;
+mod refined;
+pub(crate) mod tried;
 mod verdict;
 pub(crate) mod weighing_words;
 pub(crate) mod words;

@@ -15,7 +15,7 @@ use crate::trust::hypothesis::Case;
 use crate::trust::judged::{Judged, Misfit};
 use crate::trust::of_folder::case;
 use crate::trust::of_folder::mistakes;
-use crate::trust::recognise::{self, ITERATIONS};
+use crate::trust::tried::{self, ITERATIONS};
 use crate::trust::verdict::{Pull, Status, Verdict, measured};
 use crate::trust::{numbering, words};
 use crate::uncertainty::Uncertainty;
@@ -70,8 +70,9 @@ pub fn of_prediction(
     let case = all.of_poses(&kept);
     let prepared = as_stated(&case)?;
     let knows_parameters = known.is_some();
+    let mut furthest = None;
     let mut verdict = if let Some(known) = known {
-        let judged = recognise::judged(&case, &prepared, &machine.values, 0)?;
+        let judged = tried::judged(&case, &prepared, &machine.values, 0)?;
         let mut verdict = measured(&case, &judged, vec![]);
         verdict.know(&weighing, folder.poses_file());
         let misfit = predicted(judged, &known, &case.samples());
@@ -81,17 +82,16 @@ pub fn of_prediction(
         verdict.judge(variant, None);
         verdict
     } else {
-        let judged = recognise::judged(&case, &prepared, &machine.values, ITERATIONS)?;
+        let judged = tried::judged(&case, &prepared, &machine.values, ITERATIONS)?;
         let deviations = judged.deviations();
-        let pulls = deviations.iter().map(|deviation| Pull {
-            parameter: variant.parameters[deviation.parameter].name.clone(),
-            tolerances: deviation.tolerances,
-        });
+        let pulls = deviations.iter().map(|own| Pull::of(own, variant));
+        let own = tried::furthest(&judged, (&case, &prepared), None);
+        furthest = own.map(|own| Pull::of(&own, variant));
         let mut verdict = measured(&case, &judged, Pull::largest(pulls));
         verdict.know(&weighing, folder.poses_file());
         verdict.judge(
             variant,
-            recognise::beyond_tolerance(&deviations, verdict.residual_over_noise),
+            tried::beyond_tolerance(&deviations, verdict.residual_over_noise),
         );
         verdict
     };
@@ -106,8 +106,8 @@ pub fn of_prediction(
     }
     let is_unexplained = verdict.status == Status::Inconsistent && verdict.mistakes.is_empty();
     let others = if knows_parameters && is_unexplained {
-        let fitted = recognise::judged(&case, &prepared, &machine.values, ITERATIONS)?;
-        Some(fitted.misfit()).filter(|misfit| !recognise::is_beyond_noise(misfit))
+        let fitted = tried::judged(&case, &prepared, &machine.values, ITERATIONS)?;
+        Some(fitted.misfit()).filter(|misfit| !tried::is_beyond_noise(misfit))
     } else {
         None
     };
@@ -115,7 +115,7 @@ pub fn of_prediction(
         let (squares, degrees) = (verdict.chi2 - others.chi2, verdict.dof - others.dof);
         verdict.why.push(words::changed(squares, degrees));
     }
-    verdict.conclude(&case, others.is_some());
+    verdict.conclude(&case, others.is_some(), furthest.as_ref());
     verdict.tell(&weighing);
     Ok(verdict)
 }

@@ -10,22 +10,26 @@ use std::borrow::Cow;
 use std::collections::BTreeSet;
 
 use tau_kinematics::Machine;
-use tau_robot::robot::Variant;
 
-use crate::calibration::{Error, Nominal, Prepared};
+use crate::calibration::{Error, Prepared};
 use crate::numerics::distribution::chi2_survival;
 use crate::numerics::order::smallest_first;
 use crate::numerics::parallel;
 use crate::samples::Sample;
 use crate::trust::dimensions;
+use crate::trust::drawing;
 use crate::trust::exchanged::exchanged_commands;
 use crate::trust::first_look::FirstLook;
-use crate::trust::frame;
 use crate::trust::hypothesis::{self, Case, Hypothesis, THOUSAND};
-use crate::trust::judged::{Deviation, Judged, Misfit};
-use crate::trust::mistake::Mistake;
-use crate::trust::{ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, NEARER, ODDS, numbering, words};
-use crate::weighing::{variance_of_most, weigh_fitted};
+use crate::trust::judged::Judged;
+use crate::trust::mistake::{Mistake, MistakeKind};
+use crate::trust::refined::refined;
+use crate::trust::tried::{
+    ITERATIONS, STATED, Tried, beyond_tolerance, closer, fitted, is_beyond_noise, tried,
+};
+use crate::trust::verdict::{Pull, another_machine};
+use crate::trust::{LARGEST_MISFIT, LEVEL, NEARER, ODDS, numbering, words};
+use crate::weighing::weigh_fitted;
 
 /// Poses for a first look at all hypotheses, and for a closer one at the best of them: as many as calibrations usually
 /// have, whose own fits serve then.
@@ -33,8 +37,6 @@ pub(crate) const FEW_POSES: usize = 12;
 pub(crate) const POSES: usize = 100;
 /// Iterations of the closer look at a few poses: enough for places of tracks that are known to centimetres.
 pub(crate) const FEW_ITERATIONS: usize = 4;
-/// Iterations of a whole descent.
-pub(crate) const ITERATIONS: usize = 40;
 /// Hypotheses that a closer look is taken at, the most suspect first: each costs a whole fit, and a first look tells more
 /// than so many apart.
 pub(crate) const CLOSER: usize = 6;
@@ -43,123 +45,14 @@ const WIDEST_TOLERANCE: f64 = 0.1;
 /// Noise that is stated so many times too large is no caution any more. Where tolerances hold a fit back, noise that is
 /// stated a thousand times too large leaves a misfit of less than that.
 const CAUTIOUS: f64 = 10.0;
-/// Factor to which noise is known where its unit is right.
-pub(crate) const STATED: f64 = 2.0;
-
-/// A hypothesis with its fit.
-struct Tried {
-    hypothesis: Option<Hypothesis>,
-    total: f64,
-    volumes: f64,
-    misfit: Misfit,
-    /// Variance of most poses over the stated one, whatever a few lie off.
-    of_most: f64,
-    deviations: Vec<Deviation>,
-    values: Vec<f64>,
-}
-
-impl Tried {
-    fn of(hypothesis: Option<&Hypothesis>, judged: &Judged) -> Self {
-        Self {
-            hypothesis: hypothesis.cloned(),
-            total: judged.total(),
-            volumes: judged.volumes(),
-            misfit: judged.misfit(),
-            of_most: variance_of_most(judged),
-            deviations: judged.deviations(),
-            values: judged.values(),
-        }
-    }
-
-    /// −2 ln of the evidence where squares count by `scale`.
-    fn evidence(&self, scale: f64) -> f64 {
-        self.total / scale + self.volumes
-    }
-
-    /// The machine that was fitted to a case, mended as the hypothesis says.
-    fn machine(&self, case: &Case<'_>) -> Option<Machine> {
-        let hypothesis = self.hypothesis.as_ref();
-        let mended = hypothesis.map(|hypothesis| case.mended(hypothesis));
-        let prepared = mended.as_ref().unwrap_or(case).prepared().ok()?;
-        Some(prepared.machine.with_values(self.values.clone()))
-    }
-
-    /// True if no parameter is off by more than any machine.
-    fn is_plausible(&self) -> bool {
-        let freed = match self.hypothesis {
-            Some(Hypothesis::Dimension { parameter, .. }) => Some(parameter),
-            _ => None,
-        };
-        self.total.is_finite()
-            && (self.deviations.iter())
-                .filter(|deviation| Some(deviation.parameter) != freed)
-                .all(|deviation| deviation.tolerances.abs() < ABSURD_TOLERANCES)
-    }
-
-    /// True for a hypothesis of other tolerances.
-    fn widens(&self) -> bool {
-        matches!(self.hypothesis, Some(Hypothesis::Tolerances { .. }))
-    }
-
-    /// False where other measurements fit hardly better: residuals of a model that lacks something follow each other, so
-    /// that their odds mean little, and any other angles or axes may lower them somewhat. The right ones bring them to the
-    /// noise, or much nearer to it, unless no machine is what the measurements as given ask for.
-    fn is_much_nearer(&self, given: &Self) -> bool {
-        matches!(
-            self.hypothesis,
-            Some(Hypothesis::Tolerances { .. } | Hypothesis::Dimension { .. })
-        ) || !is_beyond_noise(&self.misfit)
-            || NEARER * self.misfit.ratio() < given.misfit.ratio()
-    }
-
-    /// False where wider tolerances only make room for something else. With them residuals are the stated noise, to the
-    /// factor to which that is known, no departure from nominal is beyond chance, and most departures are of the size of the
-    /// wider tolerances rather than of the given ones: drawings are stated with caution, and machines are better.
-    fn meets_its_tolerances(&self, variant: &Variant) -> bool {
-        let Some(&Hypothesis::Tolerances {
-            factor,
-            lengths_only,
-            ..
-        }) = self.hypothesis.as_ref()
-        else {
-            return true;
-        };
-        // Of what data hardly tell, departures say nothing of tolerances.
-        let is_told = |deviation: &&Deviation| {
-            let unit = &variant.parameters[deviation.parameter].unit;
-            deviation.told > 0.5 && (!lengths_only || unit == hypothesis::LENGTH)
-        };
-        let told: Vec<&Deviation> = self.deviations.iter().filter(is_told).collect();
-        let is_wide = |own: &&&Deviation| factor * own.tolerances.powi(2) > own.told;
-        let ratio = self.misfit.ratio();
-        ratio.ln().abs() < STATED.ln()
-            && 2 * told.iter().filter(is_wide).count() >= told.len()
-            && beyond_tolerance(&self.deviations, ratio).is_none()
-    }
-}
-
-/// The misfit is more than chance allows.
-pub(crate) fn is_beyond_noise(misfit: &Misfit) -> bool {
-    chi2_survival(misfit.chi2, misfit.dof) < LEVEL
-}
-
-/// The largest deviation that chance does not allow for, of so many: two-sided, by Bonferroni's bound. Where residuals
-/// exceed the noise `scale` times, so may what they do to parameters.
-pub(crate) fn beyond_tolerance(deviations: &[Deviation], scale: f64) -> Option<Deviation> {
-    let level = LEVEL / deviations.len().max(1) as f64;
-    let worst = deviations
-        .iter()
-        .max_by(|a, b| a.deleted.abs().total_cmp(&b.deleted.abs()))?;
-    let square = (worst.deleted / scale.max(1.0)).powi(2);
-    (chi2_survival(square, 1.0) < level).then_some(*worst)
-}
-
 /// Mistakes of measurements and parameters, and the machine that these tell once mended.
 #[derive(Default)]
 pub(crate) struct Recognised {
     pub(crate) mistakes: Vec<Mistake>,
     /// `None` where no machine fits and nothing explains it: where parts of a wrong one would be tells nothing.
     pub(crate) machine: Option<Machine>,
+    /// Why the measurements are not those of the machine, where nothing else explains them.
+    pub(crate) another_machine: Option<String>,
     /// Residuals over the noise, where they exceed it significantly and nothing explains it.
     pub(crate) misfit: Option<f64>,
     /// True where nothing fits and nothing explains it.
@@ -181,7 +74,11 @@ pub(crate) fn recognised(case: &Case<'_>, known: Option<&Judged>) -> Result<Reco
     let owned =
         |fit: Option<(Tried, Judged)>| fit.map(|(tried, judged)| (tried, Cow::Owned(judged)));
     let mut fit = match known {
-        Some(judged) => Some((Tried::of(None, judged), Cow::Borrowed(judged))),
+        Some(judged) => {
+            let prepared = thinned.prepared()?;
+            let given = Tried::of(None, judged, (&thinned, &prepared));
+            Some((given, Cow::Borrowed(judged)))
+        }
         None => owned(fitted(&thinned, None, ITERATIONS)),
     };
     // A few poses far off are outliers and no mistake: what is left without them is judged.
@@ -264,27 +161,64 @@ pub(crate) fn recognised(case: &Case<'_>, known: Option<&Judged>) -> Result<Reco
     // Wider tolerances make room for what a model lacks as well: what explains about as much within the stated ones goes
     // before them.
     all.retain(|tried| !tried.widens() || NEARER * tried.misfit.ratio() < nearest);
-    smallest_first(&mut all, evidence);
     let decisive = 2.0 * ODDS.ln();
-    if let Some(best) = all
-        .first()
-        .filter(|best| of_given - evidence(best) > decisive)
-    {
+    all.retain(|tried| {
+        let is_likelier = of_given - evidence(tried) > decisive;
+        is_likelier && is_demanded(&thinned, tried, decisive + penalty(tried))
+    });
+    smallest_first(&mut all, evidence);
+    if let Some(best) = all.first() {
         let limit = evidence(best) + decisive;
         let rivals: Vec<&Tried> = all.iter().filter(|t| evidence(t) < limit).collect();
+        let mut mistake = described(&thinned, &rivals);
+        if let Some(own) = mistake
+            .as_mut()
+            .filter(|own| own.kind == MistakeKind::CommandZero)
+        {
+            // A machine whose joints on one drive are off alike is the same, as long as tolerances let it be.
+            let is_one = |given: &Tried| given.is_plausible() && !is_beyond_noise(&given.misfit);
+            own.is_absurd = !given.as_ref().is_some_and(is_one);
+        }
         return Ok(Recognised {
-            mistakes: described(&thinned, &rivals).into_iter().collect(),
+            mistakes: mistake.into_iter().collect(),
             machine: best.machine(&thinned),
             ..Recognised::default()
         });
     }
+    let another_machine = || {
+        let (off_m, _) = judged.as_deref()?.closure_rms_m(&thinned.samples());
+        let furthest = given.as_ref()?.furthest.as_ref();
+        let refused = furthest.and_then(|own| Pull::of(own, thinned.variant).refusal());
+        another_machine(&thinned, off_m).or(refused)
+    };
     Ok(Recognised {
+        another_machine: another_machine(),
         misfit: (given.as_ref())
             .filter(|given| is_beyond_noise(&given.misfit))
             .map(|given| given.misfit.ratio()),
         is_without_fit: given.is_none(),
         ..by_noise(&thinned, given.as_ref(), judged.as_deref())
     })
+}
+
+/// False of a dimension far off that noise as large as what it leaves would not ask for, at odds of −2 ln `decisive`: at
+/// that noise tolerances hold what it would drive.
+fn is_demanded(case: &Case<'_>, found: &Tried, decisive: f64) -> bool {
+    let Some(hypothesis @ Hypothesis::Dimension { .. }) = &found.hypothesis else {
+        return true;
+    };
+    if !is_beyond_noise(&found.misfit) {
+        return true;
+    }
+    let ratio = found.misfit.ratio();
+    let noisy = case.mended(&Hypothesis::Noise {
+        position: ratio,
+        rotation: ratio,
+    });
+    let evidence = |hypothesis| {
+        tried(&noisy, hypothesis, ITERATIONS).map_or(f64::INFINITY, |own| own.evidence(1.0))
+    };
+    evidence(None) - evidence(Some(hypothesis)) > decisive
 }
 
 /// The fit of which something is least.
@@ -331,7 +265,10 @@ fn prior(case: &Case<'_>, hypothesis: Option<&Hypothesis>) -> f64 {
             hypothesis::angles(case.robot.plate).len()
         }
         Some(Hypothesis::Axes { .. }) => hypothesis::axes(case.robot.plate).len(),
-        Some(Hypothesis::Frame { .. }) => return frame::room(),
+        Some(Hypothesis::Frame { .. }) => return drawing::room(6),
+        Some(Hypothesis::Zero { .. }) => {
+            return drawing::room(1) + 2.0 * (case.robot.commands as f64).ln();
+        }
         Some(_) => case.robot.commands,
     };
     2.0 * (count.max(1) as f64).ln()
@@ -365,7 +302,9 @@ fn candidates(case: &Case<'_>, given: Option<&Judged>) -> Vec<Hypothesis> {
         )
     });
     all.extend(turns.then_some(Hypothesis::Degrees));
-    all.extend(frame::of_drawing(&few));
+    let drawn = drawing::frame(&few).into_iter().chain(drawing::zeros(&few));
+    let drawn: Vec<Hypothesis> = drawn.collect();
+    all.extend(parallel::map(&drawn, |own| refined(&few, own.clone())));
     let best = first(&few, all);
     let mut found = hypothesis::small_tolerances();
     // Room for tolerances is paid for by evidence, which few poses don't settle.
@@ -383,7 +322,7 @@ fn candidates(case: &Case<'_>, given: Option<&Judged>) -> Vec<Hypothesis> {
     let better = closer(&few, &best, FEW_ITERATIONS).into_iter();
     better
         .filter(|tried| tried.total < as_given)
-        .filter_map(|tried| tried.hypothesis)
+        .filter_map(|tried| Some(refined(case, tried.hypothesis?)))
         .chain(found)
         .collect()
 }
@@ -433,68 +372,6 @@ fn first(case: &Case<'_>, hypotheses: Vec<Hypothesis>) -> Vec<Hypothesis> {
         .into_iter()
         .map(|(_, hypothesis)| hypothesis)
         .collect()
-}
-
-/// Fits under hypotheses, those that have one.
-fn closer(case: &Case<'_>, hypotheses: &[Hypothesis], iterations: usize) -> Vec<Tried> {
-    parallel::map(hypotheses, |hypothesis| {
-        tried(case, Some(hypothesis), iterations)
-    })
-    .into_iter()
-    .flatten()
-    .collect()
-}
-
-/// A fit under a hypothesis; `None` where there is none.
-fn tried(case: &Case<'_>, hypothesis: Option<&Hypothesis>, iterations: usize) -> Option<Tried> {
-    Some(fitted(case, hypothesis, iterations)?.0)
-}
-
-/// The same, with all that is known of it.
-fn fitted(
-    case: &Case<'_>,
-    hypothesis: Option<&Hypothesis>,
-    iterations: usize,
-) -> Option<(Tried, Judged)> {
-    let mended = hypothesis.map(|hypothesis| case.mended(hypothesis));
-    let case = mended.as_ref().unwrap_or(case);
-    let mut prepared = case.prepared().ok()?;
-    let mut start = prepared.machine.values.clone();
-    let mut freed = None;
-    if let Some(&Hypothesis::Dimension {
-        parameter,
-        start: at,
-    }) = hypothesis
-    {
-        let stated = prepared.free(parameter, case.mean_length_m())?;
-        freed = Some((parameter, stated));
-        start[parameter] = at;
-    }
-    let judged = judged(case, &prepared, &start, iterations).ok()?;
-    let tried = Tried::of(hypothesis, &judged);
-    // A value within its tolerance is no mistake, however well all else fits.
-    let is_off = |(parameter, stated): (usize, Nominal)| {
-        stated.tolerances_to(tried.values[parameter]).abs() > 1.0
-    };
-    freed.is_none_or(is_off).then_some((tried, judged))
-}
-
-/// The fit of a case from some values.
-pub(crate) fn judged(
-    case: &Case<'_>,
-    prepared: &Prepared,
-    start: &[f64],
-    iterations: usize,
-) -> Result<Judged, Error> {
-    let samples = case.samples();
-    let even = vec![1.0; samples.len()];
-    Judged::new(
-        prepared,
-        start,
-        &samples,
-        case.file.noise,
-        (&even, iterations),
-    )
 }
 
 /// Tolerances of lengths so wide that they tell nothing, where a thousandth of them is enough.
@@ -549,10 +426,20 @@ fn noise(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
     let mut all = closer(case, &hypotheses, ITERATIONS);
     // What lies far off is as large as noise that is stated too large, or hides that it is.
     let best = least(all.iter(), |tried| tried.of_most.ln().abs());
-    if let Some(kept) = best.and_then(|best| kept_beside(case, best)) {
-        all = closer(&case.of_poses(&kept), &hypotheses, ITERATIONS);
+    let kept = best.and_then(|best| kept_beside(case, best));
+    let kept = kept.map(|kept| case.of_poses(&kept));
+    if let Some(case) = &kept {
+        all = closer(case, &hypotheses, ITERATIONS);
     }
     all.retain(|tried| tried.is_plausible() && off(tried) < limit && is_likely(tried));
+    if ratio > 1.0 && !all.is_empty() {
+        // Noise of positions and of rotations that are off in other ways may cancel in the sum of squares.
+        let others = hypothesis::noise_between(case.robot.plate);
+        let others = closer(kept.as_ref().unwrap_or(case), &others, ITERATIONS);
+        let evidence = |tried: &Tried| tried.evidence(1.0);
+        let likeliest = others.iter().map(evidence).fold(f64::INFINITY, f64::min);
+        all.retain(|tried| evidence(tried) < likeliest);
+    }
     let least = all.iter().map(off).fold(f64::INFINITY, f64::min);
     // Of several that bring it about as near, the first is the simplest.
     let best = all.iter().find(|tried| off(tried) < least + 0.5)?;

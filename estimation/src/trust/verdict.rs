@@ -17,7 +17,7 @@ use crate::trust::judged::{Deviation, Judged, Misfit};
 use crate::trust::mistake::{Mistake, MistakeKind};
 use crate::trust::of_folder::{self, of_case};
 use crate::trust::reach::Reach;
-use crate::trust::recognise::{self, ITERATIONS};
+use crate::trust::tried::{self, ITERATIONS};
 use crate::trust::{
     ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, LISTED, general, numbering, weighing_words,
 };
@@ -127,7 +127,7 @@ impl Verdict {
             dof: self.dof,
             rows: 0,
         };
-        if recognise::is_beyond_noise(&misfit) {
+        if tried::is_beyond_noise(&misfit) {
             let ratio = self.repeats.map(|repeats| repeats.excess);
             ratio.unwrap_or(self.residual_over_noise).max(1.0)
         } else {
@@ -251,10 +251,10 @@ pub fn of_calibration_knowing(
     let deviations = judged.deviations();
     let mut verdict = measured(&case, judged, Pull::largest(calibration.pulls()));
     verdict.know(weighing, folder.poses_file());
-    let beyond = recognise::beyond_tolerance(&deviations, verdict.residual_over_noise);
+    let beyond = tried::beyond_tolerance(&deviations, verdict.residual_over_noise);
     verdict.judge(&machine.variant, beyond);
     let is_off =
-        recognise::is_beyond_noise(&judged.misfit()) || verdict.residual_over_noise < LEAST_RATIO;
+        tried::is_beyond_noise(&judged.misfit()) || verdict.residual_over_noise < LEAST_RATIO;
     let nominal = &case.prepared()?.nominal;
     let suspect = verdict.status > Status::Consistent
         || is_off
@@ -285,7 +285,11 @@ pub fn of_calibration_knowing(
     } else {
         verdict.blame(numbering::mistake(machine, folder).into_iter().collect());
     }
-    verdict.conclude(&case, false);
+    let furthest = || {
+        let own = tried::furthest(judged, (&case, &case.prepared().ok()?), None)?;
+        Some(Pull::of(&own, &machine.variant))
+    };
+    verdict.conclude(&case, false, furthest().as_ref());
     verdict.tell(weighing);
     if verdict.status != Status::Absurd {
         verdict.reach = reach;
@@ -303,6 +307,25 @@ impl Pull {
         pulls.truncate(LISTED);
         pulls
     }
+
+    /// How far a parameter of a variant is off.
+    pub(super) fn of(deviation: &Deviation, variant: &Variant) -> Self {
+        Self {
+            parameter: variant.parameters[deviation.parameter].name.clone(),
+            tolerances: deviation.tolerances,
+        }
+    }
+
+    /// Why no machine is that far off its drawing, where none is.
+    pub(super) fn refusal(&self) -> Option<String> {
+        (self.tolerances.abs() >= ABSURD_TOLERANCES).then(|| {
+            format!(
+                "No machine is {} tolerances off its drawing, as `{}` would be.",
+                general(self.tolerances.abs(), 3),
+                self.parameter
+            )
+        })
+    }
 }
 
 impl Calibration {
@@ -317,6 +340,17 @@ impl Calibration {
         let pulls = self.parameters.iter().filter_map(of);
         pulls.filter(|pull| pull.tolerances.is_finite())
     }
+}
+
+/// Why links that miss their lengths by so much (m, rms) are those of another machine, where they are.
+pub(super) fn another_machine(case: &Case<'_>, off_m: f64) -> Option<String> {
+    let length_m = case.mean_length_m();
+    (length_m > 0.0 && off_m > LARGEST_MISFIT * length_m).then(|| {
+        format!(
+            "Links miss their lengths by {} mm: this is another machine, or commands and poses do not belong together.",
+            general(1e3 * off_m, 3)
+        )
+    })
 }
 
 /// The figures of a fit, before they are judged.
@@ -384,7 +418,7 @@ impl Verdict {
             dof: self.dof,
             rows: 0,
         };
-        if recognise::is_beyond_noise(&misfit) {
+        if tried::is_beyond_noise(&misfit) {
             self.status = Status::Inconsistent;
             self.why.push(format!(
                 "Residuals are {} times what the stated noise allows (χ² {} where {} is expected).",
@@ -436,33 +470,31 @@ impl Verdict {
         self.mistakes.push(mistake);
     }
 
-    /// No machine is that far off its drawing, unless a mistake tells why.
-    pub(crate) fn refuse_pulls(&mut self) {
-        let worst = self.pulls.first().filter(|_| self.mistakes.is_empty());
-        if let Some(pull) = worst.filter(|pull| pull.tolerances.abs() >= ABSURD_TOLERANCES) {
+    /// No machine is as far off its drawing as the parameter that is furthest off, unless a mistake tells why.
+    pub(crate) fn refuse_pull(&mut self, furthest: Option<&Pull>) {
+        let furthest = furthest.filter(|_| self.mistakes.is_empty());
+        if let Some(why) = furthest.and_then(Pull::refusal) {
             self.status = Status::Absurd;
-            self.why.push(format!(
-                "No machine is {} tolerances off its drawing, as `{}` would be.",
-                general(pull.tolerances.abs(), 3),
-                pull.parameter
-            ));
+            self.why.push(why);
         }
     }
 
     /// Says the rest: what is absurd without a name, and what it means for standard deviations where nothing explains the
     /// residuals.
-    pub(super) fn conclude(&mut self, case: &Case<'_>, is_explained: bool) {
+    pub(super) fn conclude(
+        &mut self,
+        case: &Case<'_>,
+        is_explained: bool,
+        furthest: Option<&Pull>,
+    ) {
         let off_m = self.by_file.first().map_or(0.0, |fit| fit.rms);
-        let length_m = case.mean_length_m();
-        if self.mistakes.is_empty() && length_m > 0.0 && off_m > LARGEST_MISFIT * length_m {
+        if self.mistakes.is_empty()
+            && let Some(why) = another_machine(case, off_m)
+        {
             self.status = Status::Absurd;
-            self.why.push(format!(
-                "Links miss their lengths by {} mm: this is another machine, or commands and poses do not belong \
-                 together.",
-                general(1e3 * off_m, 3)
-            ));
+            self.why.push(why);
         }
-        self.refuse_pulls();
+        self.refuse_pull(furthest);
         let widening = self.widening();
         if self.status == Status::Inconsistent && widening > 1.0 && !is_explained {
             self.why.push(format!(

@@ -49,6 +49,7 @@ pub(crate) fn of_measurements(
     let (kind, _, what, mend) = match hypothesis {
         Hypothesis::Commands(columns) => commands(robot, columns),
         Hypothesis::Sign(command) => sign(robot, *command),
+        Hypothesis::Zero { command, by } => zero(robot, *command, *by),
         Hypothesis::CommandsInDegrees(commands) => {
             let columns: Vec<String> = commands.iter().map(|&k| robot.command_column(k)).collect();
             (
@@ -294,6 +295,18 @@ fn sign(robot: &Robot, command: usize) -> Words {
         TCP_POSES,
         format!("`{column}` counts the other way"),
         format!("change its sign, or that of {driven} that it drives"),
+    )
+}
+
+fn zero(robot: &Robot, command: usize, by: f64) -> Words {
+    let column = robot.command_column(command);
+    let unit = if robot.is_angle(command) { "rad" } else { "m" };
+    let by = general(by, 4);
+    (
+        MistakeKind::CommandZero,
+        TCP_POSES,
+        format!("`{column}` counts from another zero than the drawing has"),
+        format!("add {by} {unit} to it, or home that drive again and measure anew"),
     )
 }
 

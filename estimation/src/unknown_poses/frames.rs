@@ -1,4 +1,5 @@
-//! Frames in which places of the plate may be measured, where poses are unknown: those of instruments, not of the drawing.
+//! Frames in which places of the plate may be measured, where poses are unknown, and zeros from which commands may count:
+//! those of instruments and drives, not of the drawing.
 
 use nalgebra::Vector3;
 use tau_kinematics::Pose;
@@ -8,9 +9,9 @@ use super::assembly::UnknownPose;
 use super::fit::Fit;
 use crate::numerics::spread::spread;
 use crate::trust::LARGEST_MISFIT;
-use crate::trust::frame::{Place, as_drawn, carrying};
+use crate::trust::drawing::{self, Place, as_drawn, carrying};
 use crate::trust::hypothesis::Hypothesis;
-use crate::trust::recognise::POSES;
+use crate::trust::recognise::{FEW_POSES, POSES};
 
 /// Files of places of the plate in a common frame.
 pub(super) fn files_of_places() -> [&'static str; 2] {
@@ -21,14 +22,8 @@ impl Fit<'_> {
     /// The motion that carries what was measured, in a file or in all that hold places, to where the machine as drawn stands
     /// at its commands; `None` where it moves them by less than makes another machine, as other parameters would.
     pub(super) fn frame(&self, file: Option<&str>) -> Option<Hypothesis> {
-        let poses = &self.assembly.poses;
-        let places = spread(poses.len(), POSES).into_iter().flat_map(|index| {
-            let pose = &poses[index];
-            let sample = pose.first_sample();
-            let drawn = sample.and_then(|sample| as_drawn(&self.machine, &sample));
-            drawn.map_or(vec![], |drawn| self.places(pose, drawn, file))
-        });
-        let places: Vec<Place> = places.collect();
+        let all = self.drawn(POSES, file, None);
+        let places: Vec<Place> = all.into_iter().flatten().collect();
         let found = carrying(&places, self.machine.robot.plate)?;
         let Hypothesis::Frame { rotation, shift } = &found else {
             return None;
@@ -39,6 +34,35 @@ impl Fit<'_> {
         });
         let is_other = moved_m.fold(0.0, f64::max) > LARGEST_MISFIT * self.mean_length_m();
         is_other.then_some(found)
+    }
+
+    /// The zero of a command with which the drawing comes nearest to the measured places.
+    pub(super) fn zero(&self, command: usize) -> Option<Hypothesis> {
+        drawing::zero(command, |by| {
+            self.drawn(FEW_POSES, None, Some((command, by)))
+        })
+    }
+
+    /// Measured places of so many poses, each beside that which the drawing gives it with a command moved; none where it does
+    /// not reach them.
+    fn drawn(
+        &self,
+        poses: usize,
+        file: Option<&str>,
+        moved: Option<(usize, f64)>,
+    ) -> Vec<Vec<Place>> {
+        let all = &self.assembly.poses;
+        let places = spread(all.len(), poses).into_iter().map(|index| {
+            let pose = &all[index];
+            let drawn = pose.first_sample().and_then(|mut sample| {
+                if let Some((command, by)) = moved {
+                    sample.commands_m[command] += by;
+                }
+                as_drawn(&self.machine, &sample)
+            });
+            drawn.map_or(vec![], |drawn| self.places(pose, drawn, file))
+        });
+        places.collect()
     }
 
     /// Measured places of a pose, in a file or in all, beside those that the drawing gives it.

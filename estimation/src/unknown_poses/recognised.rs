@@ -22,7 +22,7 @@ use crate::numerics::distribution::chi2_survival;
 use crate::numerics::order::smallest_first;
 use crate::numerics::parallel;
 use crate::trust::dimensions;
-use crate::trust::frame;
+use crate::trust::drawing;
 use crate::trust::hypothesis::Hypothesis;
 use crate::trust::negative::negative_length;
 use crate::trust::recognise::{CLOSER, FEW_ITERATIONS, FEW_POSES, POSES};
@@ -324,7 +324,8 @@ impl<'a> Case<'a> {
                 Hypothesis::Dimension { parameter, .. } => {
                     dimensions.room(parameter, &found, given)?
                 }
-                Hypothesis::Frame { .. } => scale(&found) * frame::room(),
+                Hypothesis::Frame { .. } => scale(&found) * drawing::room(6),
+                Hypothesis::Zero { .. } => scale(&found) * drawing::room(1),
                 _ => 0.0,
             };
             let total = total_beside(&found, given.unwrap_or(&found)) + room;

@@ -13,7 +13,8 @@ use super::trials::Case;
 use crate::numerics::distribution::chi2_survival;
 use crate::numerics::parallel;
 use crate::trust::hypothesis::THOUSAND;
-use crate::trust::recognise::{POSES, STATED};
+use crate::trust::recognise::POSES;
+use crate::trust::tried::STATED;
 use crate::trust::{LEVEL, Mistake, NEARER, ODDS, words};
 
 /// Fits from the stated noise to a thousandth or a thousand times it, a factor of three between each two.

@@ -136,10 +136,13 @@ impl<'a> Case<'a> {
         let of_frames = frames
             .into_iter()
             .filter_map(|file| Some((drawn?.frame(file)?, file)));
+        let of_zeros =
+            (0..robot.commands).filter_map(|command| Some((drawn?.zero(command)?, None)));
         let of_rows = of_commands
             .chain(of_files)
             .chain(of_places)
-            .chain(of_frames);
+            .chain(of_frames)
+            .chain(of_zeros);
         let of_rows = of_rows.map(|(hypothesis, file)| Trial {
             folder: Cow::Owned(mended(folder, &hypothesis, file)),
             hypothesis,

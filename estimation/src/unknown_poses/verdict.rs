@@ -226,7 +226,8 @@ impl UnknownPoses {
             ..Verdict::default()
         };
         verdict.blame_rows(&self.mistakes);
-        verdict.refuse_pulls();
+        let furthest = verdict.pulls.first().cloned();
+        verdict.refuse_pull(furthest.as_ref());
         if verdict.mistakes.is_empty()
             && let Some(why) = self.another_machine()
         {
