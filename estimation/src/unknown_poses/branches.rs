@@ -7,6 +7,7 @@
 //! is looked up.
 
 use nalgebra::{DMatrix, DVector};
+use tau_kinematics::Pose;
 
 use super::assembly::{Assembly, CHUNK};
 use super::elimination::{Elimination, OwnRows};
@@ -33,6 +34,40 @@ impl Fit<'_> {
         let length_m = self.mean_length_m();
         self.assembly.revisit(&self.blocks, shared, own, length_m)
     }
+
+    /// Values from which poses may lead elsewhere together, the shared unknowns as they are: all that have two minima at the
+    /// other one, and all those turned as the reference is. Poses that turn to one side draw the machine with them, and then
+    /// none of them alone is better off at the other.
+    pub(super) fn other_sides(&self, values: &[f64]) -> Vec<Vec<f64>> {
+        let (shared, own) = values.split_at(self.shared());
+        let length_m = self.mean_length_m();
+        let about = Elimination::new(&self.blocks, &self.assembly, shared, own);
+        let Some(others) = about.other_minima(shared, own, length_m) else {
+            return vec![];
+        };
+        let mut upright = own.to_vec();
+        if let Some(reference) = &self.machine.surroundings.reference {
+            let rotation = Pose::from(reference).rotation;
+            for (index, pose) in self.assembly.poses.iter().enumerate() {
+                let range = index * POSE_UNKNOWNS..(index + 1) * POSE_UNKNOWNS;
+                if others.own[range.clone()] != own[range.clone()] {
+                    let turn = pose.base.turn_to(&rotation);
+                    upright[range][3..].copy_from_slice(turn.as_slice());
+                }
+            }
+        }
+        let with_shared = |own: Vec<f64>| [shared, &own].concat();
+        [others.own, upright].map(with_shared).into()
+    }
+}
+
+/// Poses at the other minima of their squares.
+struct Others {
+    /// Unknowns of all poses; of those that have one minimum alone as they were.
+    own: Vec<f64>,
+    /// By groups of poses that rows couple: true where there is another, with the squares here and there.
+    has: Vec<bool>,
+    squares: [Vec<f64>; 2],
 }
 
 impl Assembly<'_> {
@@ -45,8 +80,26 @@ impl Assembly<'_> {
         length_m: f64,
     ) -> bool {
         let about = Elimination::new(blocks, self, shared, own);
-        let here = about.own_rows();
-        let rows_at = |own: &[f64]| about.moved(shared, own).own_rows();
+        let Some(others) = about.other_minima(shared, own, length_m) else {
+            return false;
+        };
+        let [first, other] = &others.squares;
+        let mut has_moved = false;
+        for (index, rows) in about.own_rows().iter().enumerate() {
+            if others.has[index] && other[index] < (1.0 - GAIN) * first[index] {
+                (rows.own.iter()).for_each(|&own_index| own[own_index] = others.own[own_index]);
+                has_moved = true;
+            }
+        }
+        has_moved
+    }
+}
+
+impl Elimination<'_> {
+    /// The other minima of poses, the shared unknowns as they are; `None` where none has one.
+    fn other_minima(&self, shared: &[f64], own: &[f64], length_m: f64) -> Option<Others> {
+        let here = self.own_rows();
+        let rows_at = |own: &[f64]| self.moved(shared, own).own_rows();
         let chunks: Vec<&[OwnRows]> = here.chunks(CHUNK).collect();
         let weakest = parallel::map(&chunks, |rows| -> Vec<DVector<f64>> {
             let motions = rows.iter().map(|rows| rows.weakest_motion(length_m));
@@ -58,35 +111,30 @@ impl Assembly<'_> {
             for (rows, motion) in here.iter().zip(&weakest) {
                 rows.add(motion, step, &mut moved);
             }
-            about.residuals_at(&moved)
+            self.residuals_at(&moved)
         };
         let (ahead, behind) = (along(PROBE), along(-PROBE));
-        let mut trial = own.to_vec();
-        let mut tried = vec![false; here.len()];
+        let mut other = own.to_vec();
+        let mut has = vec![false; here.len()];
         for (index, rows) in here.iter().enumerate() {
             let probed = [&ahead[index], &behind[index]];
             let motion = &weakest[index];
             if let Some(way) = rows.way_to_other(motion, probed) {
-                rows.add(motion, way, &mut trial);
-                tried[index] = true;
+                rows.add(motion, way, &mut other);
+                has[index] = true;
             }
         }
-        if !tried.contains(&true) {
-            return false;
+        if !has.contains(&true) {
+            return None;
         }
-        let squares = descend(&mut trial, &tried, rows_at);
+        let there = descend(&mut other, &has, rows_at);
         // A pose that a loss or others hold off its own minimum is at the first all the same.
-        let first = descend(&mut own.to_vec(), &tried, rows_at);
-        let mut has_moved = false;
-        for (index, rows) in here.iter().enumerate() {
-            if tried[index] && squares[index] < (1.0 - GAIN) * first[index] {
-                rows.own
-                    .iter()
-                    .for_each(|&own_index| own[own_index] = trial[own_index]);
-                has_moved = true;
-            }
-        }
-        has_moved
+        let first = descend(&mut own.to_vec(), &has, rows_at);
+        Some(Others {
+            own: other,
+            has,
+            squares: [first, there],
+        })
     }
 }
 

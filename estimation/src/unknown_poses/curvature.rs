@@ -19,7 +19,7 @@ use nalgebra::{DMatrix, DMatrixView, DVector};
 
 use super::dense::DEPENDENT;
 use super::elimination::Elimination;
-use super::fit::Fit;
+use super::fit::{BOUNDED, Fit};
 use crate::problem::POSE_UNKNOWNS;
 
 /// Part of a standard deviation by which unknowns are moved for second derivatives: small enough that the third ones do not
@@ -27,7 +27,6 @@ use crate::problem::POSE_UNKNOWNS;
 const STEP: f64 = 1e-2;
 /// Knowledge of a combination, in units of that of its tolerance, to which the data add as much as this says.
 const TOLERANCE_ALONE: f64 = std::f64::consts::SQRT_2;
-
 impl Fit<'_> {
     /// Mean squares of the second-order errors of the shared unknowns, along combinations that tolerances tell better than the
     /// data.
@@ -38,7 +37,9 @@ impl Fit<'_> {
         variance: f64,
     ) -> DVector<f64> {
         let covariance = self.determined(triangle, variance).0;
-        let spread = self.spread(triangle, variance, TOLERANCE_ALONE);
+        let spread = self.spread(triangle, variance, |known, of_tolerances| {
+            known < TOLERANCE_ALONE && of_tolerances > BOUNDED
+        });
         if spread.is_empty() {
             return DVector::zeros(covariance.nrows());
         }

@@ -66,7 +66,7 @@ impl Fit<'_> {
         let shown: Vec<_> = readings.iter().map(Sample::view).collect();
         let reference = calibration::reference(&machine, &shown);
         calibration.file.reference = reference.or(calibration.file.reference);
-        let factor = self.spread(&reduced.triangle, variance, f64::INFINITY);
+        let factor = self.spread(&reduced.triangle, variance, |_, _| true);
         let known = (&values[..shared], factor);
         let held_out = heldout::HeldOut::of(&machine, self, known, options)?;
         // Carts have the noise that they show: among their many rows, what misses the plate would be lost.

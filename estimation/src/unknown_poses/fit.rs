@@ -280,14 +280,18 @@ impl<'a> Fit<'a> {
         triangle: &DMatrix<f64>,
         variance: f64,
     ) -> (DMatrix<f64>, Vec<bool>) {
-        let (scales, values, v_t) = self.known(triangle, variance);
+        let Known {
+            scales,
+            values,
+            v_t,
+            of_tolerances,
+        } = self.known(triangle, variance);
         let width = scales.len();
-        let least = least_known(&values);
         let mut covariance = DMatrix::zeros(width, width);
         let mut lost = vec![false; width];
         for (k, &value) in values.iter().enumerate() {
             let row = v_t.row(k);
-            if value > least {
+            if !is_lost(&values, k, of_tolerances[k]) {
                 covariance += row.transpose() * row / (value * value);
             } else {
                 for (lost, share) in lost.iter_mut().zip(row.iter()) {
@@ -303,31 +307,52 @@ impl<'a> Fit<'a> {
         (covariance, lost)
     }
 
-    /// Columns of a factor of that covariance; of combinations that are known to less than `most` in units of tolerances.
-    pub(super) fn spread(&self, triangle: &DMatrix<f64>, variance: f64, most: f64) -> DMatrix<f64> {
-        let (scales, values, v_t) = self.known(triangle, variance);
-        let least = least_known(&values);
-        let taken = (0..values.len()).filter(|&k| values[k] > least && values[k] < most);
-        let taken: Vec<usize> = taken.collect();
+    /// Columns of a factor of that covariance; of combinations that are `taken` by what is known of them in units of
+    /// tolerances, and by the part of that which tolerances tell.
+    pub(super) fn spread(
+        &self,
+        triangle: &DMatrix<f64>,
+        variance: f64,
+        taken: impl Fn(f64, f64) -> bool,
+    ) -> DMatrix<f64> {
+        let Known {
+            scales,
+            values,
+            v_t,
+            of_tolerances,
+        } = self.known(triangle, variance);
+        let is_taken = |&k: &usize| {
+            !is_lost(&values, k, of_tolerances[k]) && taken(values[k], of_tolerances[k])
+        };
+        let taken: Vec<usize> = (0..values.len()).filter(is_taken).collect();
         DMatrix::from_fn(scales.len(), taken.len(), |row, column| {
             let k = taken[column];
             scales[row] * v_t[(k, row)] / values[k]
         })
     }
 
-    /// Units of the shared unknowns, and by singular values and vectors what data and priors know of them in these.
-    fn known(
-        &self,
-        triangle: &DMatrix<f64>,
-        variance: f64,
-    ) -> (Vec<f64>, DVector<f64>, DMatrix<f64>) {
+    fn known(&self, triangle: &DMatrix<f64>, variance: f64) -> Known {
         let scales = self.scales();
-        let priors = self.has_prior().into_iter();
-        let priors = priors.map(|has| f64::from(u8::from(has)));
+        let has_prior = self.has_prior();
+        let priors = has_prior.iter().map(|&has| f64::from(u8::from(has)));
         let priors = DMatrix::from_diagonal(&DVector::from_iterator(scales.len(), priors));
         let data = scaled(triangle, &scales) / variance.sqrt();
         let (values, v_t) = singular::right(stacked(&data, &[priors]));
-        (scales, values, v_t)
+        let held: Vec<usize> = (0..scales.len())
+            .filter(|&column| has_prior[column])
+            .collect();
+        let of_tolerances = (v_t.row_iter())
+            .map(|row| {
+                let squares = held.iter().map(|&column| row[column].powi(2));
+                squares.sum::<f64>().sqrt()
+            })
+            .collect();
+        Known {
+            scales,
+            values,
+            v_t,
+            of_tolerances,
+        }
     }
 
     pub(super) fn rank(&self, reduced: &Reduced, machine: &Machine) -> Rank {
@@ -449,7 +474,26 @@ impl<'a> Fit<'a> {
     }
 }
 
-/// Knowledge of a combination that is lost in rounding.
-fn least_known(values: &DVector<f64>) -> f64 {
-    values.max() * f64::EPSILON * 8.0 * values.len() as f64
+/// What data and tolerances know of the shared unknowns.
+struct Known {
+    /// Units of the unknowns.
+    scales: Vec<f64>,
+    /// Knowledge of combinations in these, and its singular vectors.
+    values: DVector<f64>,
+    v_t: DMatrix<f64>,
+    /// Knowledge by tolerances alone.
+    of_tolerances: Vec<f64>,
+}
+
+/// Knowledge by tolerances from which on they bound a combination; less, and it is one of unknowns without tolerances, such as
+/// the turn of a frame about the only guideway that was measured in it.
+pub(super) const BOUNDED: f64 = 0.5;
+/// Knowledge of a combination that nothing bounds below which it is none: of a kilometre or a thousand radians.
+const MEANINGLESS: f64 = 1e-3;
+
+/// True where what is known of a combination is rounding, or means nothing.
+fn is_lost(values: &DVector<f64>, k: usize, of_tolerances: f64) -> bool {
+    let rounding = values.max() * f64::EPSILON * 8.0 * values.len() as f64;
+    let is_unbounded = of_tolerances < BOUNDED;
+    values[k] <= rounding || (is_unbounded && values[k] < MEANINGLESS)
 }

@@ -376,13 +376,25 @@ impl Fit<'_> {
                 (false, true) => CREEPING_COST,
                 (false, false) => ROUGH_COST,
             };
-            let solution = self.solved(&values, tolerance, options)?;
+            let mut solution = self.solved(&values, tolerance, options)?;
             if !solution.converged() || solution.parameters.iter().any(|value| !value.is_finite()) {
                 return Err(self.not_converged(solution.termination.to_string()));
             }
             iterations += solution.iterations;
 
             values.clone_from(&solution.parameters);
+            // A sketch has several starts.
+            if rounds == 1 && !has_groups && !self.is_sketch {
+                for other in self.other_sides(&values) {
+                    let found = self.solved(&other, tolerance, options);
+                    let better = found.ok().filter(|own| own.converged());
+                    if let Some(better) = better.filter(|own| own.cost < solution.cost) {
+                        iterations += better.iterations;
+                        solution = better;
+                        values.clone_from(&solution.parameters);
+                    }
+                }
+            }
             // Errors in variables measure all poses.
             if !has_groups && rounds < ROUNDS && self.revisit(&mut values) {
                 self.rebuild(&mut values)?;
