@@ -1,5 +1,7 @@
 //! Inverse kinematics: from a pose, or a position, of the plate to commands.
 
+use std::f64::consts::TAU;
+
 use nalgebra::Vector3;
 use tau_robot::measurements::Conditions;
 use tau_robot::robot::{Arm, Instance, Value};
@@ -10,9 +12,6 @@ use super::newton::{self, Settled};
 use super::pose::POSE_COLUMNS;
 use super::{Error, Pose};
 
-/// Steps in which half a turn of a crank is searched, to either side: no link closes and opens again within three degrees
-/// but at the end of its reach.
-const CRANK_STEPS: usize = 64;
 /// Newton's method doubles the digits of each step; more are needed only while it is far off.
 const DESCENT_STEPS: usize = 100;
 /// Shortest share of a step that is still tried: thirty halvings, below which the step is rounding.
@@ -241,7 +240,8 @@ impl Machine {
         }
     }
 
-    /// The angle of a crank at which its link closes: the root nearest to where the search starts, within half a turn.
+    /// The angle of a crank at which its link closes: the root nearest to where the search starts, within half a turn. The
+    /// closure is a·cos φ + b·sin φ + c in the angle φ from there, but for effects, which Newton's method takes in after.
     fn turn(
         &self,
         instance: &Instance,
@@ -252,35 +252,33 @@ impl Machine {
         let mut commands = self.middle(options);
         let start = self.start(command, options);
         let mut at = |angle: f64| {
-            commands[command] = angle;
+            commands[command] = start + angle;
             self.closure_by_pose(instance, &options.sample(pose, &commands))
         };
-        let (mut ends, mut nearest) = ([at(start)?.0; 2], (f64::INFINITY, start));
-        for step in 1..=CRANK_STEPS {
-            for (side, end) in ends.iter_mut().enumerate() {
-                let turn = |step: usize| {
-                    let share = step as f64 / CRANK_STEPS as f64;
-                    start + std::f64::consts::PI * if side == 0 { share } else { -share }
-                };
-                let (angle, before) = (turn(step), *end);
-                let (residual, [x, y, z, ..]) = at(angle)?;
-                if residual.signum() != before.signum() {
-                    // The secant is near enough for Newton's method to go on from.
-                    return Ok(
-                        turn(step - 1) + (angle - turn(step - 1)) * before / (before - residual)
-                    );
-                }
-                let short_m = (residual / Vector3::new(x, y, z).norm()).abs();
-                if short_m < nearest.0 {
-                    nearest = (short_m, angle);
-                }
-                *end = residual;
-            }
+        let third = TAU / 3.0;
+        let [none, ahead, behind] = [at(0.0)?.0, at(third)?.0, at(-third)?.0];
+        let a = (2.0 * none - ahead - behind) / 3.0;
+        let b = (ahead - behind) / 3.0_f64.sqrt();
+        let c = (none + ahead + behind) / 3.0;
+        let highest = b.atan2(a);
+        let cosine = -c / a.hypot(b).max(f64::MIN_POSITIVE);
+        let within_half_a_turn = |angle: f64| angle - TAU * (angle / TAU).round();
+        let apart = cosine.clamp(-1.0, 1.0).acos();
+        let roots = [highest + apart, highest - apart].map(within_half_a_turn);
+        let nearest = if roots[0].abs() <= roots[1].abs() {
+            roots[0]
+        } else {
+            roots[1]
+        };
+        let (residual, [x, y, z, ..]) = at(nearest)?;
+        let short_m = (residual / Vector3::new(x, y, z).norm()).abs();
+        if cosine.abs() > 1.0 && short_m > REACHED_M {
+            return Err(Error::OutOfReach {
+                closure: self.closure_name(instance).to_owned(),
+                short_m,
+            });
         }
-        Err(Error::OutOfReach {
-            closure: self.closure_name(instance).to_owned(),
-            short_m: nearest.0,
-        })
+        Ok(start + nearest)
     }
 
     /// The command at which a length that follows from a formula closes, by Newton's method: driven lengths grow or

@@ -468,7 +468,7 @@ pub fn check_poses(
     folder: &Folder,
     poses: &[usize],
 ) -> Result<(), InputError> {
-    let (needed, of) = poses_needed(variant);
+    let (needed, of) = poses_needed(variant, robot.plate.is_in_plane());
     folder.check_pose_count(poses.len(), needed, &of)?;
     folder.check_reach(poses, robot, file)?;
     let moves = |pose: &usize| {
@@ -489,8 +489,8 @@ pub fn check_poses(
 }
 
 /// Calibration poses that a variant needs: as many as the parameters of its largest closure, counting
-/// those that several closures share in parts; and what needs them.
-fn poses_needed(variant: &Variant) -> (usize, String) {
+/// those that several closures share in parts; and what needs them. Of a plate in the plane none follows z.
+fn poses_needed(variant: &Variant, is_in_plane: bool) -> (usize, String) {
     let closures: Vec<&Instance> = variant.instances_of(ResidualKind::Closure).collect();
     let mut users = vec![0.0_f64; variant.parameters.len()];
     closures
@@ -500,9 +500,12 @@ fn poses_needed(variant: &Variant) -> (usize, String) {
     let needed = closures
         .iter()
         .map(|closure| {
-            closure
-                .parameters
-                .iter()
+            let counts = |p: &&usize| {
+                let is_along_z = variant.parameters[**p].component == Some(2);
+                !(is_in_plane && is_along_z)
+            };
+            (closure.parameters.iter())
+                .filter(counts)
                 .map(|&p| users[p].recip())
                 .sum::<f64>()
         })

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use tau_codegen::language::model::{Effect, Readable, Subject, Target};
+use tau_codegen::language::model::{Effect, Link, Readable, Subject, Target};
 use tau_codegen::language::{self, Model};
 use tau_robot::measurements::{CART_POSES, CART_POSITIONS, Folder, PlateKind, Shape};
 use tau_robot::robot::{Robot, TrackShape, Variant};
@@ -14,6 +14,9 @@ const NO_CART: &str = "a cart: the machine has none";
 const NO_LINK: &str = "links of the kind that it acts on: the machine has none";
 /// The same of an effect on plate joints.
 const NO_JOINTS: &str = "plate joints: links meet in a point";
+
+/// The same of forces where a drive keeps one that is not known.
+const UNKNOWN_PULL: &str = "columns force1_N, …, or `pulled = … N` of the links that pull";
 
 /// An effect of the catalogue, with what the measurements lack to show it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -71,6 +74,10 @@ fn lacks(effect: &Effect, model: &Model, file: &RobotFile, folder: &Folder) -> V
     let pulls = model.links.iter().any(|link| link.pull.is_some());
     let is_unloaded = file.payload.is_none() && !pulls;
     let has_forces = folder.has_measured_tensions();
+    let is_unknown = |link: &Link| link.pull.as_ref().is_some_and(|pull| pull.value.is_none());
+    if effect.reads_forces() && !has_forces && model.links.iter().any(is_unknown) {
+        lacks.insert(UNKNOWN_PULL);
+    }
     for quantity in effect.quantities() {
         let missing = match quantity {
             Readable::Direction => poses

@@ -291,12 +291,12 @@ impl<'a> Fit<'a> {
         let mut lost = vec![false; width];
         for (k, &value) in values.iter().enumerate() {
             let row = v_t.row(k);
-            if !is_lost(&values, k, of_tolerances[k]) {
-                covariance += row.transpose() * row / (value * value);
-            } else {
+            if is_lost(&values, k, of_tolerances[k]) {
                 for (lost, share) in lost.iter_mut().zip(row.iter()) {
                     *lost |= share.abs() > 1e-6;
                 }
+            } else {
+                covariance += row.transpose() * row / (value * value);
             }
         }
         for i in 0..width {

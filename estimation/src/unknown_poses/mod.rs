@@ -387,7 +387,7 @@ impl Fit<'_> {
             if rounds == 1 && !has_groups && !self.is_sketch {
                 for other in self.other_sides(&values) {
                     let found = self.solved(&other, tolerance, options);
-                    let better = found.ok().filter(|own| own.converged());
+                    let better = found.ok().filter(Solution::converged);
                     if let Some(better) = better.filter(|own| own.cost < solution.cost) {
                         iterations += better.iterations;
                         solution = better;

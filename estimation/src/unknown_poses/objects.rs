@@ -43,9 +43,10 @@ pub(super) fn collect_objects(
     measuring: &Measuring,
     poses: &BTreeMap<u32, Vector3<f64>>,
 ) -> Result<Vec<Object>, Error> {
+    refuse_unknown_names(folder, measuring)?;
     let mut objects: Vec<Object> = vec![];
     for kind in [PlateKind::Position, PlateKind::Height, PlateKind::BallBar] {
-        let Some((column, section)) = kind.object() else {
+        let Some((_, section)) = kind.object() else {
             continue;
         };
         let names: BTreeSet<Option<&String>> = (folder.rows_of(kind))
@@ -53,11 +54,6 @@ pub(super) fn collect_objects(
             .map(|row| row.of.as_ref())
             .collect();
         for name in names {
-            let known: Vec<&str> = match kind {
-                PlateKind::Position => measuring.targets.keys().map(String::as_str).collect(),
-                PlateKind::Height => measuring.surfaces.keys().map(String::as_str).collect(),
-                _ => measuring.balls.keys().map(String::as_str).collect(),
-            };
             // Without a name: the TCP itself, the plane z = 0; but a ball is always somewhere.
             let Some(name) = name
                 .map(String::as_str)
@@ -65,17 +61,6 @@ pub(super) fn collect_objects(
             else {
                 continue;
             };
-            if !known.is_empty() && !known.contains(&name) {
-                let mut rows = folder.rows_of(kind);
-                let first = rows.find(|row| row.of.as_deref() == Some(name));
-                let place = first.map_or(kind.file().to_owned(), |row| {
-                    format!("{}:{}", kind.file(), row.line)
-                });
-                let message =
-                    format!("{column} `{name}` is in no `[{section}.NAME]` of the robot file");
-                let help = suggestion(name, known);
-                return Err(InputError::whole(place, message).help(help).into());
-            }
             let first = objects.iter().map(|object| object.unknowns.len()).sum();
             let rows: Vec<(Vector3<f64>, f64)> = (folder.rows_of(kind))
                 .filter(|row| row.of.as_deref().unwrap_or("") == name)
@@ -92,6 +77,29 @@ pub(super) fn collect_objects(
         }
     }
     Ok(objects)
+}
+
+/// Refuses names that the robot file does not list, where it lists some of their kind.
+fn refuse_unknown_names(folder: &Folder, measuring: &Measuring) -> Result<(), InputError> {
+    for row in &folder.plate_rows {
+        let Some((column, section)) = row.kind.object() else {
+            continue;
+        };
+        let known: Vec<&str> = match row.kind {
+            PlateKind::Position => measuring.targets.keys().map(String::as_str).collect(),
+            PlateKind::Height => measuring.surfaces.keys().map(String::as_str).collect(),
+            _ => measuring.balls.keys().map(String::as_str).collect(),
+        };
+        let is_ball = row.kind == PlateKind::BallBar;
+        let name = row.of.as_deref().or(is_ball.then_some(""));
+        let Some(name) = name.filter(|name| !known.is_empty() && !known.contains(name)) else {
+            continue;
+        };
+        let place = format!("{}/{}:{}", folder.name, row.kind.file(), row.line);
+        let message = format!("{column} `{name}` is in no `[{section}.NAME]` of the robot file");
+        return Err(InputError::whole(place, message).help(suggestion(name, known)));
+    }
+    Ok(())
 }
 
 /// Unknowns of an object, and its normal at no tilt; `rows` are places of the TCP with what was measured there.
