@@ -21,6 +21,7 @@ mod discovery_folders;
 mod discovery_robots;
 mod discovery_tracks;
 mod docs;
+mod drawing;
 mod drums;
 mod effects;
 mod errors_in_variables;

@@ -141,3 +141,32 @@ fn level_plates_have_orientation_errors_of_the_size_of_the_noise() {
     let found = tau_in(folder.path(), "tau sensitivity --variant Full --json -").json();
     assert_eq!(found["orientation_as"], "zyz_angles");
 }
+
+/// Links of a crank have no direction of a track, and a plate in its plane moves along no z, but by the square of a step.
+#[test]
+fn links_of_unlike_parameters_stand_in_one_table() {
+    let folder = crate::recognition::simulated(
+        "--model ROBOTS/two_cranks_rail.tau --measure positions --noise-drives 2e-5 --seed 1 --random --poses 20",
+    );
+    let line = "tau sensitivity DIR/measured --model ROBOTS/two_cranks_rail.tau --robot DIR/measured/robot.toml \
+                --variant Full -q --json DIR/sensitivity.json";
+    let ran = tau_in(folder.path(), line);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    let mut lines = ran.out.lines().skip_while(|line| !line.starts_with("Link"));
+    let heading: Vec<&str> = lines.next().unwrap().split_whitespace().collect();
+    let names = [
+        "Link", "L", "Px", "Py", "Pz", "Cx", "Cy", "Cz", "O1", "O2", "O3",
+    ];
+    assert_eq!(heading, names);
+    let rows: Vec<Vec<&str>> = (lines.skip(1).take(3))
+        .map(|line| line.split_whitespace().collect())
+        .collect();
+    assert!(
+        rows.iter().all(|row| row.len() == heading.len()),
+        "{rows:?}"
+    );
+    let of = |link: &str| rows.iter().find(|row| row[0] == link).unwrap();
+    assert_eq!(of("l")[5..], ["–"; 6]);
+    assert!(of("t")[8..].iter().all(|cell| *cell != "–"));
+    assert_eq!([of("t")[4], of("t")[7], of("t")[10]], ["0.00"; 3]);
+}

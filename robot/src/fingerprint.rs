@@ -13,6 +13,16 @@ pub fn fingerprint<'a>(texts: impl IntoIterator<Item = (&'a str, &'a str)>) -> S
     format!("fnv1a64:{hash:016x}")
 }
 
+/// Fingerprint of a description by what stands in it, whatever its comments and line breaks.
+pub fn of_description(text: &str) -> String {
+    let lines = text.lines().map(|line| {
+        let end = line.find("//").unwrap_or(line.len());
+        line[..end].split_whitespace()
+    });
+    let words: Vec<&str> = lines.flatten().collect();
+    fingerprint([("description", words.join(" ").as_str())])
+}
+
 /// Fingerprint of a measurement by its numbers, however they were written: twelve hexadecimal digits, so that of ten
 /// thousand measurements two have the same in one case of five million.
 pub fn of_numbers(numbers: impl IntoIterator<Item = f64>) -> String {

@@ -183,6 +183,7 @@ impl<'a> Setup<'a> {
             json,
             out: with.out.as_deref(),
             remarks: (file.other_robot(&robot).into_iter())
+                .chain(file.other_description(&robot))
                 .chain(file.unused_effects(&asked))
                 .chain(file.other_variant(&asked))
                 .chain(of_tracker)

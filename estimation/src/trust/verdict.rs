@@ -496,6 +496,7 @@ impl Verdict {
         }
         self.refuse_pull(furthest);
         let widening = self.widening();
+        let is_explained = is_explained || !self.mistakes.is_empty();
         if self.status == Status::Inconsistent && widening > 1.0 && !is_explained {
             self.why.push(format!(
                 "The model lacks something (`tau discover` looks for it) or the noise is more than stated; standard \

@@ -23,7 +23,8 @@ struct Row {
 
 /// Before and after the search, or the variants where there was none.
 pub(super) fn of_study(study: &Study) -> Markup {
-    if let Some(found) = &study.discovery {
+    // Where nothing was found, the calibrated variants are what the tables below have.
+    if let Some(found) = study.discovery.as_ref().filter(|found| !is_base(found)) {
         return of_discovery(found, compared(study.poses).0);
     }
     let best = best(study).map(|variant| variant.name.as_str());
@@ -93,7 +94,11 @@ pub(super) fn of_discovery(found: &Discovery, poses: usize) -> Markup {
         ErrorOf::Position => self::poses(poses, is_held_out),
         ErrorOf::Measurements => measurements(is_held_out),
     };
-    bars((title, &rows), &of)
+    // The tables of a study have each variant as it is calibrated, by the poses.
+    bars(
+        (title, &rows),
+        &format!("{of}; each model fitted to all sets at once"),
+    )
 }
 
 /// Poses whose errors are shown.

@@ -14,6 +14,7 @@ mod written;
 
 use std::collections::BTreeMap;
 
+use crate::fingerprint::of_description;
 use crate::input_error::quoted;
 use crate::robot::{ResidualKind, Robot, TrackShape, Variant};
 pub use covariance::{Covariance, TRACK_SCALE};
@@ -105,6 +106,17 @@ impl RobotFile {
                 "robot.toml is for robot `{}`, the description is of `{}`",
                 self.robot, robot.name
             )
+        })
+    }
+
+    /// A remark where it was calibrated with another description: constants, formulas and the order of tracks may be others.
+    pub fn other_description(&self, robot: &Robot) -> Option<String> {
+        let known = &self.calibration.as_ref()?.description;
+        let is_other = self.robot == robot.name && *known != of_description(&robot.description);
+        (!known.is_empty() && is_other).then(|| {
+            "robot.toml was calibrated with another text of the description: its values hold for the constants, formulas and \
+             order of tracks and links of that one"
+                .to_owned()
         })
     }
 

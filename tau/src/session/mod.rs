@@ -204,6 +204,7 @@ impl<R> Session<R> {
         let remarks = self.folder.remarks.iter().cloned();
         remarks
             .chain(self.robot_file.other_robot(&self.robot))
+            .chain(self.robot_file.other_description(&self.robot))
             .chain(self.left_out())
             .collect()
     }

@@ -7,7 +7,7 @@ use tau_estimation::numerics::order::extent;
 use tau_estimation::uncertainty::Uncertainty;
 use tau_estimation::unknown_poses::{JudgedRows, RowDivision};
 use tau_kinematics::Machine;
-use tau_robot::fingerprint::fingerprint;
+use tau_robot::fingerprint;
 use tau_robot::measurements::{Distance, Folder, PoseCounts, Poses, Shape, Split, TcpPose};
 use tau_robot::robot::Variant;
 use tau_robot::robot_file::{Provenance, RobotFile};
@@ -70,7 +70,7 @@ impl<R> Session<R> {
             poses: poses.len(),
             rows: self.calibrating_rows(),
             folder: self.folder.fingerprint.clone(),
-            description: fingerprint([("description", robot.description.as_str())]),
+            description: fingerprint::of_description(&robot.description),
             commands_m: (0..robot.commands)
                 .map(|k| range(&|pose| pose.commands_m[k]))
                 .collect(),

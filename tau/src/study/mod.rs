@@ -60,6 +60,7 @@ pub fn run<R>(
     let (robot, file, folder) = (session.robot(), session.robot_file(), session.folder());
     let mut remarks = folder.remarks.clone();
     remarks.extend(file.other_robot(robot));
+    remarks.extend(file.other_description(robot));
     let variants = chosen_variants(robot, folder, &mut remarks);
     let steps = 3;
     let mut done = 0;
