@@ -146,7 +146,7 @@ fn level_plates_have_orientation_errors_of_the_size_of_the_noise() {
 #[test]
 fn links_of_unlike_parameters_stand_in_one_table() {
     let folder = crate::recognition::simulated(
-        "--model ROBOTS/two_cranks_rail.tau --measure positions --noise-drives 2e-5 --seed 1 --random --poses 20",
+        "--model ROBOTS/two_cranks_rail.tau --seed 1 --random --poses 20",
     );
     let line = "tau sensitivity DIR/measured --model ROBOTS/two_cranks_rail.tau --robot DIR/measured/robot.toml \
                 --variant Full -q --json DIR/sensitivity.json";
