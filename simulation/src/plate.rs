@@ -210,6 +210,13 @@ impl Gauges<'_> {
                     for (k, true_m) in true_m.into_iter().enumerate() {
                         values[k] = Some(true_m + sigmas[k] * deviates[k]);
                     }
+                    if kind == PlateKind::Position
+                        && name.is_empty()
+                        && self.machine.plate.is_in_plane()
+                    {
+                        // What leaves the plane is no motion of the plate.
+                        values[2] = None;
+                    }
                     measured.rows.push(PlateRow {
                         kind,
                         line: measured.rows.len() - first + 2,
@@ -384,7 +391,9 @@ pub(super) fn rows_text(kind: PlateKind, rows: &[&PlateRow], shape: &Shape) -> S
         .object()
         .filter(|_| rows.iter().any(|row| row.of.is_some()));
     header.extend(object.map(|(column, _)| column.to_owned()));
-    header.extend(kind.columns().iter().map(|&column| column.to_owned()));
+    let is_measured = |&k: &usize| rows.iter().any(|row| row.values[k].is_some());
+    let measured: Vec<usize> = (0..kind.columns().len()).filter(is_measured).collect();
+    header.extend(measured.iter().map(|&k| kind.columns()[k].to_owned()));
     if rows.iter().any(|row| row.tensions_n.is_some()) {
         header.extend(shape.force_names());
     }
@@ -399,7 +408,7 @@ pub(super) fn rows_text(kind: PlateKind, rows: &[&PlateRow], shape: &Shape) -> S
         cells.extend(row.commands_m.iter().map(f64::to_string));
         cells.extend(row.directions.iter().flatten().map(f64::to_string));
         cells.extend(object.map(|_| row.of.clone().unwrap_or_default()));
-        let values = row.values.iter().take(kind.columns().len());
+        let values = measured.iter().map(|&k| row.values[k]);
         cells.extend(values.map(|value| value.map_or_else(String::new, |value| value.to_string())));
         if let Some(tensions_n) = &row.tensions_n {
             cells.extend(forces::links(shape).map(|link| tensions_n[link].to_string()));

@@ -2,6 +2,7 @@
 //! is left.
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 use super::super::candidate_set::{Score, f_form};
 use super::super::candidates;
@@ -129,21 +130,40 @@ impl Search<'_> {
             }
         }
         // One effect at several places may be meant as well: any other that is significant, and its own in the stead of
-        // an amplitude that all places have in common.
+        // an amplitude that all places have in common, with those that some have beside it.
+        let effect = self.set.candidates[removed.candidate].effect;
+        let (own_places, others): (Vec<Member>, Vec<Member>) = (self.state.members.iter())
+            .partition(|other| self.set.candidates[other.candidate].effect == effect);
+        let has_common = own_places
+            .iter()
+            .any(|other| self.is_common(other.candidate));
         let mut tried = BTreeSet::new();
-        if !self.is_common(removed.candidate) {
-            tried.insert(self.set.candidates[removed.candidate].effect);
+        if !has_common {
+            tried.insert(effect);
         }
-        let significant: Vec<usize> = (without.table.scores.iter())
+        let significant = (without.table.scores.iter())
             .filter(|score| self.is_significant(score))
-            .map(|score| score.candidate)
+            .map(|score| score.candidate);
+        let significant: Vec<usize> = has_common
+            .then_some(removed.candidate)
+            .into_iter()
+            .chain(significant)
             .collect();
         for candidate in significant {
             let described = &self.set.candidates[candidate];
             if !described.is_named() || !tried.insert(described.effect) {
                 continue;
             }
-            let Some(places) = self.places(&without.linear, candidate, &rest) else {
+            let (beside, rest) = if described.effect == effect {
+                let taken_out: Vec<usize> = (0..self.state.members.len())
+                    .filter(|&k| own_places.contains(&self.state.members[k]))
+                    .collect();
+                let beside = self.state.view_without(&self.context(), &taken_out);
+                (Arc::new(beside), &others)
+            } else {
+                (Arc::clone(&without.linear), &rest)
+            };
+            let Some(places) = self.places(&beside, candidate, rest) else {
                 continue;
             };
             let candidates: Vec<(usize, Option<f64>)> = places
@@ -154,7 +174,7 @@ impl Search<'_> {
             let is_told = candidates.iter().any(|one| rivals.contains(&vec![*one]));
             let instead = [&rest[..], &places.members].concat();
             let dearer = self.cost_of_state(&instead, &unnamed) - cost;
-            let change = self.change(now, total) + places.change + dearer;
+            let change = self.change(now, beside.total()) + places.change + dearer;
             if candidates.len() > 1 && !is_told && change < as_good {
                 cosines.push(cosine(&without.linear, own, &places.subspaces));
                 rivals.push(candidates);

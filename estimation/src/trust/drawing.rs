@@ -5,11 +5,15 @@ use nalgebra::Matrix3;
 use tau_kinematics::Error::Inconsistent;
 use tau_kinematics::{Machine, Pose};
 use tau_robot::robot::Plate;
+use tau_robot::robot_file::RobotFile;
 
-use crate::calibration::{centres, turn_of};
+use crate::calibration::{Prepared, centres, turn_of};
+use crate::numerics::distribution::chi2_survival;
 use crate::numerics::order::smallest_first;
 use crate::samples::Sample;
+use crate::trust::LEVEL;
 use crate::trust::hypothesis::{Case, Hypothesis, THOUSAND};
+use crate::uncertainty::Uncertainty;
 
 /// A measured place or pose of the plate, and where the drawing has it.
 pub(crate) struct Place {
@@ -40,13 +44,37 @@ pub(super) fn frame(case: &Case<'_>) -> Option<Hypothesis> {
     carrying(&places, case.robot.plate)
 }
 
-/// The zero of each command with which the machine as drawn comes nearest to the measured poses.
+/// The zero of each command with which the machine as drawn comes nearest to the measured poses, where that is another.
 pub(super) fn zeros(case: &Case<'_>) -> Vec<Hypothesis> {
     let Ok(prepared) = case.prepared() else {
         return vec![];
     };
-    let zero = |command| zero(command, |by| of_poses(case, &prepared.machine, command, by));
-    (0..case.robot.commands).filter_map(zero).collect()
+    let machine = &prepared.machine;
+    let zero = |command| zero(command, |by| of_poses(case, machine, command, by));
+    let first = case.samples().into_iter().next();
+    let sigmas = first.and_then(|first| sigmas(&prepared, &case.file, &first));
+    let found = (0..case.robot.commands).filter_map(zero);
+    found
+        .filter(|own| is_another(own, sigmas.as_deref()))
+        .collect()
+}
+
+/// How well the tolerances of a drawing know the commands of a sample (m or rad); `None` where they say nothing of a
+/// parameter, or the drawing does not reach it.
+pub(crate) fn sigmas(prepared: &Prepared, file: &RobotFile, sample: &Sample) -> Option<Vec<f64>> {
+    let machine = &prepared.machine;
+    let drawn = as_drawn(machine, sample)?;
+    let known = Uncertainty::of_prepared(prepared, file)?;
+    known.commands(machine, &sample.view().at(drawn)).ok()
+}
+
+/// False of a zero that tolerances of the drawing make by chance.
+pub(crate) fn is_another(zero: &Hypothesis, sigmas: Option<&[f64]>) -> bool {
+    let (&Hypothesis::Zero { command, by }, Some(sigmas)) = (zero, sigmas) else {
+        return false;
+    };
+    let square = (by / sigmas[command]).powi(2);
+    chi2_survival(square, 1.0) < LEVEL / sigmas.len() as f64
 }
 
 /// Measured poses, and where the drawing takes the plate with a command moved.

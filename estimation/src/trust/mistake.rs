@@ -25,11 +25,15 @@ impl fmt::Display for Mistake {
 }
 
 impl Mistake {
-    /// True if measurements are wrong, and not noise, tolerances or dimensions.
+    /// True if measurements are wrong, and not noise, tolerances, dimensions or zeros: an effect that the model lacks looks
+    /// like these.
     pub(crate) fn is_of_measurements(&self) -> bool {
         !matches!(
             self.kind,
-            MistakeKind::Noise | MistakeKind::Tolerances | MistakeKind::Dimension
+            MistakeKind::Noise
+                | MistakeKind::Tolerances
+                | MistakeKind::Dimension
+                | MistakeKind::CommandZero
         )
     }
 }

@@ -118,7 +118,7 @@ pub(super) fn case<'a>(
 }
 
 /// The variant by which mistakes of the input are looked for: the given one where it has all links, straight tracks and
-/// nothing else, or else the last such; where there is none, the last with all links and measured paths, if there are any.
+/// nothing else, or else the robot's of its name where that has, or else the last such; where there is none, the last with all links and measured paths, if there are any.
 /// A misfit of a variant that is too simple is no mistake.
 pub(super) fn plain<'a>(robot: &'a Robot, variant: &'a Variant, folder: &Folder) -> &'a Variant {
     let has_all_links = |variant: &&Variant| variant.arm == Arm::Full && variant.effects.is_empty();
@@ -135,7 +135,9 @@ pub(super) fn plain<'a>(robot: &'a Robot, variant: &'a Variant, folder: &Folder)
             .find(has_all_links)
             .filter(|_| !folder.cart_poses.is_empty())
     };
-    all().find(is_plain).or_else(with_paths).unwrap_or(variant)
+    let of_its_name = robot.variant(&variant.name).filter(is_plain);
+    let found = of_its_name.or_else(|| all().find(is_plain));
+    found.or_else(with_paths).unwrap_or(variant)
 }
 
 impl From<Mistake> for Error {

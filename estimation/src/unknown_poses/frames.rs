@@ -36,11 +36,20 @@ impl Fit<'_> {
         is_other.then_some(found)
     }
 
-    /// The zero of a command with which the drawing comes nearest to the measured places.
-    pub(super) fn zero(&self, command: usize) -> Option<Hypothesis> {
-        drawing::zero(command, |by| {
-            self.drawn(FEW_POSES, None, Some((command, by)))
-        })
+    /// The zero of each command with which the drawing comes nearest to the measured places, where that is another.
+    pub(super) fn zeros(&self) -> Vec<Hypothesis> {
+        let zero = |command| {
+            drawing::zero(command, |by| {
+                self.drawn(FEW_POSES, None, Some((command, by)))
+            })
+        };
+        let first = self.assembly.poses.first();
+        let first = first.and_then(UnknownPose::first_sample);
+        let sigmas = first.and_then(|first| drawing::sigmas(&self.prepared, self.file, &first));
+        let found = (0..self.machine.robot.commands).filter_map(zero);
+        found
+            .filter(|own| drawing::is_another(own, sigmas.as_deref()))
+            .collect()
     }
 
     /// Measured places of so many poses, each beside that which the drawing gives it with a command moved; none where it does

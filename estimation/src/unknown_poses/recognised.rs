@@ -334,7 +334,10 @@ impl<'a> Case<'a> {
                 let decisive = scale(&found) * 2.0 * ODDS.ln();
                 !given.is_consistent() || self::total(given) - total > decisive
             });
-            let is_told = is_near && is_likelier && !look.is_chance(&found, given);
+            // Rows that meet the noise are of the same machine, whatever its zeros.
+            let is_met = matches!(trial.hypothesis, Hypothesis::Zero { .. })
+                && given.is_some_and(UnknownPoses::is_consistent);
+            let is_told = is_near && is_likelier && !is_met && !look.is_chance(&found, given);
             (is_told && is_plausible(&found)).then_some((total, found, *trial))
         });
         fitted.into_iter().flatten().collect()

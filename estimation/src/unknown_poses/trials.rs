@@ -136,8 +136,8 @@ impl<'a> Case<'a> {
         let of_frames = frames
             .into_iter()
             .filter_map(|file| Some((drawn?.frame(file)?, file)));
-        let of_zeros =
-            (0..robot.commands).filter_map(|command| Some((drawn?.zero(command)?, None)));
+        let of_zeros = drawn.map_or_else(Vec::new, Fit::zeros);
+        let of_zeros = of_zeros.into_iter().map(|zero| (zero, None));
         let of_rows = of_commands
             .chain(of_files)
             .chain(of_places)

@@ -4,7 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 use super::plate::{DISTANCES, Distance, PlateKind, PlateRow};
-use super::set::{ConditionColumns, ForceColumns, Set, TEMPERATURE, TIME, read_directions};
+use super::set::{
+    ConditionColumns, ForceColumns, Set, TEMPERATURE, TIME, drop_idle, read_directions,
+};
 use super::shape::Shape;
 use super::table::{Column, Table};
 use super::texts::TCP_POSES;
@@ -66,8 +68,8 @@ pub(super) fn read_rows(
         names.iter().map(column).collect()
     };
     let names: Vec<String> = kind.columns().iter().map(|&name| name.to_owned()).collect();
-    let values = of_columns(&names, &mut mistakes);
-    let sigmas = of_columns(&sigma_names, &mut mistakes);
+    let mut values = of_columns(&names, &mut mistakes);
+    let mut sigmas = of_columns(&sigma_names, &mut mistakes);
     let conditions = ConditionColumns::read(&table, &mut mistakes);
     let directions: Option<Vec<Column>> = directions
         .iter()
@@ -105,6 +107,16 @@ pub(super) fn read_rows(
     }
     plausible::spread(&table, "commands", &commands, &mut mistakes);
     mistakes.finish()?;
+    // Places of targets on the plate have three coordinates, whatever it does.
+    if kind == PlateKind::Position && object.is_none() {
+        let idle = drop_idle(&table, shape, values.iter_mut().flatten());
+        remarks.extend(idle.map(|idle| format!("{}: {idle}", kind.file())));
+        for (k, column) in kind.columns().iter().enumerate() {
+            if shape.idle_names().contains(column) {
+                (values[k], sigmas[k]) = (None, None);
+            }
+        }
+    }
 
     let at = |columns: &[Option<Column>], row: usize| {
         let mut found = [None; 3];
