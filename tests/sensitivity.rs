@@ -149,7 +149,7 @@ fn links_of_unlike_parameters_stand_in_one_table() {
         "--model ROBOTS/two_cranks_rail.tau --seed 1 --random --poses 20",
     );
     let line = "tau sensitivity DIR/measured --model ROBOTS/two_cranks_rail.tau --robot DIR/measured/robot.toml \
-                --variant Full -q --json DIR/sensitivity.json";
+                --variant Full";
     let ran = tau_in(folder.path(), line);
     assert_eq!(ran.code, 0, "{}", ran.err);
     let mut lines = ran.out.lines().skip_while(|line| !line.starts_with("Link"));

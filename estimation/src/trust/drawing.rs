@@ -44,19 +44,49 @@ pub(super) fn frame(case: &Case<'_>) -> Option<Hypothesis> {
     carrying(&places, case.robot.plate)
 }
 
-/// The zero of each command with which the machine as drawn comes nearest to the measured poses, where that is another.
+/// The zero of each command with which the machine as drawn comes nearest to the measured poses.
 pub(super) fn zeros(case: &Case<'_>) -> Vec<Hypothesis> {
     let Ok(prepared) = case.prepared() else {
         return vec![];
     };
     let machine = &prepared.machine;
     let zero = |command| zero(command, |by| of_poses(case, machine, command, by));
-    let first = case.samples().into_iter().next();
-    let sigmas = first.and_then(|first| sigmas(&prepared, &case.file, &first));
-    let found = (0..case.robot.commands).filter_map(zero);
-    found
-        .filter(|own| is_another(own, sigmas.as_deref()))
-        .collect()
+    (0..case.robot.commands).filter_map(zero).collect()
+}
+
+/// False of a zero or a frame that tolerances of the drawing make by chance; true of other hypotheses.
+pub(super) fn is_other(case: &Case<'_>, hypothesis: &Hypothesis) -> bool {
+    let is_known = || {
+        let prepared = case.prepared().ok()?;
+        let samples = case.samples();
+        match hypothesis {
+            Hypothesis::Zero { .. } => {
+                let sigmas = sigmas(&prepared, &case.file, samples.first()?);
+                Some(is_another(hypothesis, sigmas.as_deref()))
+            }
+            Hypothesis::Frame { rotation, shift } => {
+                let machine = &prepared.machine;
+                let known = Uncertainty::of_prepared(&prepared, &case.file)?;
+                let moved = samples.iter().filter_map(|sample| {
+                    let measured = sample.view().pose.position;
+                    let drawn = as_drawn(machine, sample)?;
+                    let known = known.pose(machine, &sample.view().at(drawn)).ok()?;
+                    let moved = (rotation * measured + shift - measured).norm();
+                    Some(moved / known.distance_m())
+                });
+                let farthest = moved.fold(0.0, f64::max);
+                Some(is_beyond_chance(farthest, samples.len()))
+            }
+            _ => Some(true),
+        }
+    };
+    // Without tolerances a zero is as good as any, but a frame is what references say.
+    is_known().unwrap_or(!matches!(hypothesis, Hypothesis::Zero { .. }))
+}
+
+/// True of a number of standard deviations that none of so many exceeds by chance.
+fn is_beyond_chance(sigmas: f64, count: usize) -> bool {
+    chi2_survival(sigmas.powi(2), 1.0) < LEVEL / count as f64
 }
 
 /// How well the tolerances of a drawing know the commands of a sample (m or rad); `None` where they say nothing of a
@@ -73,8 +103,7 @@ pub(crate) fn is_another(zero: &Hypothesis, sigmas: Option<&[f64]>) -> bool {
     let (&Hypothesis::Zero { command, by }, Some(sigmas)) = (zero, sigmas) else {
         return false;
     };
-    let square = (by / sigmas[command]).powi(2);
-    chi2_survival(square, 1.0) < LEVEL / sigmas.len() as f64
+    is_beyond_chance(by / sigmas[command], sigmas.len())
 }
 
 /// Measured poses, and where the drawing takes the plate with a command moved.

@@ -17,7 +17,7 @@ use crate::numerics::order::smallest_first;
 use crate::numerics::parallel;
 use crate::samples::Sample;
 use crate::trust::dimensions;
-use crate::trust::drawing;
+use crate::trust::drawing::{self, is_other};
 use crate::trust::exchanged::exchanged_commands;
 use crate::trust::first_look::FirstLook;
 use crate::trust::hypothesis::{self, Case, Hypothesis, THOUSAND};
@@ -171,13 +171,10 @@ pub(crate) fn recognised(case: &Case<'_>, known: Option<&Judged>) -> Result<Reco
         let limit = evidence(best) + decisive;
         let rivals: Vec<&Tried> = all.iter().filter(|t| evidence(t) < limit).collect();
         let mut mistake = described(&thinned, &rivals);
-        if let Some(own) = mistake
-            .as_mut()
-            .filter(|own| own.kind == MistakeKind::CommandZero)
-        {
-            // A machine whose joints on one drive are off alike is the same, as long as tolerances let it be.
-            let is_one = |given: &Tried| given.is_plausible() && !is_beyond_noise(&given.misfit);
-            own.is_absurd = !given.as_ref().is_some_and(is_one);
+        if let Some(own) = mistake.as_mut() {
+            let is_reached = given.as_ref().is_some_and(Tried::is_plausible)
+                && (judged.as_deref()).is_some_and(|judged| fits_links(&thinned, judged));
+            own.is_absurd |= own.kind == MistakeKind::CommandZero && !is_reached;
         }
         return Ok(Recognised {
             mistakes: mistake.into_iter().collect(),
@@ -304,7 +301,8 @@ fn candidates(case: &Case<'_>, given: Option<&Judged>) -> Vec<Hypothesis> {
     all.extend(turns.then_some(Hypothesis::Degrees));
     let drawn = drawing::frame(&few).into_iter().chain(drawing::zeros(&few));
     let drawn: Vec<Hypothesis> = drawn.collect();
-    all.extend(parallel::map(&drawn, |own| refined(&few, own.clone())));
+    let refined_of_few = parallel::map(&drawn, |own| refined(&few, own.clone()));
+    all.extend(refined_of_few.into_iter().filter(|own| is_other(&few, own)));
     let best = first(&few, all);
     let mut found = hypothesis::small_tolerances();
     // Room for tolerances is paid for by evidence, which few poses don't settle.
@@ -323,6 +321,7 @@ fn candidates(case: &Case<'_>, given: Option<&Judged>) -> Vec<Hypothesis> {
     better
         .filter(|tried| tried.total < as_given)
         .filter_map(|tried| Some(refined(case, tried.hypothesis?)))
+        .filter(|own| is_other(case, own))
         .chain(found)
         .collect()
 }

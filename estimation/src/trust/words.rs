@@ -125,7 +125,8 @@ pub(crate) fn of_measurements(
         file,
         what,
         mend,
-        is_absurd: true,
+        // Joints of one drive that are off alike make the same machine; one that a fit can't reach is told where it is.
+        is_absurd: kind != MistakeKind::CommandZero,
     })
 }
 

@@ -67,7 +67,7 @@ pub(super) fn kinds_of_noise(
             continue;
         }
         match file.noise_of_axes().filter(|_| kind == PlateKind::Position) {
-            Some(axes) => kinds.extend(noise.of_axes(axes)?),
+            Some(axes) => kinds.extend(noise.of_axes(folder, axes)?),
             None => kinds.push(noise.of_lengths(kind.file(), quantity, key)?),
         }
     }
@@ -141,11 +141,18 @@ impl Stated<'_> {
         Ok(self.kind((file, quantity), "m", stated))
     }
 
-    /// Of positions, axis by axis.
-    fn of_axes(&self, axes: [Option<StatedNoise>; 3]) -> Result<Vec<Kind>, InputError> {
+    /// Of positions, axis by axis; of one that no row measures any will do.
+    fn of_axes(
+        &self,
+        folder: &Folder,
+        axes: [Option<StatedNoise>; 3],
+    ) -> Result<Vec<Kind>, InputError> {
         let of = PlateKind::Position;
-        let named = AXES.into_iter().zip(of.columns()).zip(axes);
-        let kinds = named.map(|((axis, column), stated)| {
+        let named = AXES.into_iter().zip(of.columns()).enumerate();
+        let kinds = named.map(|(k, (axis, column))| {
+            let is_measured = folder.rows_of(of).any(|row| row.values[k].is_some());
+            let any = axes.iter().flatten().next().copied();
+            let stated = axes[k].or(any.filter(|_| !is_measured));
             let key = || format!("`{column}` to `[noise.tcp_positions]`");
             let stated = stated.ok_or_else(|| self.unstated(of.file(), &key()))?;
             Ok(self.kind((of.file(), axis), "m", stated))

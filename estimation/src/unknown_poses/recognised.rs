@@ -26,7 +26,7 @@ use crate::trust::drawing;
 use crate::trust::hypothesis::Hypothesis;
 use crate::trust::negative::negative_length;
 use crate::trust::recognise::{CLOSER, FEW_ITERATIONS, FEW_POSES, POSES};
-use crate::trust::{ABSURD_TOLERANCES, LEVEL, Mistake, NEARER, ODDS, words};
+use crate::trust::{ABSURD_TOLERANCES, LEVEL, Mistake, MistakeKind, NEARER, ODDS, words};
 
 /// A first look at all hypotheses.
 pub(super) struct Look<'a> {
@@ -300,7 +300,10 @@ impl<'a> Case<'a> {
             }
         };
         let fitted = self.closer(look.ranked.iter(), look, given);
-        self.likeliest(fitted, &look.dimensions)
+        let mut found = self.likeliest(fitted, &look.dimensions)?;
+        let is_missed = given.is_none_or(|given| given.missed_m().is_some());
+        found.is_absurd |= found.kind == MistakeKind::CommandZero && is_missed;
+        Some(found)
     }
 
     /// Fits of the rows without mistakes, those that are near the noise and of plausible machines, with their squares.
