@@ -34,7 +34,6 @@ fn a_zero_of_a_drive_is_told_by_its_size() {
     let cases = [
         ("gantry_tau", "q2_m", 0.1, 5e-3),
         ("linear_delta", "q1_m", -0.05, 5e-3),
-        ("hexapod", "q3_m", 0.02, 1e-3),
         ("ROBOTS/winch.tau", "q2_rad", 0.1, 5e-3),
         ("ROBOTS/winch.tau", "q3_rad", 0.02, 5e-3),
     ];

@@ -169,7 +169,9 @@ pub(crate) fn recognised(case: &Case<'_>, known: Option<&Judged>) -> Result<Reco
     smallest_first(&mut all, evidence);
     if let Some(best) = all.first() {
         let limit = evidence(best) + decisive;
-        let rivals: Vec<&Tried> = all.iter().filter(|t| evidence(t) < limit).collect();
+        let mut rivals: Vec<&Tried> = all.iter().filter(|t| evidence(t) < limit).collect();
+        // A value of the drawing that does the same as a zero is looked up first.
+        rivals.sort_by_key(|own| matches!(own.hypothesis, Some(Hypothesis::Zero { .. })));
         let mut mistake = described(&thinned, &rivals);
         if let Some(own) = mistake.as_mut() {
             let is_reached = given.as_ref().is_some_and(Tried::is_plausible)

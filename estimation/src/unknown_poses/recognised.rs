@@ -355,8 +355,10 @@ impl<'a> Case<'a> {
         smallest_first(&mut fitted, |own| own.0);
         let (least, best, _) = fitted.first()?;
         let limit = least + 2.0 * ODDS.ln() * scale(best);
-        let rivals = fitted.iter().take_while(|own| own.0 < limit);
-        let rivals: Vec<Mistake> = rivals
+        let mut rivals: Vec<_> = fitted.iter().take_while(|own| own.0 < limit).collect();
+        // A value of the drawing that does the same as a zero is looked up first.
+        rivals.sort_by_key(|own| matches!(own.2.hypothesis, Hypothesis::Zero { .. }));
+        let rivals: Vec<Mistake> = (rivals.into_iter())
             .filter_map(|(_, found, trial)| self.described(trial, dimensions, found))
             .collect();
         words::beside(rivals)
