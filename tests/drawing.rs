@@ -28,12 +28,12 @@ fn mend(folder: &Path, model: &str, kind: &str) -> String {
     all[0]["mend"].as_str().unwrap().to_owned()
 }
 
-/// A drive that was homed elsewhere: one number, whatever it moves, to what the drawing's tolerances leave of it.
+/// A drive that was homed elsewhere: one number, whatever it moves, to what the drawing's tolerances leave of it. Where one value
+/// of the drawing does the same, such as an end stop, that is told first.
 #[test]
 fn a_zero_of_a_drive_is_told_by_its_size() {
     let cases = [
         ("gantry_tau", "q2_m", 0.1, 5e-3),
-        ("linear_delta", "q1_m", -0.05, 5e-3),
         ("ROBOTS/winch.tau", "q2_rad", 0.1, 5e-3),
         ("ROBOTS/winch.tau", "q3_rad", 0.02, 5e-3),
     ];
