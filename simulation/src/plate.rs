@@ -214,7 +214,7 @@ impl Gauges<'_> {
                         && name.is_empty()
                         && self.machine.plate.is_in_plane()
                     {
-                        // What leaves the plane is no motion of the plate.
+                        // A way out of the plane is no motion of the plate.
                         values[2] = None;
                     }
                     measured.rows.push(PlateRow {

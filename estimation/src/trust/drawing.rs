@@ -89,7 +89,7 @@ fn is_beyond_chance(sigmas: f64, count: usize) -> bool {
     chi2_survival(sigmas.powi(2), 1.0) < LEVEL / count as f64
 }
 
-/// How well the tolerances of a drawing know the commands of a sample (m or rad); `None` where they say nothing of a
+/// Standard deviations (m or rad) to which the tolerances of a drawing know the commands of a sample; `None` where they say nothing of a
 /// parameter, or the drawing does not reach it.
 pub(crate) fn sigmas(prepared: &Prepared, file: &RobotFile, sample: &Sample) -> Option<Vec<f64>> {
     let machine = &prepared.machine;

@@ -20,6 +20,7 @@ pub(crate) mod numbering;
 mod observability;
 mod of_folder;
 mod prediction;
+mod pull;
 mod reach;
 pub(crate) mod recognise;
 mod refined;
@@ -34,10 +35,9 @@ pub use mistake::{Mistake, MistakeKind};
 pub use observability::{Gap, Observability};
 pub use of_folder::{mistakes, refuse};
 pub use prediction::{of_prediction, outliers_of_validation};
+pub use pull::Pull;
 pub use reach::Reach;
-pub use verdict::{
-    FileFit, PoseFit, Pull, Status, Verdict, of_calibration, of_calibration_knowing,
-};
+pub use verdict::{FileFit, PoseFit, Status, Verdict, of_calibration, of_calibration_knowing};
 
 /// Worst poses or rows and largest pulls that are listed.
 pub(crate) const LISTED: usize = 5;

@@ -23,11 +23,11 @@ use crate::trust::first_look::FirstLook;
 use crate::trust::hypothesis::{self, Case, Hypothesis, THOUSAND};
 use crate::trust::judged::Judged;
 use crate::trust::mistake::{Mistake, MistakeKind};
+use crate::trust::pull::Pull;
 use crate::trust::refined::refined;
 use crate::trust::tried::{
     ITERATIONS, STATED, Tried, beyond_tolerance, closer, fitted, is_beyond_noise, tried,
 };
-use crate::trust::verdict::{Pull, another_machine};
 use crate::trust::{LARGEST_MISFIT, LEVEL, NEARER, ODDS, numbering, words};
 use crate::weighing::weigh_fitted;
 
@@ -188,7 +188,7 @@ pub(crate) fn recognised(case: &Case<'_>, known: Option<&Judged>) -> Result<Reco
         let (off_m, _) = judged.as_deref()?.closure_rms_m(&thinned.samples());
         let furthest = given.as_ref()?.furthest.as_ref();
         let refused = furthest.and_then(|own| Pull::of(own, thinned.variant).refusal());
-        another_machine(&thinned, off_m).or(refused)
+        thinned.another_machine(off_m).or(refused)
     };
     Ok(Recognised {
         another_machine: another_machine(),

@@ -16,11 +16,10 @@ use crate::trust::hypothesis::{self, Case};
 use crate::trust::judged::{Deviation, Judged, Misfit};
 use crate::trust::mistake::{Mistake, MistakeKind};
 use crate::trust::of_folder::{self, of_case};
+use crate::trust::pull::Pull;
 use crate::trust::reach::Reach;
 use crate::trust::tried::{self, ITERATIONS};
-use crate::trust::{
-    ABSURD_TOLERANCES, LARGEST_MISFIT, LEVEL, LISTED, general, numbering, weighing_words,
-};
+use crate::trust::{LARGEST_MISFIT, LEVEL, LISTED, general, numbering, weighing_words};
 use crate::uncertainty::Uncertainty;
 use crate::unknown_poses::errors_in_variables::GroupFit;
 use crate::weighing::{self, Loss, MOST_POSES, Outlier, Repeats, Weighing};
@@ -75,15 +74,6 @@ pub struct PoseFit {
     pub pose: u32,
     /// Root mean square of its residuals over the stated noise.
     pub sigmas: f64,
-}
-
-/// A parameter that is pulled off its nominal value.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Pull {
-    /// Full name.
-    pub parameter: String,
-    /// Fitted less nominal value, in tolerances.
-    pub tolerances: f64,
 }
 
 /// The verdict on a fit or a prediction, with its reasons.
@@ -299,35 +289,6 @@ pub fn of_calibration_knowing(
     Ok(verdict)
 }
 
-impl Pull {
-    /// The largest, largest first.
-    pub(crate) fn largest(pulls: impl Iterator<Item = Self>) -> Vec<Self> {
-        let mut pulls: Vec<Self> = pulls.collect();
-        largest_first(&mut pulls, |pull| pull.tolerances.abs());
-        pulls.truncate(LISTED);
-        pulls
-    }
-
-    /// How far a parameter of a variant is off.
-    pub(super) fn of(deviation: &Deviation, variant: &Variant) -> Self {
-        Self {
-            parameter: variant.parameters[deviation.parameter].name.clone(),
-            tolerances: deviation.tolerances,
-        }
-    }
-
-    /// Why no machine is that far off its drawing, where none is.
-    pub(super) fn refusal(&self) -> Option<String> {
-        (self.tolerances.abs() >= ABSURD_TOLERANCES).then(|| {
-            format!(
-                "No machine is {} tolerances off its drawing, as `{}` would be.",
-                general(self.tolerances.abs(), 3),
-                self.parameter
-            )
-        })
-    }
-}
-
 impl Calibration {
     /// Parameters by how far they lie off their nominal values, in tolerances.
     pub(crate) fn pulls(&self) -> impl Iterator<Item = Pull> {
@@ -340,17 +301,6 @@ impl Calibration {
         let pulls = self.parameters.iter().filter_map(of);
         pulls.filter(|pull| pull.tolerances.is_finite())
     }
-}
-
-/// Why links that miss their lengths by so much (m, rms) are those of another machine, where they are.
-pub(super) fn another_machine(case: &Case<'_>, off_m: f64) -> Option<String> {
-    let length_m = case.mean_length_m();
-    (length_m > 0.0 && off_m > LARGEST_MISFIT * length_m).then(|| {
-        format!(
-            "Links miss their lengths by {} mm: this is another machine, or commands and poses do not belong together.",
-            general(1e3 * off_m, 3)
-        )
-    })
 }
 
 /// The figures of a fit, before they are judged.
@@ -489,7 +439,7 @@ impl Verdict {
     ) {
         let off_m = self.by_file.first().map_or(0.0, |fit| fit.rms);
         if self.mistakes.is_empty()
-            && let Some(why) = another_machine(case, off_m)
+            && let Some(why) = case.another_machine(off_m)
         {
             self.status = Status::Absurd;
             self.why.push(why);

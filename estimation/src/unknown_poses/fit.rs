@@ -474,7 +474,7 @@ impl<'a> Fit<'a> {
     }
 }
 
-/// What data and tolerances know of the shared unknowns.
+/// Knowledge of the shared unknowns by data and tolerances.
 struct Known {
     /// Units of the unknowns.
     scales: Vec<f64>,
