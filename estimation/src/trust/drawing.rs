@@ -2,7 +2,6 @@
 //! measured, and the zeros from which commands count.
 
 use nalgebra::Matrix3;
-use tau_kinematics::Error::Inconsistent;
 use tau_kinematics::{Machine, Pose};
 use tau_robot::robot::Plate;
 use tau_robot::robot_file::RobotFile;
@@ -130,10 +129,11 @@ pub(crate) fn as_drawn(machine: &Machine, sample: &Sample) -> Option<Pose> {
     let sample = sample.view();
     let start = machine.at_reference(&sample).ok()?;
     let from = sample.at(start.pose);
-    let reached = match machine.forward_along(&start.commands_m, &from) {
-        // Redundant drives agree about the drawing roughly.
-        Err(Inconsistent { .. }) => machine.forward_fitted(&from),
-        reached => reached,
+    // Redundant drives agree about the drawing roughly: there is no way along which all links keep their lengths.
+    let reached = if machine.closure_count() > machine.pose_unknowns().len() {
+        machine.forward_fitted(&from)
+    } else {
+        machine.forward_along(&start.commands_m, &from)
     };
     Some(reached.ok()?.pose)
 }
