@@ -280,18 +280,13 @@ impl<'a> Fit<'a> {
         triangle: &DMatrix<f64>,
         variance: f64,
     ) -> (DMatrix<f64>, Vec<bool>) {
-        let Known {
-            scales,
-            values,
-            v_t,
-            of_tolerances,
-        } = self.known(triangle, variance);
-        let width = scales.len();
+        let known = self.known(triangle, variance);
+        let width = known.scales.len();
         let mut covariance = DMatrix::zeros(width, width);
         let mut lost = vec![false; width];
-        for (k, &value) in values.iter().enumerate() {
-            let row = v_t.row(k);
-            if is_lost(&values, k, of_tolerances[k]) {
+        for (k, &value) in known.values.iter().enumerate() {
+            let row = known.v_t.row(k);
+            if known.is_lost(k) {
                 for (lost, share) in lost.iter_mut().zip(row.iter()) {
                     *lost |= share.abs() > 1e-6;
                 }
@@ -301,7 +296,7 @@ impl<'a> Fit<'a> {
         }
         for i in 0..width {
             for j in 0..width {
-                covariance[(i, j)] *= scales[i] * scales[j];
+                covariance[(i, j)] *= known.scales[i] * known.scales[j];
             }
         }
         (covariance, lost)
@@ -315,19 +310,13 @@ impl<'a> Fit<'a> {
         variance: f64,
         taken: impl Fn(f64, f64) -> bool,
     ) -> DMatrix<f64> {
-        let Known {
-            scales,
-            values,
-            v_t,
-            of_tolerances,
-        } = self.known(triangle, variance);
-        let is_taken = |&k: &usize| {
-            !is_lost(&values, k, of_tolerances[k]) && taken(values[k], of_tolerances[k])
-        };
-        let taken: Vec<usize> = (0..values.len()).filter(is_taken).collect();
-        DMatrix::from_fn(scales.len(), taken.len(), |row, column| {
+        let known = self.known(triangle, variance);
+        let is_taken =
+            |&k: &usize| !known.is_lost(k) && taken(known.values[k], known.of_tolerances[k]);
+        let taken: Vec<usize> = (0..known.values.len()).filter(is_taken).collect();
+        DMatrix::from_fn(known.scales.len(), taken.len(), |row, column| {
             let k = taken[column];
-            scales[row] * v_t[(k, row)] / values[k]
+            known.scales[row] * known.v_t[(k, row)] / known.values[k]
         })
     }
 
@@ -491,9 +480,11 @@ pub(super) const BOUNDED: f64 = 0.5;
 /// Knowledge of a combination that nothing bounds below which it is none: of a kilometre or a thousand radians.
 const MEANINGLESS: f64 = 1e-3;
 
-/// True where what is known of a combination is rounding, or means nothing.
-fn is_lost(values: &DVector<f64>, k: usize, of_tolerances: f64) -> bool {
-    let rounding = values.max() * f64::EPSILON * 8.0 * values.len() as f64;
-    let is_unbounded = of_tolerances < BOUNDED;
-    values[k] <= rounding || (is_unbounded && values[k] < MEANINGLESS)
+impl Known {
+    /// True where what is known of a combination is rounding, or means nothing.
+    fn is_lost(&self, k: usize) -> bool {
+        let rounding = self.values.max() * f64::EPSILON * 8.0 * self.values.len() as f64;
+        let is_unbounded = self.of_tolerances[k] < BOUNDED;
+        self.values[k] <= rounding || (is_unbounded && self.values[k] < MEANINGLESS)
+    }
 }
