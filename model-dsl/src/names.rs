@@ -54,7 +54,7 @@ pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) ->
         if candidate.eq_ignore_ascii_case(name) {
             0
         } else {
-            edit_distance(name, candidate)
+            strsim::osa_distance(name, candidate)
         }
     };
     let near = candidates.into_iter().filter_map(|candidate| {
@@ -112,49 +112,9 @@ fn plural(noun: &str) -> String {
     }
 }
 
-/// Insertions, deletions, substitutions and swaps of neighbours that lead from one word to the other
-/// (optimal string alignment).
-fn edit_distance(left: &str, right: &str) -> usize {
-    let left: Vec<char> = left.chars().collect();
-    let right: Vec<char> = right.chars().collect();
-    let mut before = Vec::new();
-    let mut above: Vec<usize> = (0..=right.len()).collect();
-    for (i, &a) in left.iter().enumerate() {
-        let mut row = vec![i + 1];
-        for (j, &b) in right.iter().enumerate() {
-            let mut best = (above[j] + usize::from(a != b))
-                .min(above[j + 1] + 1)
-                .min(row[j] + 1);
-            if i > 0 && j > 0 && a == right[j - 1] && left[i - 1] == b {
-                let swapped: &Vec<usize> = &before;
-                best = best.min(swapped[j - 1] + 1);
-            }
-            row.push(best);
-        }
-        before = above;
-        above = row;
-    }
-    above[right.len()]
-}
-
 #[cfg(test)]
 mod tests {
-    use super::{edit_distance, nearest};
-
-    #[test]
-    fn distances() {
-        for (left, right, distance) in [
-            ("", "", 0),
-            ("", "abc", 3),
-            ("kitten", "sitting", 3),
-            ("robto", "robot", 1),
-            ("varient", "variant", 1),
-            ("ca", "abc", 3),
-        ] {
-            assert_eq!(edit_distance(left, right), distance, "{left} {right}");
-            assert_eq!(edit_distance(right, left), distance, "{right} {left}");
-        }
-    }
+    use super::nearest;
 
     #[test]
     fn suggestions_are_close() {

@@ -20,45 +20,29 @@ pub struct Dimension {
 
 impl Dimension {
     /// A number without unit.
-    pub const NUMBER: Self = Self {
-        length: 0,
-        mass: 0,
-        time: 0,
-        temperature: 0,
-        angle: 0,
-    };
+    pub const NUMBER: Self = Self::of(0, 0, 0, 0, 0);
     /// Length (m).
-    pub const LENGTH: Self = Self {
-        length: 1,
-        ..Self::NUMBER
-    };
+    pub const LENGTH: Self = Self::of(1, 0, 0, 0, 0);
     /// Mass (kg).
-    pub const MASS: Self = Self {
-        mass: 1,
-        ..Self::NUMBER
-    };
+    pub const MASS: Self = Self::of(0, 1, 0, 0, 0);
     /// Time (s).
-    pub const TIME: Self = Self {
-        time: 1,
-        ..Self::NUMBER
-    };
+    pub const TIME: Self = Self::of(0, 0, 1, 0, 0);
     /// Temperature (K).
-    pub const TEMPERATURE: Self = Self {
-        temperature: 1,
-        ..Self::NUMBER
-    };
+    pub const TEMPERATURE: Self = Self::of(0, 0, 0, 1, 0);
     /// Angle (rad).
-    pub const ANGLE: Self = Self {
-        angle: 1,
-        ..Self::NUMBER
-    };
+    pub const ANGLE: Self = Self::of(0, 0, 0, 0, 1);
     /// Force (N).
-    pub const FORCE: Self = Self {
-        length: 1,
-        mass: 1,
-        time: -2,
-        ..Self::NUMBER
-    };
+    pub const FORCE: Self = Self::of(1, 1, -2, 0, 0);
+
+    const fn of(length: i8, mass: i8, time: i8, temperature: i8, angle: i8) -> Self {
+        Self {
+            length,
+            mass,
+            time,
+            temperature,
+            angle,
+        }
+    }
 
     /// Dimension of a product; `None` if an exponent leaves the range of `i8`.
     pub fn multiply(self, other: Self) -> Option<Self> {
@@ -229,16 +213,8 @@ pub fn find_unit(name: &str) -> Option<Unit> {
     UNITS.into_iter().find(|unit| unit.name == name)
 }
 
-const PRESSURE: Dimension = Dimension {
-    length: -1,
-    mass: 1,
-    time: -2,
-    ..Dimension::NUMBER
-};
-const FREQUENCY: Dimension = Dimension {
-    time: -1,
-    ..Dimension::NUMBER
-};
+const PRESSURE: Dimension = Dimension::of(-1, 1, -2, 0, 0);
+const FREQUENCY: Dimension = Dimension::of(0, 0, -1, 0, 0);
 
 /// Names for dimensions, usable wherever one is wanted: `param sine: length`.
 pub const DIMENSIONS: [(&str, Dimension); 20] = [
@@ -250,85 +226,18 @@ pub const DIMENSIONS: [(&str, Dimension); 20] = [
     ("temperature", Dimension::TEMPERATURE),
     ("mass", Dimension::MASS),
     ("force", Dimension::FORCE),
-    (
-        "torque",
-        Dimension {
-            length: 2,
-            mass: 1,
-            time: -2,
-            ..Dimension::NUMBER
-        },
-    ),
+    ("torque", Dimension::of(2, 1, -2, 0, 0)),
     ("pressure", PRESSURE),
-    (
-        "area",
-        Dimension {
-            length: 2,
-            ..Dimension::NUMBER
-        },
-    ),
-    (
-        "volume",
-        Dimension {
-            length: 3,
-            ..Dimension::NUMBER
-        },
-    ),
-    (
-        "curvature",
-        Dimension {
-            length: -1,
-            ..Dimension::NUMBER
-        },
-    ),
-    (
-        "velocity",
-        Dimension {
-            length: 1,
-            time: -1,
-            ..Dimension::NUMBER
-        },
-    ),
-    (
-        "acceleration",
-        Dimension {
-            length: 1,
-            time: -2,
-            ..Dimension::NUMBER
-        },
-    ),
-    (
-        "angular_velocity",
-        Dimension {
-            angle: 1,
-            time: -1,
-            ..Dimension::NUMBER
-        },
-    ),
+    ("area", Dimension::of(2, 0, 0, 0, 0)),
+    ("volume", Dimension::of(3, 0, 0, 0, 0)),
+    ("curvature", Dimension::of(-1, 0, 0, 0, 0)),
+    ("velocity", Dimension::of(1, 0, -1, 0, 0)),
+    ("acceleration", Dimension::of(1, 0, -2, 0, 0)),
+    ("angular_velocity", Dimension::of(0, 0, -1, 0, 1)),
     ("frequency", FREQUENCY),
-    (
-        "compliance",
-        Dimension {
-            mass: -1,
-            time: 2,
-            ..Dimension::NUMBER
-        },
-    ),
-    (
-        "stiffness",
-        Dimension {
-            mass: 1,
-            time: -2,
-            ..Dimension::NUMBER
-        },
-    ),
-    (
-        "expansion",
-        Dimension {
-            temperature: -1,
-            ..Dimension::NUMBER
-        },
-    ),
+    ("compliance", Dimension::of(0, -1, 2, 0, 0)),
+    ("stiffness", Dimension::of(0, 1, -2, 0, 0)),
+    ("expansion", Dimension::of(0, 0, 0, -1, 0)),
 ];
 
 /// The dimension of a name.

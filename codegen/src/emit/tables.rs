@@ -1,9 +1,10 @@
 //! The static tables of a robot and its variants.
 
+use std::fmt::Debug;
+
 use proc_macro2::{Literal, TokenStream};
 use quote::{ToTokens, quote};
 use tau_model_dsl::model::Model;
-use tau_runtime::{Arm, Input, Owner, ResidualKind, TrackShape};
 
 use super::{ident, snake_case};
 use crate::compile::{CompiledRobot, CompiledVariant};
@@ -55,16 +56,9 @@ pub(super) fn variant(
     families: &[TokenStream],
 ) -> TokenStream {
     let name = &variant.name;
-    let arm = match variant.arm {
-        Arm::Reduced => quote!(Arm::Reduced),
-        Arm::Full => quote!(Arm::Full),
-    };
+    let arm = as_written("Arm", variant.arm);
     let tracks = variant.tracks.iter().map(|track| {
-        let shape = match track.shape {
-            TrackShape::Linear => quote!(TrackShape::Linear),
-            TrackShape::Piecewise => quote!(TrackShape::Piecewise),
-            TrackShape::Crank => quote!(TrackShape::Crank),
-        };
+        let shape = as_written("TrackShape", track.shape);
         let per_link = track.per_link;
         quote!(TrackModel { shape: #shape, per_link: #per_link })
     });
@@ -74,7 +68,7 @@ pub(super) fn variant(
         .map(|(name, places)| quote!(EffectUse { name: #name, places: &[#(#places),*] }));
     let parameters = variant.parameters.iter().map(|parameter| {
         let (name, quantity, unit) = (&parameter.name, &parameter.quantity, &parameter.unit);
-        let owner = owner(parameter.owner);
+        let owner = as_written("Owner", parameter.owner);
         let component = optional(parameter.component);
         let (nominal, tolerance) = (
             optional_number(parameter.nominal),
@@ -97,17 +91,11 @@ pub(super) fn variant(
         entry
     });
     let instances = variant.instances.iter().map(|instance| {
-        let kind = match instance.kind {
-            ResidualKind::Closure => quote!(ResidualKind::Closure),
-            ResidualKind::ClosureByPose => quote!(ResidualKind::ClosureByPose),
-            ResidualKind::CartPose => quote!(ResidualKind::CartPose),
-            ResidualKind::CartPosition => quote!(ResidualKind::CartPosition),
-            ResidualKind::TrackerError => quote!(ResidualKind::TrackerError),
-        };
+        let kind = as_written("ResidualKind", instance.kind);
         let of = index(instance.of);
         let family = &families[instance.family];
         let parameters = instance.parameters.iter().map(|&p| index(p));
-        let inputs = instance.inputs.iter().map(|&i| input(i));
+        let inputs = instance.inputs.iter().map(|&i| as_written("Input", i));
         quote! {
             Instance {
                 kind: #kind,
@@ -132,79 +120,10 @@ pub(super) fn variant(
     }
 }
 
-fn owner(owner: Owner) -> TokenStream {
-    match owner {
-        Owner::Link(link) => {
-            let link = index(link);
-            quote!(Owner::Link(#link))
-        }
-        Owner::Cluster(cluster) => {
-            let cluster = index(cluster);
-            quote!(Owner::Cluster(#cluster))
-        }
-        Owner::Track(track) => {
-            let track = index(track);
-            quote!(Owner::Track(#track))
-        }
-        Owner::Crank(track) => {
-            let track = index(track);
-            quote!(Owner::Crank(#track))
-        }
-        Owner::Robot => quote!(Owner::Robot),
-        Owner::Effect(effect) => {
-            let effect = index(effect);
-            quote!(Owner::Effect(#effect))
-        }
-        Owner::Frame(set) => {
-            let set = Literal::u8_unsuffixed(set);
-            quote!(Owner::Frame(#set))
-        }
-        Owner::Target { set, track } => {
-            let (set, track) = (Literal::u8_unsuffixed(set), index(track));
-            quote!(Owner::Target { set: #set, track: #track })
-        }
-    }
-}
-
-fn input(input: Input) -> TokenStream {
-    let simple = |name: &str, argument: usize| {
-        let (name, argument) = (ident(name), index(argument));
-        quote!(Input::#name(#argument))
-    };
-    let component_of = |name: &str, track: usize, component: usize| {
-        let (name, track, component) = (ident(name), index(track), index(component));
-        quote!(Input::#name { track: #track, component: #component })
-    };
-    match input {
-        Input::Command(command) => simple("Command", command),
-        Input::Position(component) => simple("Position", component),
-        Input::Angle(component) => simple("Angle", component),
-        Input::Rotation(entry) => simple("Rotation", entry),
-        Input::TcpPosition(component) => simple("TcpPosition", component),
-        Input::Direction(command) => simple("Direction", command),
-        Input::Time => quote!(Input::Time),
-        Input::Temperature => quote!(Input::Temperature),
-        Input::Load { track, component } => component_of("Load", track, component),
-        Input::Tension(link) => simple("Tension", link),
-        Input::Pull(link) => simple("Pull", link),
-        Input::TensionByPull { link, pulled } => {
-            let (link, pulled) = (index(link), index(pulled));
-            quote!(Input::TensionByPull { link: #link, pulled: #pulled })
-        }
-        Input::LoadByPull {
-            track,
-            component,
-            pulled,
-        } => {
-            let (track, component, pulled) = (index(track), index(component), index(pulled));
-            quote!(Input::LoadByPull { track: #track, component: #component, pulled: #pulled })
-        }
-        Input::SegmentStart { track, component } => component_of("SegmentStart", track, component),
-        Input::SegmentEnd { track, component } => component_of("SegmentEnd", track, component),
-        Input::SegmentStartCommand(track) => simple("SegmentStartCommand", track),
-        Input::SegmentEndCommand(track) => simple("SegmentEndCommand", track),
-        Input::Held(parameter) => simple("Held", parameter),
-    }
+/// A value of a type of the tables, as its `Debug` writes it: the path from that type on.
+fn as_written(of: &str, value: impl Debug) -> TokenStream {
+    let path = format!("{of}::{value:?}");
+    path.parse().expect("derived `Debug` writes an expression")
 }
 
 fn index(value: usize) -> Literal {

@@ -153,7 +153,8 @@ fn residual(context: &mut Context<'_>, of: usize, turn: Option<Vector>) -> Expr 
         // The effect is part of what was measured; closure holds for the rest.
         tcp = vector::subtract(&mut context.g, tcp, error);
     }
-    for (index, used) in context.variant.effects.clone().iter().enumerate() {
+    let variant = context.variant;
+    for (index, used) in variant.effects.iter().enumerate() {
         let applies = match used.place {
             Place::AllLinks => {
                 let subject = context.model.effects[used.effect].subject;
@@ -174,7 +175,7 @@ fn residual(context: &mut Context<'_>, of: usize, turn: Option<Vector>) -> Expr 
             length_of: Some(owner),
             at_tcp: true,
         };
-        for (target, value) in context.terms((index, used), scope) {
+        for (target, value) in context.terms(index, scope) {
             match (target, value.as_slice()) {
                 (Target::Length, &[amount]) => length = context.g.add(length, amount),
                 (Target::Joint, &[x, y, z]) => {

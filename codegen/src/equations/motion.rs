@@ -9,7 +9,7 @@
 //! interpolation weight, which is prepared work. So `track_offset` means the same, and takes the same prior, in linear
 //! and piecewise variants. `track_rotation` are angles about x, y, z, small ones on top of a registration of set 2.
 
-use tau_model_dsl::model::{Arm, CrankValue, EffectUse, Place, Target, TrackShape, Value};
+use tau_model_dsl::model::{Arm, CrankValue, Place, Target, TrackShape, Value};
 use tau_runtime::{Input, Owner};
 
 use super::Context;
@@ -194,7 +194,8 @@ impl Context<'_> {
             shift: [zero; 3],
             turn: [zero; 3],
         };
-        for (index, used) in self.variant.effects.clone().iter().enumerate() {
+        let variant = self.variant;
+        for (index, used) in variant.effects.iter().enumerate() {
             let source = match used.place {
                 Place::Cart {
                     track: place,
@@ -210,7 +211,7 @@ impl Context<'_> {
                 at_tcp,
                 ..Scope::default()
             };
-            for (target, value) in self.terms((index, used), scope) {
+            for (target, value) in self.terms(index, scope) {
                 let slot = match target {
                     Target::Along => &mut total.shift[0],
                     Target::Horizontal => &mut total.shift[1],
@@ -229,13 +230,10 @@ impl Context<'_> {
         (!is_zero(&total.shift) || !is_zero(&total.turn)).then_some(total)
     }
 
-    /// Target and amount of each term of an effect, which has an index in the variant.
-    pub(super) fn terms(
-        &mut self,
-        (index, used): (usize, &EffectUse),
-        scope: Scope,
-    ) -> Vec<(Target, Vec<Expr>)> {
-        let terms = self.model.effects[used.effect].terms.iter();
+    /// Target and amount of each term of an effect of the variant.
+    pub(super) fn terms(&mut self, index: usize, scope: Scope) -> Vec<(Target, Vec<Expr>)> {
+        let effect = self.variant.effects[index].effect;
+        let terms = self.model.effects[effect].terms.iter();
         terms
             .map(|term| (term.target, self.of_effect(index, &term.formula, scope)))
             .collect()

@@ -17,11 +17,12 @@ pub(super) fn errors(context: &mut Context<'_>) -> Vec<Vector> {
         ..Scope::default()
     };
     let mut errors = vec![];
-    for (index, used) in context.variant.effects.clone().iter().enumerate() {
+    let variant = context.variant;
+    for (index, used) in variant.effects.iter().enumerate() {
         if used.place != Place::Tcp {
             continue;
         }
-        for (target, value) in context.terms((index, used), scope) {
+        for (target, value) in context.terms(index, scope) {
             match (target, value.as_slice()) {
                 (Target::Position, &[x, y, z]) => errors.push([x, y, z]),
                 _ => unreachable!("the checker admits only positions on the TCP"),

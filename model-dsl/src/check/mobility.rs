@@ -16,7 +16,7 @@ pub(super) fn mobility(
     diagnostics: &mut Diagnostics,
 ) {
     let freedoms = geometry.plate.freedoms().len();
-    held(robot, (geometry, variants), diagnostics);
+    held(robot, geometry, variants, diagnostics);
     let carried = |track: usize| {
         let clusters = &geometry.clusters;
         let on = |cluster: usize| clusters.get(cluster).and_then(|own| own.track) == Some(track);
@@ -78,7 +78,8 @@ pub(super) fn mobility(
 /// arms keep the orientation, whatever keeps it.
 fn held(
     robot: &syntax::Robot,
-    (geometry, variants): (&Geometry, &[Variant]),
+    geometry: &Geometry,
+    variants: &[Variant],
     diagnostics: &mut Diagnostics,
 ) {
     let has_full = variants.iter().any(|variant| variant.arm == Arm::Full);
