@@ -9,6 +9,7 @@ use std::collections::BTreeMap;
 
 use clap::Parser;
 use intervals::Coverage;
+use tau::Setup;
 use tau::calibration::{Calibration, Options, calibrate};
 use tau::simulation::{Machine, Noise, Poses as Planned, Simulation, State, simulate};
 use tau_estimation::trust::{Status, of_calibration};
@@ -264,7 +265,16 @@ fn counted(robot: &Robot, file: &RobotFile, case: &Case, arguments: &Arguments) 
             treatment: case.treatment,
             ..Options::default()
         };
-        let found = match calibrate(robot, variant, file, folder, &poses, &options) {
+        let found = match calibrate(
+            Setup {
+                robot,
+                variant,
+                file,
+                folder,
+            },
+            &poses,
+            &options,
+        ) {
             Ok(found) => found,
             Err(error) => {
                 eprintln!("{}, {seed}: {error}", case.name);

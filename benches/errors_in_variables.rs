@@ -15,6 +15,7 @@ use std::process::{Command, ExitCode, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use tau::Setup;
 use tau::calibration::{self, calibrate};
 use tau::measurements::{Folder, TcpPose};
 use tau::robot::{Robot, Variant};
@@ -97,19 +98,23 @@ impl Case {
         let options = calibration::Options::default();
         let few = &poses[..START.min(poses.len())];
         let start = calibrate(
-            &self.robot,
-            self.variant(),
-            &self.file,
-            &self.folder,
+            Setup {
+                robot: &self.robot,
+                variant: self.variant(),
+                file: &self.file,
+                folder: &self.folder,
+            },
             few,
             &options,
         )
         .expect("a calibration");
         Unsolved::of_all_sets(
-            &self.robot,
-            self.variant(),
-            &self.file,
-            &self.folder,
+            Setup {
+                robot: &self.robot,
+                variant: self.variant(),
+                file: &self.file,
+                folder: &self.folder,
+            },
             &self.division,
             &start,
         )

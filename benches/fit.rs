@@ -5,6 +5,7 @@
 //! with its blocks, by way of the normal equations or of the stored Jacobian, and without blocks.
 
 use divan::Bencher;
+use tau::Setup;
 use tau::measurements::{Poses, Split};
 use tau::{Robot, calibration};
 use tau_generated::gantry_tau::ROBOT;
@@ -172,7 +173,16 @@ fn calibration_of_five_variants(bencher: Bencher) {
             let variant = robot.variant(name).expect("a variant");
             let poses = &poses.division.calibration;
             let options = calibration::Options::default();
-            let done = calibration::calibrate(&robot, variant, &file, &folder, poses, &options);
+            let done = calibration::calibrate(
+                Setup {
+                    robot: &robot,
+                    variant,
+                    file: &file,
+                    folder: &folder,
+                },
+                poses,
+                &options,
+            );
             divan::black_box(done.expect("a calibration"));
         }
     };

@@ -18,6 +18,7 @@ use std::process::Command;
 use std::time::Instant;
 
 use sketch::Readings;
+use tau::Setup;
 use tau::calibration::Options;
 use tau::unknown_poses::calibrate;
 use tau_estimation::unknown_poses::Unsolved;
@@ -93,10 +94,12 @@ fn one(count: usize) {
         for _ in 0..turns {
             let (started, before) = (Instant::now(), processor_seconds());
             let found = calibrate(
-                &readings.robot,
-                readings.variant(),
-                &file,
-                &readings.folder,
+                Setup {
+                    robot: &readings.robot,
+                    variant: readings.variant(),
+                    file: &file,
+                    folder: &readings.folder,
+                },
                 &readings.division,
                 &Options::default(),
             );
@@ -128,10 +131,12 @@ fn one(count: usize) {
 fn beside_peers(readings: &Readings, turns: usize) {
     let file = readings.sketch(1);
     let unsolved = Unsolved::new(
-        &readings.robot,
-        readings.variant(),
-        &file,
-        &readings.folder,
+        Setup {
+            robot: &readings.robot,
+            variant: readings.variant(),
+            file: &file,
+            folder: &readings.folder,
+        },
         &readings.division,
     )
     .expect("a problem");

@@ -13,6 +13,7 @@ use std::time::Instant;
 
 use clap::Parser;
 use intervals::Coverage;
+use tau::Setup;
 use tau::calibration::Options;
 use tau::measurements::{PlateKind, Split};
 use tau::simulation::{Build, Machine, Measure, Poses, Simulation, TrackPoints, simulate};
@@ -312,7 +313,16 @@ impl Case {
         let variant = robot.variant(self.variant).unwrap();
         let start = Instant::now();
         let options = Options::default();
-        let found = calibrate(robot, variant, file, &simulated.folder, &division, &options);
+        let found = calibrate(
+            Setup {
+                robot,
+                variant,
+                file,
+                folder: &simulated.folder,
+            },
+            &division,
+            &options,
+        );
         let seconds = start.elapsed().as_secs_f64();
         match found {
             Ok(found) => Some((found, simulated.truth.machine, seconds)),

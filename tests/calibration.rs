@@ -9,6 +9,7 @@ use tau::robot_file::RobotFile;
 
 use crate::hand_written;
 use crate::support::{Random, gantry_tau, prototype};
+use tau::Setup;
 
 /// Mean and largest position error (µm) that an independent program reaches with the same split and
 /// priors.
@@ -44,10 +45,12 @@ impl Case {
         let variant = self.robot.variant(variant).expect("a variant of the robot");
         let poses = &self.poses.division.calibration;
         calibrate(
-            &self.robot,
-            variant,
-            &self.file,
-            &self.folder,
+            Setup {
+                robot: &self.robot,
+                variant,
+                file: &self.file,
+                folder: &self.folder,
+            },
             poses,
             options,
         )
@@ -327,10 +330,12 @@ fn a_searched_period_is_found_from_the_description_alone() {
         let variant = robot.variant(variant).unwrap();
         let options = Options::default();
         let calibration = calibrate(
-            &robot,
-            variant,
-            &file,
-            &measured,
+            Setup {
+                robot: &robot,
+                variant,
+                file: &file,
+                folder: &measured,
+            },
             &poses.division.calibration,
             &options,
         )

@@ -6,6 +6,7 @@ use tau::simulation::{Measure, simulate};
 use tau::unknown_poses::{RowDivision, calibrate};
 
 use crate::unknown_poses::{robot, simulation};
+use tau::Setup;
 
 /// Distances do not tell how a delta is tilted, and tell the length of a direction (0, 0, 1). So with x and y of covariance C
 /// its third component is short of that length by (x² + y²)/2, normal deviates, which has the mean tr C/2 and the variance
@@ -24,7 +25,17 @@ fn a_tilt_shortens_what_is_upright() {
     let division = RowDivision::of(&folder, Split::All);
     let variant = robot.variant("Nominal").unwrap();
     let options = Options::default();
-    let found = calibrate(&robot, variant, &file, &folder, &division, &options).unwrap();
+    let found = calibrate(
+        Setup {
+            robot: &robot,
+            variant,
+            file: &file,
+            folder: &folder,
+        },
+        &division,
+        &options,
+    )
+    .unwrap();
     let fitted = &found.calibration;
     let place = |name: &str| {
         let mut parameters = fitted.parameters.iter();

@@ -15,6 +15,7 @@ use tau_estimation::unknown_poses::{RowDivision, Unsolved};
 use tau_solver::{Method, solve};
 
 use crate::support::{Random, gantry_tau, prototype};
+use tau::Setup;
 
 const VARIANT: &str = "Full";
 const NOISE: Noise = Noise {
@@ -106,10 +107,12 @@ fn fit(file: &RobotFile, folder: &Folder) -> ErrorsInVariables {
     let robot = gantry_tau();
     let poses: Vec<usize> = (0..folder.tcp_poses.len()).collect();
     errors_in_variables::calibrate(
-        &robot,
-        robot.variant(VARIANT).unwrap(),
-        file,
-        folder,
+        Setup {
+            robot: &robot,
+            variant: robot.variant(VARIANT).unwrap(),
+            file,
+            folder,
+        },
         &poses,
         &Options::default(),
     )
@@ -390,16 +393,28 @@ fn every_method_and_number_of_threads_gives_the_same() {
     let variant = robot.variant(VARIANT).unwrap();
     let poses: Vec<usize> = (0..folder.tcp_poses.len()).collect();
     let start = calibrate(
-        &robot,
-        variant,
-        file,
-        folder,
+        Setup {
+            robot: &robot,
+            variant,
+            file,
+            folder,
+        },
         &poses[..40],
         &Options::default(),
     );
     let start = start.unwrap();
     let division = RowDivision::of_poses(folder, &poses);
-    let sets = Unsolved::of_all_sets(&robot, variant, file, folder, &division, &start).unwrap();
+    let sets = Unsolved::of_all_sets(
+        Setup {
+            robot: &robot,
+            variant,
+            file,
+            folder,
+        },
+        &division,
+        &start,
+    )
+    .unwrap();
     let problem = sets.problem();
     let run = |method: Method, threads: usize| {
         let options = tau_solver::Options {
@@ -433,8 +448,28 @@ fn too_few_poses_are_refused_as_by_the_ordinary_calibration() {
     let options = Options::default();
     let (file, folder) = (&drawn.file, &drawn.folder);
     let few = [0, 1, 2];
-    let ordinary = calibrate(&robot, variant, file, folder, &few, &options).err();
-    let found = errors_in_variables::calibrate(&robot, variant, file, folder, &few, &options).err();
+    let ordinary = calibrate(
+        Setup {
+            robot: &robot,
+            variant,
+            file,
+            folder,
+        },
+        &few,
+        &options,
+    )
+    .err();
+    let found = errors_in_variables::calibrate(
+        Setup {
+            robot: &robot,
+            variant,
+            file,
+            folder,
+        },
+        &few,
+        &options,
+    )
+    .err();
     assert!(matches!(found, Some(Error::Input(_))));
     assert_eq!(found, ordinary);
 }

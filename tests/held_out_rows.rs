@@ -11,6 +11,7 @@ use tau::unknown_poses::{HeldOut, RowDivision, calibrate};
 use crate::discovery_robots::CABLES;
 use crate::support::{spoil, tau_in};
 use crate::unknown_poses::{robot, simulation};
+use tau::Setup;
 
 const NOISE_M: f64 = 1e-5;
 
@@ -32,7 +33,17 @@ fn held_out(
     let line = spoil(&mut folder, &division);
     let variant = robot.variant(variant).unwrap();
     let options = Options::default();
-    let found = calibrate(&robot, variant, &file, &folder, &division, &options).unwrap();
+    let found = calibrate(
+        Setup {
+            robot: &robot,
+            variant,
+            file: &file,
+            folder: &folder,
+        },
+        &division,
+        &options,
+    )
+    .unwrap();
     assert!(found.gross.is_empty(), "{:?}", found.gross);
     (found.held_out.unwrap(), line)
 }

@@ -3,6 +3,7 @@
 //! A binary of its own, because its allocator counts all that is alive in the process.
 
 use peak_alloc::PeakAlloc;
+use tau::Setup;
 use tau::calibration::{self, calibrate};
 use tau::prototype;
 use tau::robot::Robot;
@@ -36,12 +37,32 @@ fn peak_bytes(poses: usize) -> f64 {
     let variant = robot.variant(VARIANT).unwrap();
     let all: Vec<usize> = (0..poses).collect();
     let options = calibration::Options::default();
-    let start = calibrate(&robot, variant, file, folder, &all[..START], &options).unwrap();
+    let start = calibrate(
+        Setup {
+            robot: &robot,
+            variant,
+            file,
+            folder,
+        },
+        &all[..START],
+        &options,
+    )
+    .unwrap();
 
     let before = ALLOCATOR.current_usage();
     ALLOCATOR.reset_peak_usage();
     let division = RowDivision::of_poses(folder, &all);
-    let sets = Unsolved::of_all_sets(&robot, variant, file, folder, &division, &start).unwrap();
+    let sets = Unsolved::of_all_sets(
+        Setup {
+            robot: &robot,
+            variant,
+            file,
+            folder,
+        },
+        &division,
+        &start,
+    )
+    .unwrap();
     let problem = sets.problem();
     let solution = solve(&problem, &Options::default()).unwrap();
     assert!(solution.converged());

@@ -12,6 +12,7 @@ use tau::weighing::Treatment;
 
 use crate::support::{Random, tau_in};
 use crate::unknown_poses::{robot, simulation};
+use tau::Setup;
 
 const MACHINES: u64 = 40;
 /// Standard deviations that one of twelve sums exceeds, on either side, once in a thousand runs.
@@ -32,7 +33,17 @@ fn fit(variant: &str, file: &RobotFile, folder: &Folder) -> UnknownPoses {
         },
         ..Options::default()
     };
-    calibrate(&robot, variant, file, folder, &division, &options).unwrap()
+    calibrate(
+        Setup {
+            robot: &robot,
+            variant,
+            file,
+            folder,
+        },
+        &division,
+        &options,
+    )
+    .unwrap()
 }
 
 fn repeats_of(found: &UnknownPoses, file: &str) -> KindRepeats {

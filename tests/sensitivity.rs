@@ -6,6 +6,7 @@ use tau::sensitivity::Sensitivity;
 use tau::sensitivity::{PAPER_STEP, analyse};
 
 use crate::support::{gantry_tau, number, paper_file, prototype, tau_in};
+use tau::Setup;
 
 /// Printed value of a quantity (`position` in mm, `orientation` in rad) for a parameter and a link.
 fn printed(quantity: &str, parameter: &str, link: &str) -> f64 {
@@ -69,10 +70,12 @@ fn steps_and_implicit_differentiation_agree_in_every_variant() {
         .filter(|variant| variant.effects.is_empty())
     {
         let calibration = calibrate(
-            &robot,
-            variant,
-            &file,
-            &folder,
+            Setup {
+                robot: &robot,
+                variant,
+                file: &file,
+                folder: &folder,
+            },
             &poses.division.calibration,
             &Options::default(),
         )

@@ -19,6 +19,7 @@ use tau_estimation::samples::frames::Frames;
 use tau_robot::robot::{TrackModel, TrackShape};
 
 use crate::support::{ROBOTS, Random, fields, gantry_tau, number, prototype, tau_in};
+use tau::Setup;
 
 fn robot(name: &str) -> (Robot, RobotFile) {
     match name {
@@ -186,8 +187,17 @@ fn a_file_holds_the_covariance() {
     for name in ["Nominal", "Full", "BestPerLink"] {
         let variant = robot.variant(name).unwrap();
         let options = calibration::Options::default();
-        let found =
-            calibration::calibrate(&robot, variant, &file, &folder, &poses, &options).unwrap();
+        let found = calibration::calibrate(
+            Setup {
+                robot: &robot,
+                variant,
+                file: &file,
+                folder: &folder,
+            },
+            &poses,
+            &options,
+        )
+        .unwrap();
         let known = Uncertainty::of_calibration(&found).unwrap();
         let text = found.file.to_toml();
         let read = RobotFile::parse_for(&text, "robot.toml", &robot).unwrap();
@@ -233,9 +243,17 @@ fn coverage((name, variant): (&str, &str), machines: u64) -> [(f64, f64); 2] {
         let folder = &simulated.folder;
         let poses: Vec<usize> = (0..folder.tcp_poses.len()).collect();
         let options = calibration::Options::default();
-        let found =
-            calibration::calibrate(&robot, variant, &simulated.file, folder, &poses, &options)
-                .unwrap();
+        let found = calibration::calibrate(
+            Setup {
+                robot: &robot,
+                variant,
+                file: &simulated.file,
+                folder,
+            },
+            &poses,
+            &options,
+        )
+        .unwrap();
         let known = Uncertainty::of_calibration(&found).unwrap();
         let largest = known.largest_m(&found.machine, folder, &poses).unwrap();
         let mut random = Random(seed);
@@ -351,7 +369,17 @@ fn many_poses_do_not_draw_joints_towards_the_tool() {
     let (folder, file) = (&simulated.folder, &simulated.file);
     let poses: Vec<usize> = (0..folder.tcp_poses.len()).collect();
     let options = calibration::Options::default();
-    let found = calibration::calibrate(&robot, variant, file, folder, &poses, &options).unwrap();
+    let found = calibration::calibrate(
+        Setup {
+            robot: &robot,
+            variant,
+            file,
+            folder,
+        },
+        &poses,
+        &options,
+    )
+    .unwrap();
     // χ² of eighteen at one in a thousand; they are hardly correlated, since tolerances decide on them.
     let chi2 = |values: &[f64]| -> f64 {
         let mut chi2 = 0.0;
@@ -373,7 +401,17 @@ fn many_poses_do_not_draw_joints_towards_the_tool() {
         start: Some(found.machine.values.clone()),
         ..options
     };
-    let again = calibration::calibrate(&robot, variant, file, folder, &poses, &options).unwrap();
+    let again = calibration::calibrate(
+        Setup {
+            robot: &robot,
+            variant,
+            file,
+            folder,
+        },
+        &poses,
+        &options,
+    )
+    .unwrap();
     for (one, other) in found.parameters.iter().zip(&again.parameters) {
         let apart = (one.value - other.value).abs() / one.sigma;
         assert!(apart < 1e-3, "{}: {apart} standard deviations", one.name);

@@ -12,6 +12,7 @@ use tau::simulation::{
 use tau::unknown_poses::{RowDivision, UnknownPoses};
 
 use crate::support::{ROBOTS, Random, tau_in};
+use tau::Setup;
 
 /// A robot of the tests with its values, some noise, and more of the robot file.
 pub(crate) fn robot(name: &str, more: &str) -> (Robot, RobotFile) {
@@ -27,8 +28,16 @@ pub(crate) fn robot(name: &str, more: &str) -> (Robot, RobotFile) {
 fn fit(robot: &Robot, variant: &str, file: &RobotFile, folder: &Folder) -> UnknownPoses {
     let division = RowDivision::of(folder, Split::All);
     let variant = robot.variant(variant).unwrap();
-    let found =
-        tau::unknown_poses::calibrate(robot, variant, file, folder, &division, &Options::default());
+    let found = tau::unknown_poses::calibrate(
+        Setup {
+            robot,
+            variant,
+            file,
+            folder,
+        },
+        &division,
+        &Options::default(),
+    );
     found.unwrap_or_else(|error| panic!("{error}"))
 }
 
@@ -160,9 +169,17 @@ fn the_42_parameters_of_a_hexapod_follow_from_18_exact_poses() {
     // So does the fit of the closures.
     let poses: Vec<usize> = (0..18).collect();
     let variant = robot.variant("Full").unwrap();
-    let closures =
-        calibration::calibrate(&robot, variant, &file, &folder, &poses, &Options::default())
-            .unwrap();
+    let closures = calibration::calibrate(
+        Setup {
+            robot: &robot,
+            variant,
+            file: &file,
+            folder: &folder,
+        },
+        &poses,
+        &Options::default(),
+    )
+    .unwrap();
     let off = largest_relative_error(&closures.parameters, &truth);
     assert!(off < 1e-9, "{off:e}");
 }
@@ -177,8 +194,17 @@ fn fully_measured_poses_tell_no_less_than_their_closures() {
     let poses: Vec<usize> = (0..40).collect();
     let variant = robot.variant("Full").unwrap();
     let options = Options::default();
-    let closures =
-        calibration::calibrate(&robot, variant, &file, &folder, &poses, &options).unwrap();
+    let closures = calibration::calibrate(
+        Setup {
+            robot: &robot,
+            variant,
+            file: &file,
+            folder: &folder,
+        },
+        &poses,
+        &options,
+    )
+    .unwrap();
     let mut is_better = false;
     for (own, closures) in found
         .calibration
@@ -296,7 +322,16 @@ fn a_scale_that_nothing_determines_is_refused_unless_asked_for() {
             ..Options::default()
         };
         let (file, folder) = (&simulated.file, &simulated.folder);
-        tau::unknown_poses::calibrate(&robot, variant, file, folder, &division, &options)
+        tau::unknown_poses::calibrate(
+            Setup {
+                robot: &robot,
+                variant,
+                file,
+                folder,
+            },
+            &division,
+            &options,
+        )
     };
     let error = fit(false).err().unwrap().to_string();
     let expected = "nothing determines the scale of the whole machine";

@@ -12,6 +12,7 @@ use tau::simulation::{Noise, Poses as Planned, SimulatedFolder, Simulation, simu
 use tau::weighing::{Loss, Treatment};
 
 use crate::support::{ROBOTS, gantry_tau, number, prototype, spoil, tau_in};
+use tau::Setup;
 
 /// Machines of each case.
 const MACHINES: u64 = 16;
@@ -44,7 +45,17 @@ fn calibrated(folder: &Folder, poses: &[usize], treatment: Treatment) -> Calibra
         ..Options::default()
     };
     let variant = robot.variant("Full").unwrap();
-    calibrate(&robot, variant, &file, folder, poses, &options).unwrap()
+    calibrate(
+        Setup {
+            robot: &robot,
+            variant,
+            file: &file,
+            folder,
+        },
+        poses,
+        &options,
+    )
+    .unwrap()
 }
 
 fn all(folder: &Folder) -> Vec<usize> {
@@ -240,7 +251,17 @@ fn what_all_poses_share_is_no_outlier() {
     ] {
         let (variant, options) = (robot.variant(name).unwrap(), Options::default());
         let poses = &poses.division.calibration;
-        let found = calibrate(&robot, variant, &file, &folder, poses, &options).unwrap();
+        let found = calibrate(
+            Setup {
+                robot: &robot,
+                variant,
+                file: &file,
+                folder: &folder,
+            },
+            poses,
+            &options,
+        )
+        .unwrap();
         assert_eq!(found.weighing.outliers, [], "{name}");
     }
 }

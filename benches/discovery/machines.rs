@@ -27,6 +27,7 @@ use crate::plan::Section;
 use crate::random::Random;
 use crate::scoring::{Share, Verdict};
 use crate::trials::{DRAWINGS, Sized, item, sized};
+use tau::Setup;
 
 const BASE: &str = "Full";
 /// Trials of each kind: five kinds make 300 a machine.
@@ -316,7 +317,16 @@ impl<'a> Bench<'a> {
         };
         let variant = self.robot.variant(BASE)?;
         let (file, folder) = (&measured.file, &measured.folder);
-        let found = calibrate(&self.robot, variant, file, folder, &division, &options);
+        let found = calibrate(
+            Setup {
+                robot: &self.robot,
+                variant,
+                file,
+                folder,
+            },
+            &division,
+            &options,
+        );
         found.ok().map(|found| found.calibration.cost)
     }
 }

@@ -16,6 +16,7 @@ use tau_solver::{Block, Options, Parameter, Problem, solve};
 use crate::comparison::{AGREEMENT, SIGMA, TOLERANCE, line};
 use crate::program::Program;
 use crate::{least_seconds, setup};
+use tau::Setup;
 
 /// The five variants of Dressler et al. 2010.
 const VARIANTS: [&str; 5] = [
@@ -193,7 +194,17 @@ pub(crate) fn print(ceres: Option<&Path>) {
     for name in VARIANTS {
         let variant = robot.variant(name).expect("a variant");
         let calibrated = |variant: &Variant| {
-            calibrate(&robot, variant, &file, &folder, &poses, &options).expect("a calibration")
+            calibrate(
+                Setup {
+                    robot: &robot,
+                    variant,
+                    file: &file,
+                    folder: &folder,
+                },
+                &poses,
+                &options,
+            )
+            .expect("a calibration")
         };
         let fitted = calibrated(variant);
         let closures = closures(variant, poses.len(), &fitted, |variant| {

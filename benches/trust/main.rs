@@ -6,6 +6,7 @@ mod support;
 
 use clap::Parser;
 use nalgebra::Matrix3;
+use tau::Setup;
 use tau::simulation::{Noise, Simulation, simulate};
 use tau_estimation::calibration::{self, Error, calibrate};
 use tau_estimation::trust::{Mistake, Status, Verdict, mistakes, of_calibration, of_prediction};
@@ -162,10 +163,27 @@ fn judged(
     let poses = Poses::select(robot, file, folder, Split::Alternate).unwrap();
     let poses = &poses.division.calibration;
     let options = calibration::Options::default();
-    let verdict = calibrate(robot, variant, file, folder, poses, &options)
-        .and_then(|calibration| of_calibration(&calibration, file, folder, poses));
+    let verdict = calibrate(
+        Setup {
+            robot,
+            variant,
+            file,
+            folder,
+        },
+        poses,
+        &options,
+    )
+    .and_then(|calibration| of_calibration(&calibration, file, folder, poses));
     verdict.map_err(|error| {
-        let found = mistakes(robot, variant, file, folder, poses);
+        let found = mistakes(
+            Setup {
+                robot,
+                variant,
+                file,
+                folder,
+            },
+            poses,
+        );
         Box::new((error, found.unwrap_or_default()))
     })
 }
@@ -217,7 +235,17 @@ fn main() {
             let poses = Poses::select(&robot, &file, &folder, Split::Alternate).unwrap();
             let division = poses.division;
             let (poses, options) = (&division.calibration, calibration::Options::default());
-            let found = calibrate(&robot, variant, &file, &folder, poses, &options).unwrap();
+            let found = calibrate(
+                Setup {
+                    robot: &robot,
+                    variant,
+                    file: &file,
+                    folder: &folder,
+                },
+                poses,
+                &options,
+            )
+            .unwrap();
             calibrated.add(&of_calibration(&found, &file, &folder, poses).unwrap());
             let after = of_prediction(
                 &found.machine,

@@ -15,6 +15,7 @@ use tau_estimation::trust::{self, LARGEST_MISFIT};
 use tau_robot::robot::{Owner, Variant};
 
 use super::{Error, Input, Unknown};
+use tau_estimation::Setup;
 
 /// Noise of links, as a share of that of positions, that the search allows for where redundant drives are stated to be
 /// exact and the base contradicts them: it adds a hundredth to the variance of what poses move. Contradictions would be
@@ -63,8 +64,13 @@ pub(super) fn base_fit(
     let (values, mut weights) = Fit::of_set_1(&alone, &of_set_1)?;
     let machine = prepared.machine.with_values(values.clone());
     let frames = Frames::of(&machine, folder);
-    let of = (&machine.robot, &machine.variant);
-    trust::refuse(of, file, folder, &division.calibration)?;
+    let setup = Setup {
+        robot: &machine.robot,
+        variant: &machine.variant,
+        file,
+        folder,
+    };
+    trust::refuse(setup, &division.calibration)?;
     let mut samples = samples_in(&frames);
     place_plates(&machine, file, &mut samples);
     let about_lines = outliers::deviations(outliers::about_lines(&samples), &samples);

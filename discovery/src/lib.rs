@@ -78,6 +78,7 @@ use score::ProfileLikelihood;
 use search::Search;
 use structural::FullArm;
 use structural::piecewise::Found;
+use tau_estimation::Setup;
 use unknown_poses::Unknown;
 
 /// Options of a search.
@@ -330,7 +331,13 @@ fn discovered(
         return unknown_poses::search(described, &completed, &folder, options, progress);
     }
     let Poses { mut division, .. } = Poses::select(robot, file, folder, options.split)?;
-    check_poses(robot, variant, &completed, folder, &division.calibration)?;
+    let setup = Setup {
+        robot,
+        variant,
+        file: &completed,
+        folder,
+    };
+    check_poses(setup, &division.calibration)?;
     let all = division.calibration.len();
     let taken = spread(all, constants::count(options.constants.most_poses));
     division.calibration = taken.iter().map(|&k| division.calibration[k]).collect();

@@ -15,6 +15,7 @@ use tau_robot::robot_file::{RobotFile, Value};
 use super::constants::count;
 use super::results::GrossRow;
 use super::{DISCOVERED, Error, Input, Options, Outcome, remark_on_part, searched, variant_of};
+use tau_estimation::Setup;
 
 /// Result of a discovery in a folder whose poses are unknown.
 #[derive(Clone)]
@@ -68,7 +69,13 @@ pub(super) fn search(
     let (counts, rows) = (all.counts(), thinned.unwrap_or(all));
     let fit = calibration::Options::default();
     let variant = variant_of(robot, base)?;
-    let of_base = unknown_poses::calibrate(robot, variant, file, folder, &rows, &fit)?;
+    let setup = Setup {
+        robot,
+        variant,
+        file,
+        folder,
+    };
+    let of_base = unknown_poses::calibrate(setup, &rows, &fit)?;
     if let Some(mistake) = of_base.mistakes.first() {
         return Err(mistake.clone().into());
     }
@@ -249,7 +256,13 @@ impl Outcome {
         let mut wide = file.clone();
         wide.effects.extend(effects);
         let options = calibration::Options::default();
-        let mut fitted = unknown_poses::calibrate(&robot, variant, &wide, folder, rows, &options)?;
+        let setup = Setup {
+            robot: &robot,
+            variant,
+            file: &wide,
+            folder,
+        };
+        let mut fitted = unknown_poses::calibrate(setup, rows, &options)?;
         let effects = &mut fitted.calibration.file.effects;
         for (key, quantity, tol) in tolerances {
             let values = effects.get_mut(key);

@@ -10,7 +10,10 @@ pub mod numerics;
 mod problem;
 pub mod samples;
 pub mod sensitivity;
+mod setup;
 pub mod trust;
 pub mod uncertainty;
 pub mod unknown_poses;
 pub mod weighing;
+
+pub use setup::Setup;

@@ -17,6 +17,7 @@ use tau::simulation::{
 
 use super::{LISTED, drawings, parsed, run, with_effects};
 use crate::effects::GANTRY_TAU;
+use tau::Setup;
 
 /// The variant `Full` with an effect of the catalogue, in the language.
 fn described(effect: &str) -> Robot {
@@ -226,10 +227,12 @@ fn validation_error(simulation: &Simulation, variant: &str) -> f64 {
     let variant = robot.variant(variant).unwrap();
     let options = Options::default();
     let calibrated = calibrate(
-        robot,
-        variant,
-        &file,
-        &folder,
+        Setup {
+            robot,
+            variant,
+            file: &file,
+            folder: &folder,
+        },
         &poses.division.calibration,
         &options,
     )

@@ -12,6 +12,7 @@ mod shared_noise;
 mod stated;
 pub(crate) mod track_scale;
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use tau_kinematics::Machine;
@@ -29,6 +30,7 @@ use crate::numerics::{count, parallel, triangle};
 use crate::problem::{self, Closures, Residuals};
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
+use crate::setup::Setup;
 use crate::trust::judged::Judged;
 use crate::weighing::{self, Treatment, Weighing};
 
@@ -175,16 +177,15 @@ pub fn machine_from_file(
 /// [`Error::Input`] for fewer poses than parameters, poses that are all the same, poses out of reach,
 /// values or columns missing; [`Error::NotConverged`] if the solver does not reach a minimum.
 pub fn calibrate(
-    robot: &Robot,
-    variant: &Variant,
-    file: &RobotFile,
-    folder: &Folder,
+    setup: Setup<'_>,
     poses: &[usize],
     options: &Options,
 ) -> Result<Calibration, Error> {
-    let file = &file.completed(robot);
-    check_poses(robot, variant, file, folder, poses)?;
-    let mut prepared = Prepared::new(robot, variant, file, Some(folder), poses)?;
+    let folder = setup.folder;
+    let file = &setup.file.completed(setup.robot);
+    let setup = Setup { file, ..setup };
+    check_poses(setup, poses)?;
+    let mut prepared = setup.prepared(poses)?;
     let found = from_prepared(&prepared, file, folder, poses, options)?;
     if !is_far(&prepared, &found, &measured_at(folder, poses)) {
         return Ok(found);
@@ -311,7 +312,15 @@ fn from_prepared(
     );
     let (mut weighing, judged) = weighed_poses?;
     let left: Vec<usize> = weighing.taking_part(poses).collect();
-    if let Err(error) = check_poses(robot, variant, file, folder, &left) {
+    if let Err(error) = check_poses(
+        Setup {
+            robot,
+            variant,
+            file,
+            folder,
+        },
+        &left,
+    ) {
         weighing = weighing.keeping_outliers(format!("Outliers are kept: without them, {error}."));
     }
     let (identifiability, covariance, factor) = if weighing.is_even() {
@@ -461,15 +470,19 @@ pub(crate) fn combinations(
 ///
 /// # Errors
 /// They are not.
-pub fn check_poses(
-    robot: &Robot,
-    variant: &Variant,
-    file: &RobotFile,
-    folder: &Folder,
-    poses: &[usize],
-) -> Result<(), InputError> {
+pub fn check_poses(setup: Setup<'_>, poses: &[usize]) -> Result<(), InputError> {
+    let Setup {
+        robot,
+        variant,
+        file,
+        folder,
+    } = setup;
     let (needed, of) = poses_needed(variant, robot.plate.is_in_plane());
-    folder.check_pose_count(poses.len(), needed, &of)?;
+    let commands = poses.iter().map(|&pose| &folder.tcp_poses[pose].commands_m);
+    let places: BTreeSet<Vec<u64>> = commands
+        .map(|commands| commands.iter().map(|own| own.to_bits()).collect())
+        .collect();
+    folder.check_pose_count(places.len(), needed, &of)?;
     folder.check_reach(poses, robot, file)?;
     let moves = |pose: &usize| {
         let (pose, first) = (&folder.tcp_poses[*pose], &folder.tcp_poses[poses[0]]);
@@ -488,6 +501,11 @@ pub fn check_poses(
     Ok(())
 }
 
+/// True of components along z, on which closures of a plate in the plane depend by their squares alone.
+pub(crate) fn is_along_z(variant: &Variant, parameter: usize) -> bool {
+    variant.parameters[parameter].component == Some(2)
+}
+
 /// Calibration poses that a variant needs: as many as the parameters of its largest closure, counting
 /// those that several closures share in parts; and what needs them. Of a plate in the plane none follows z.
 fn poses_needed(variant: &Variant, is_in_plane: bool) -> (usize, String) {
@@ -500,10 +518,7 @@ fn poses_needed(variant: &Variant, is_in_plane: bool) -> (usize, String) {
     let needed = closures
         .iter()
         .map(|closure| {
-            let counts = |p: &&usize| {
-                let is_along_z = variant.parameters[**p].component == Some(2);
-                !(is_in_plane && is_along_z)
-            };
+            let counts = |p: &&usize| !(is_in_plane && is_along_z(variant, **p));
             (closure.parameters.iter())
                 .filter(counts)
                 .map(|&p| users[p].recip())

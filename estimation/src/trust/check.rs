@@ -12,11 +12,12 @@ use tau_robot::robot_file::RobotFile;
 use tau_solver::Problem;
 
 use crate::calibration::{
-    Combination, Error, Prepared, check_poses, combinations, factor_with_shared_noise,
+    Combination, Error, Prepared, check_poses, combinations, factor_with_shared_noise, is_along_z,
 };
 use crate::problem::{self, Closures, Residuals};
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
+use crate::setup::Setup;
 use crate::trust::numbering;
 use crate::trust::observability::{Gap, Observability, missing, observabilities};
 use crate::trust::of_folder::looked_at as of_poses;
@@ -118,19 +119,28 @@ const WITHOUT_FIT: &str = "no calibration from these values converges, and no mi
 pub fn check(
     robot: &Robot,
     variants: &[&Variant],
-    (file, folder): (&RobotFile, &Folder),
-    (division, rows): (&Division, Option<&RowDivision>),
+    file: &RobotFile,
+    folder: &Folder,
+    division: &Division,
+    rows: Option<&RowDivision>,
     catalogue: &str,
 ) -> Result<Check, Error> {
     let effects = observabilities(robot, file, folder, catalogue);
-    let has_scale =
-        |variant: &Variant| unknown_poses::has_scale((robot, variant), file, folder, rows);
-    let told = variants.iter().find(|variant| !has_scale(variant));
-    let looked_at = told.or(variants.first()).copied();
-    let found = looked_at.map(|variant| match rows {
+    let poses = &division.calibration;
+    let setups: Vec<Setup<'_>> = (variants.iter())
+        .map(|variant| Setup {
+            robot,
+            variant,
+            file,
+            folder,
+        })
+        .collect();
+    let has_scale = |setup: &&Setup<'_>| unknown_poses::has_scale(**setup, rows);
+    let told = setups.iter().find(|setup| !has_scale(setup));
+    let looked_at = told.or(setups.first());
+    let found = looked_at.map(|&setup| match rows {
         None => {
-            let of = (robot, variant);
-            let found = of_poses(of, file, folder, &division.calibration)?;
+            let found = of_poses(setup, poses)?;
             Ok(Recognised {
                 another_machine: found.another_machine.filter(|_| found.mistakes.is_empty()),
                 mistakes: found.mistakes,
@@ -139,18 +149,18 @@ pub fn check(
             })
         }
         Some(rows) => {
-            let variant = plain(robot, variant, folder);
-            unknown_poses::recognised(robot, variant, file, folder, rows)
+            let variant = plain(robot, setup.variant, folder);
+            unknown_poses::recognised(Setup { variant, ..setup }, rows)
         }
     });
     // Where a variant can't be fitted for want of something, that is said of the variant.
     let found = found.and_then(Result::ok).unwrap_or_default();
-    let mut checked: Vec<Checked> = (variants.iter())
-        .map(|variant| checked(robot, variant, file, folder, (&division.calibration, rows)))
+    let mut checked: Vec<Checked> = (setups.iter())
+        .map(|&setup| checked(setup, poses, rows))
         .collect();
     for (own, variant) in checked.iter_mut().zip(variants) {
         let is_without_fit = found.is_without_fit
-            && looked_at.is_some_and(|looked_at| looked_at.name == variant.name);
+            && looked_at.is_some_and(|setup| setup.variant.name == variant.name);
         let without_fit = is_without_fit.then(|| WITHOUT_FIT.to_owned());
         let why_not = own.why_not.take().or(found.another_machine.clone());
         own.why_not = why_not.or(without_fit);
@@ -332,15 +342,9 @@ fn files(robot: &Robot, folder: &Folder) -> Vec<FileFacts> {
     files
 }
 
-fn checked(
-    robot: &Robot,
-    variant: &Variant,
-    file: &RobotFile,
-    folder: &Folder,
-    (poses, rows): (&[usize], Option<&RowDivision>),
-) -> Checked {
+fn checked(setup: Setup<'_>, poses: &[usize], rows: Option<&RowDivision>) -> Checked {
     let mut checked = Checked {
-        variant: variant.name.clone(),
+        variant: setup.variant.name.clone(),
         rows: 0,
         parameters: 0,
         rank: 0,
@@ -350,8 +354,8 @@ fn checked(
         why_not: None,
     };
     let found = match rows {
-        Some(rows) => by_rows(&mut checked, robot, variant, file, folder, rows),
-        None => determine(&mut checked, robot, variant, file, folder, poses),
+        Some(rows) => by_rows(&mut checked, setup, rows),
+        None => determine(&mut checked, setup, poses),
     };
     if let Err(error) = found {
         checked.why_not = Some(match error {
@@ -363,15 +367,8 @@ fn checked(
 }
 
 /// Rank and gauge of rows of unknown poses.
-fn by_rows(
-    checked: &mut Checked,
-    robot: &Robot,
-    variant: &Variant,
-    file: &RobotFile,
-    folder: &Folder,
-    rows: &RowDivision,
-) -> Result<(), Error> {
-    let (rank, weak) = unknown_poses::observability((robot, variant), file, folder, rows)?;
+fn by_rows(checked: &mut Checked, setup: Setup<'_>, rows: &RowDivision) -> Result<(), Error> {
+    let (rank, weak) = unknown_poses::observability(setup, rows)?;
     checked.undetermined = weak;
     checked.rows = rank.rows;
     checked.parameters = rank.unknowns;
@@ -381,16 +378,15 @@ fn by_rows(
     Ok(())
 }
 
-fn determine(
-    checked: &mut Checked,
-    robot: &Robot,
-    variant: &Variant,
-    file: &RobotFile,
-    folder: &Folder,
-    poses: &[usize],
-) -> Result<(), Error> {
+fn determine(checked: &mut Checked, setup: Setup<'_>, poses: &[usize]) -> Result<(), Error> {
+    let Setup {
+        robot,
+        variant,
+        file,
+        folder,
+    } = setup;
     let file = &file.completed(robot);
-    let prepared = Prepared::new(robot, variant, file, Some(folder), poses)?;
+    let prepared = Setup { file, ..setup }.prepared(poses)?;
     let (machine, nominal) = (&prepared.machine, &prepared.nominal);
     let samples = Sample::all(robot, folder, poses, &Frames::default());
     let residuals = Residuals::new(machine, nominal, &samples, file.noise, Closures::Apart)?;
@@ -407,6 +403,9 @@ fn determine(
     };
     checked.rows = residuals.parts.iter().map(|part| part.weights.len()).sum();
     checked.parameters = used.len();
+    let is_in_plane = robot.plate.is_in_plane();
+    let free = (used.iter()).filter(|&&index| !(is_in_plane && is_along_z(variant, index)));
+    let free = free.count();
     let failed = |error: tau_solver::Error| Error::NotConverged {
         variant: variant.name.clone(),
         why: error.to_string(),
@@ -419,10 +418,10 @@ fn determine(
     let open = found.undetermined.iter().find(|combination| {
         combination.data_over_prior.is_infinite() && !combination.terms.iter().any(has_prior)
     });
-    checked.why_not = if checked.rows < checked.parameters {
+    checked.why_not = if checked.rows <= free {
         Some(format!(
-            "{} residuals for {} free parameters: the fit would repeat its input",
-            checked.rows, checked.parameters
+            "{} residuals for {free} free parameters: the fit would repeat its input",
+            checked.rows
         ))
     } else {
         open.map(|open| {
@@ -434,7 +433,7 @@ fn determine(
         })
     };
     if checked.why_not.is_none() {
-        check_poses(robot, variant, file, folder, poses)?;
+        check_poses(setup, poses)?;
         let inverse = problem::inverse_information(&problem, &at).map_err(failed)?;
         let even = vec![1.0; samples.len()];
         let unknown = (file.noise, &prepared.track_scales[..]);

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::Folder;
 use tau_robot::robot::{Arm, Robot, TrackShape, Variant};
-use tau_robot::robot_file::RobotFile;
 
 use crate::calibration::Error;
+use crate::setup::Setup;
 use crate::trust::hypothesis::Case;
 use crate::trust::judged::Judged;
 use crate::trust::mistake::{Mistake, MistakeKind};
@@ -18,28 +18,18 @@ use crate::trust::recognise::{self, Recognised};
 ///
 /// # Errors
 /// Values or columns that the variant needs are missing.
-pub fn mistakes(
-    robot: &Robot,
-    variant: &Variant,
-    file: &RobotFile,
-    folder: &Folder,
-    poses: &[usize],
-) -> Result<Vec<Mistake>, Error> {
-    Ok(looked_at((robot, variant), file, folder, poses)?.mistakes)
+pub fn mistakes(setup: Setup<'_>, poses: &[usize]) -> Result<Vec<Mistake>, Error> {
+    Ok(looked_at(setup, poses)?.mistakes)
 }
 
 /// The same, and the misfit where none explains it.
 ///
 /// # Errors
 /// As [`mistakes`].
-pub(super) fn looked_at(
-    (robot, variant): (&Robot, &Variant),
-    file: &RobotFile,
-    folder: &Folder,
-    poses: &[usize],
-) -> Result<Recognised, Error> {
-    let case = case(robot, plain(robot, variant, folder), file, folder, poses);
-    of_case(&case, None, folder)
+pub(super) fn looked_at(setup: Setup<'_>, poses: &[usize]) -> Result<Recognised, Error> {
+    let variant = plain(setup.robot, setup.variant, setup.folder);
+    let case = case(Setup { variant, ..setup }, poses);
+    of_case(&case, None, setup.folder)
 }
 
 /// Mistakes of a case and in how the carts of its folder are numbered. These are compared with where tracks run once
@@ -66,13 +56,8 @@ pub(super) fn of_case(
 ///
 /// # Errors
 /// The first mistake, with its mend.
-pub fn refuse(
-    (robot, variant): (&Robot, &Variant),
-    file: &RobotFile,
-    folder: &Folder,
-    poses: &[usize],
-) -> Result<(), Error> {
-    match mistakes(robot, variant, file, folder, poses)?
+pub fn refuse(setup: Setup<'_>, poses: &[usize]) -> Result<(), Error> {
+    match mistakes(setup, poses)?
         .into_iter()
         .find(|mistake| mistake.is_absurd && mistake.is_of_measurements())
     {
@@ -82,13 +67,13 @@ pub fn refuse(
 }
 
 /// A case of the given poses; files as read.
-pub(super) fn case<'a>(
-    robot: &'a Robot,
-    variant: &'a Variant,
-    file: &RobotFile,
-    folder: &'a Folder,
-    poses: &[usize],
-) -> Case<'a> {
+pub(super) fn case<'a>(setup: Setup<'a>, poses: &[usize]) -> Case<'a> {
+    let Setup {
+        robot,
+        variant,
+        file,
+        folder,
+    } = setup;
     let tcp_poses = poses.iter().filter_map(|&pose| folder.tcp_poses.get(pose));
     let with_paths = variant
         .tracks

@@ -11,6 +11,7 @@ use crate::joint::Joint;
 use crate::numerics::grouped::Grouped;
 use crate::numerics::spread::spread;
 use crate::samples::Sample;
+use crate::setup::Setup;
 use crate::trust::hypothesis::Case;
 use crate::trust::judged::{Judged, Misfit};
 use crate::trust::of_folder::case;
@@ -53,7 +54,13 @@ pub fn of_prediction(
     if let Some(problem) = problem {
         return Err(InputError::whole(&folder.name, problem).into());
     }
-    let all = case(robot, variant, file, folder, &division.validation).thinned(MOST_POSES);
+    let setup = Setup {
+        robot,
+        variant,
+        file,
+        folder,
+    };
+    let all = case(setup, &division.validation).thinned(MOST_POSES);
     let samples = all.samples();
     let noise = all.file.noise;
     let prepared = as_stated(&all)?;
@@ -101,7 +108,7 @@ pub fn of_prediction(
         let poses: Vec<usize> = (kept.iter())
             .map(|&index| division.validation[thinned[index]])
             .collect();
-        verdict.blame(mistakes(robot, variant, file, folder, &poses)?);
+        verdict.blame(mistakes(setup, &poses)?);
     } else {
         verdict.blame(numbering::mistake(machine, folder).into_iter().collect());
     }
@@ -137,7 +144,13 @@ pub fn outliers_of_validation(
     }
     let machine = &calibration.machine;
     let (robot, variant) = (&machine.robot, &machine.variant);
-    let case = case(robot, variant, file, folder, &division.validation).thinned(MOST_POSES);
+    let setup = Setup {
+        robot,
+        variant,
+        file,
+        folder,
+    };
+    let case = case(setup, &division.validation).thinned(MOST_POSES);
     let Some(known) = Uncertainty::of_calibration(calibration) else {
         return Ok(vec![]);
     };

@@ -12,6 +12,7 @@ use crate::numerics::order::largest_first;
 use crate::numerics::parallel;
 use crate::numerics::spread::spread;
 use crate::problem::Component;
+use crate::setup::Setup;
 use crate::trust::hypothesis::{self, Case};
 use crate::trust::judged::{Deviation, Judged, Misfit};
 use crate::trust::mistake::{Mistake, MistakeKind};
@@ -216,7 +217,13 @@ pub fn of_calibration_knowing(
     let poses = kept.as_slice();
     let spread = spread(poses.len(), MOST_POSES);
     let some: Vec<usize> = spread.iter().map(|&k| poses[k]).collect();
-    let case = of_folder::case(robot, &machine.variant, file, folder, &some);
+    let setup = Setup {
+        robot,
+        variant: &machine.variant,
+        file,
+        folder,
+    };
+    let case = of_folder::case(setup, &some);
     let own;
     let judged = match calibration.judged() {
         Some(known) => known,
@@ -255,7 +262,8 @@ pub fn of_calibration_knowing(
         .filter(|_| plain.name == machine.variant.name && weighing.outliers.is_empty());
     let found = || match (suspect, known.take()) {
         (true, None) => {
-            let case = of_folder::case(robot, plain, file, folder, poses);
+            let variant = plain;
+            let case = of_folder::case(Setup { variant, ..setup }, poses);
             of_case(&case, fit, folder).map(|found| Some(found.mistakes))
         }
         (_, found) => Ok(found),

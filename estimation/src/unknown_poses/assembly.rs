@@ -8,7 +8,7 @@ use tau_kinematics::{Machine, Pose};
 use tau_robot::measurements::{Conditions, DISTANCES, Folder, PlateKind, PlateRow, TCP_POSES};
 use tau_robot::robot_file::{RobotFile, StatedNoise};
 
-use super::kinds::{FIRST_GUESS_M, kinds_of_noise};
+use super::kinds::kinds_of_noise;
 use super::objects::{Object, ObjectUnknown, collect_objects};
 use super::quantity::{Measured, Quantity, base};
 use super::rows::{AXES, Kind, RowPlace, Rows};
@@ -280,6 +280,21 @@ impl<'a> Assembly<'a> {
     }
 
     /// Mean length of the links at the first reading (m), 0 where there is none.
+    /// Of each pose the first one at the same commands.
+    pub(super) fn places(&self) -> Vec<usize> {
+        let mut first = BTreeMap::new();
+        let poses = self.poses.iter().enumerate();
+        poses
+            .map(|(index, pose)| match pose.readings.first() {
+                Some(reading) => {
+                    let commands = reading.commands_m.iter().map(|own| own.to_bits());
+                    *first.entry(commands.collect::<Vec<_>>()).or_insert(index)
+                }
+                None => index,
+            })
+            .collect()
+    }
+
     pub(super) fn mean_length_m(&self, machine: &Machine) -> f64 {
         let first = self.poses.first().and_then(UnknownPose::first_sample);
         let length_m = first.and_then(|sample| machine.mean_length_m(&sample.view()).ok());
@@ -353,14 +368,17 @@ impl<'a> Assembly<'a> {
                 continue;
             };
             let by_axis = AXES.contains(&self.kinds[component].quantity);
-            let mut by_object: BTreeMap<&str, Vec<&PlateRow>> = BTreeMap::new();
+            let mut alike: BTreeMap<(&str, Vec<usize>), Vec<&PlateRow>> = BTreeMap::new();
             for row in of_rows(kind) {
-                by_object
-                    .entry(row.of.as_deref().unwrap_or(""))
-                    .or_default()
-                    .push(row);
+                let own = row.sigmas.iter().enumerate();
+                let kinds = own.map(|(axis, sigma)| {
+                    let kind = component + if by_axis { axis } else { 0 };
+                    self.kind_by(kind, sigma.is_some())
+                });
+                let name = row.of.as_deref().unwrap_or("");
+                alike.entry((name, kinds.collect())).or_default().push(row);
             }
-            for (name, own) in by_object {
+            for ((name, kinds), own) in alike {
                 let object = self.object_of(kind, name);
                 let quantity = match (kind, object) {
                     (PlateKind::Position, None) => Quantity::Tcp,
@@ -379,9 +397,7 @@ impl<'a> Assembly<'a> {
                 let mut measured = Rows::of_tracker(
                     (kind.file(), Measured::new(quantity)),
                     first..first + quantity.shared(),
-                    (0..quantity.residuals())
-                        .map(|axis| component + if by_axis { axis } else { 0 })
-                        .collect(),
+                    kinds.into_iter().take(quantity.residuals()).collect(),
                     (errors.as_ref().filter(|_| has_errors), used),
                 );
                 for row in own {
@@ -392,8 +408,12 @@ impl<'a> Assembly<'a> {
         }
         if let Some(kind) = self.kind(DISTANCES) {
             let family = Arc::new(Measured::new(Quantity::Distance));
-            let mut measured = Rows::new(DISTANCES, family, vec![], vec![kind]);
+            let stating = self.kind_by(kind, true);
+            let mut of_all = [kind, stating]
+                .map(|kind| Rows::new(DISTANCES, Arc::clone(&family) as _, vec![], vec![kind]));
             for row in &self.folder.distances {
+                let states_own = stating != kind && row.sigma_m.is_some();
+                let measured = &mut of_all[usize::from(states_own)];
                 let place = RowPlace {
                     file: DISTANCES,
                     line: row.line,
@@ -411,10 +431,12 @@ impl<'a> Assembly<'a> {
                     measured.data.extend(self.poses[index].base.position_m());
                 }
                 measured.data.push(row.distance_m);
-                measured.weights.push(self.relative(kind, row.sigma_m));
+                measured
+                    .weights
+                    .push(self.relative(measured.kinds[0], row.sigma_m));
                 measured.places.push(place);
             }
-            rows.push(measured);
+            rows.extend(of_all);
         }
         rows.retain(|rows| !rows.places.is_empty());
         Ok(rows)
@@ -430,14 +452,20 @@ impl<'a> Assembly<'a> {
         objects.find(|object| object.section == section && object.name == name)
     }
 
+    /// Kind of a row, of those of its name: the last one where it states its own noise.
+    fn kind_by(&self, kind: usize, states_own: bool) -> usize {
+        let Kind { file, quantity, .. } = self.kinds[kind];
+        let is_of_name = |own: &Kind| own.file == file && own.quantity == quantity;
+        let last = self.kinds.iter().rposition(is_of_name);
+        last.filter(|_| states_own).unwrap_or(kind)
+    }
+
     /// Weight of a row in units of its kind's.
     fn relative(&self, kind: usize, sigma_m: Option<f64>) -> f64 {
-        let of_kind = match self.kinds[kind].stated {
-            Some(StatedNoise::Known(sigma)) => sigma,
-            // The noise that is estimated is that of rows that state none; others keep their ratios to the first guess.
-            _ => FIRST_GUESS_M,
-        };
-        sigma_m.map_or(1.0, |sigma| of_kind / sigma)
+        match (self.kinds[kind].stated, sigma_m) {
+            (Some(StatedNoise::Known(of_kind)), Some(sigma)) => of_kind / sigma,
+            _ => 1.0,
+        }
     }
 
     fn measured(

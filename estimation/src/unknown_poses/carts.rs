@@ -2,20 +2,19 @@
 
 use tau_codegen::language;
 use tau_robot::input_error::InputError;
-use tau_robot::measurements::Folder;
 use tau_robot::robot::{Robot, TrackShape, Variant};
-use tau_robot::robot_file::RobotFile;
 
 use super::fit::Fit;
 use super::kinds::NoiseGroup;
 use super::tracker::of_true_poses;
 use super::{RowDivision, Settled, UnknownPoses};
-use crate::calibration::{self, Calibration, Error, Prepared};
+use crate::calibration::{self, Calibration, Error};
 use crate::joint::variant::{PosesOf, free_turning};
 use crate::problem::{Component, Part};
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
 use crate::samples::plates::place_plates;
+use crate::setup::Setup;
 use crate::trust::{self, numbering};
 use crate::weighing::{Loss, Treatment};
 
@@ -40,29 +39,36 @@ fn turning_freely(robot: &Robot, variant: &Variant) -> Result<Variant, Error> {
 /// # Errors
 /// Columns that the variant needs are missing; carts are numbered wrongly.
 pub(super) fn all_sets<'a>(
-    robot: &Robot,
-    variant: &Variant,
-    file: &'a RobotFile,
-    folder: &'a Folder,
+    setup: Setup<'a>,
     division: &'a RowDivision,
     near: &Calibration,
 ) -> Result<Fit<'a>, Error> {
+    let Setup {
+        robot,
+        file,
+        folder,
+        ..
+    } = setup;
     let calibrates = |&pose: &usize| {
         let number = folder.tcp_poses[pose].pose;
         division.calibration.contains(&number)
     };
     let poses: Vec<usize> = (0..folder.tcp_poses.len()).filter(calibrates).collect();
-    trust::refuse((robot, variant), file, folder, &poses)?;
+    trust::refuse(setup, &poses)?;
     let frames = Frames::of(&near.machine, folder);
     let mut samples = Sample::all(robot, folder, &poses, &frames);
-    let described = Prepared::new(robot, variant, file, Some(folder), &poses)?;
-    let variant = &*of_true_poses(robot, variant, folder)?;
+    let described = setup.prepared(&poses)?;
+    let variant = &*of_true_poses(setup)?;
     let prepared = if samples.len() > poses.len() {
         place_plates(&near.machine, file, &mut samples);
         let free = turning_freely(robot, variant)?;
-        Prepared::new(robot, &free, file, Some(folder), &poses)?
+        Setup {
+            variant: &free,
+            ..setup
+        }
+        .prepared(&poses)?
     } else {
-        Prepared::new(robot, variant, file, Some(folder), &poses)?
+        Setup { variant, ..setup }.prepared(&poses)?
     };
     let mut values = prepared.machine.values.clone();
     for estimate in &near.parameters {
@@ -73,14 +79,19 @@ pub(super) fn all_sets<'a>(
     }
     let machine = prepared.machine.with_values(values);
     let carts = Part::carts(&machine, &samples, file.noise, false)?;
-    let from = (&prepared, machine, file, folder);
-    let mut fit = Fit::beside_carts(carts, from, division, false)?;
+    let mut fit = Fit::beside_carts(carts, &prepared, machine, file, folder, division, false)?;
     fit.prepared = described;
     Ok(fit)
 }
 
 /// True if carts tell a variant something: paths of piecewise tracks are their measurements already.
-fn take_part(variant: &Variant, file: &RobotFile, folder: &Folder) -> bool {
+fn take_part(setup: Setup<'_>) -> bool {
+    let Setup {
+        variant,
+        file,
+        folder,
+        ..
+    } = setup;
     let mut tracks = variant.tracks.iter();
     let are_measured = !folder.cart_poses.is_empty() || !folder.cart_positions.is_empty();
     let have_noise = file.noise.position_m.is_finite() && file.noise.rotation_rad.is_finite();
@@ -95,20 +106,19 @@ fn take_part(variant: &Variant, file: &RobotFile, folder: &Folder) -> bool {
 /// Columns that the variant needs are missing.
 pub(super) fn beside(
     mut plate: UnknownPoses,
-    (robot, variant): (&Robot, &Variant),
-    (file, folder): (&RobotFile, &Folder),
+    setup: Setup<'_>,
     division: &RowDivision,
     options: &calibration::Options,
 ) -> Result<UnknownPoses, Error> {
     // At the stated noise a fit that was widened has no end.
-    if plate.widened > 1.0 || !take_part(variant, file, folder) {
+    if plate.widened > 1.0 || !take_part(setup) {
         return Ok(plate);
     }
-    if let Some(mistake) = numbering::mistake(&plate.calibration.machine, folder) {
+    if let Some(mistake) = numbering::mistake(&plate.calibration.machine, setup.folder) {
         plate.mistakes.push(mistake);
         return Ok(plate);
     }
-    match joined(&plate, (robot, variant), (file, folder), division, options) {
+    match joined(&plate, setup, division, options) {
         Err(Error::NotConverged { .. } | Error::Kinematics { .. }) => Ok(plate),
         joined => joined,
     }
@@ -116,13 +126,12 @@ pub(super) fn beside(
 
 fn joined(
     plate: &UnknownPoses,
-    (robot, variant): (&Robot, &Variant),
-    (file, folder): (&RobotFile, &Folder),
+    setup: Setup<'_>,
     division: &RowDivision,
     options: &calibration::Options,
 ) -> Result<UnknownPoses, Error> {
     let near = &plate.calibration;
-    let mut fit = all_sets(robot, variant, file, folder, division, near)?;
+    let mut fit = all_sets(setup, division, near)?;
     fit.groups = NoiseGroup::all(&fit.assembly.kinds);
     (fit.groups).retain(|group| group.group != Component::Closure);
     for (kind, known) in fit.assembly.kinds.iter_mut().zip(&plate.kinds) {

@@ -6,9 +6,7 @@
 //! one that nothing measured; sets 2 and 3 join with their frames and the mountings of their targets.
 
 use nalgebra::DVector;
-use tau_robot::measurements::{Folder, TcpPose};
-use tau_robot::robot::{Robot, Variant};
-use tau_robot::robot_file::RobotFile;
+use tau_robot::measurements::TcpPose;
 
 pub use super::outcome::GroupFit;
 pub use crate::problem::Component;
@@ -17,6 +15,7 @@ use super::kinds::NoiseGroup;
 use super::rows::{DRIVES, LINKS};
 use super::{RowDivision, carts};
 use crate::calibration::{self, Calibration, Error};
+use crate::setup::Setup;
 
 /// A calibration with errors in variables, beside the ordinary one.
 #[derive(Debug, Clone)]
@@ -42,19 +41,18 @@ pub struct ErrorsInVariables {
 /// # Errors
 /// Those of [`calibration::calibrate`], and carts of sets 2 and 3 that are numbered wrongly.
 pub fn calibrate(
-    robot: &Robot,
-    variant: &Variant,
-    file: &RobotFile,
-    folder: &Folder,
+    setup: Setup<'_>,
     poses: &[usize],
     options: &calibration::Options,
 ) -> Result<ErrorsInVariables, Error> {
-    let closure_fit = calibration::calibrate(robot, variant, file, folder, poses, options)?;
+    let folder = setup.folder;
+    let closure_fit = calibration::calibrate(setup, poses, options)?;
     let weighing = closure_fit.weighing.clone();
     let poses: &[usize] = &weighing.taking_part(poses).collect::<Vec<_>>();
-    let file = &file.completed(robot);
+    let file = &setup.file.completed(setup.robot);
+    let setup = Setup { file, ..setup };
     let division = RowDivision::of_poses(folder, poses);
-    let mut fit = carts::all_sets(robot, variant, file, folder, &division, &closure_fit)?;
+    let mut fit = carts::all_sets(setup, &division, &closure_fit)?;
     fit.groups = NoiseGroup::all(&fit.assembly.kinds);
     let closures = fit.assembly.kind(DRIVES).or(fit.assembly.kind(LINKS));
     let closure_m = closures.map_or(0.0, |kind| fit.assembly.kinds[kind].sigma);

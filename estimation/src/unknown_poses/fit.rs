@@ -6,7 +6,6 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use tau_kinematics::Machine;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::Folder;
-use tau_robot::robot::{Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 use tau_solver::{Parameter, Problem};
 
@@ -22,6 +21,7 @@ use crate::numerics::singular;
 use crate::problem::used_by_plate;
 use crate::problem::{self, POSE_UNKNOWNS, Part};
 use crate::samples::outliers::variance_of_most;
+use crate::setup::Setup;
 use crate::weighing::Loss;
 
 /// Knowledge of a combination, in units of that of its tolerance, that is none: it takes less than a millionth off the
@@ -58,17 +58,17 @@ pub(super) struct Fit<'a> {
 
 impl<'a> Fit<'a> {
     /// From the nominal values.
-    pub(super) fn new(
-        robot: &Robot,
-        variant: &Variant,
-        file: &'a RobotFile,
-        folder: &'a Folder,
-        division: &'a RowDivision,
-    ) -> Result<Self, Error> {
-        let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
-        let prepared = Prepared::new(robot, variant, file, Some(folder), &all)?;
+    pub(super) fn new(setup: Setup<'a>, division: &'a RowDivision) -> Result<Self, Error> {
+        let prepared = setup.prepared_by_all()?;
         let machine = prepared.machine.clone();
-        Self::from(&prepared, machine, file, folder, division, false)
+        Self::from(
+            &prepared,
+            machine,
+            setup.file,
+            setup.folder,
+            division,
+            false,
+        )
     }
 
     /// From the values of a machine, under the priors of the nominal ones, which may be those of a sketch.
@@ -80,18 +80,16 @@ impl<'a> Fit<'a> {
         division: &'a RowDivision,
         is_sketch: bool,
     ) -> Result<Self, Error> {
-        Self::beside_carts(
-            vec![],
-            (prepared, machine, file, folder),
-            division,
-            is_sketch,
-        )
+        Self::beside_carts(vec![], prepared, machine, file, folder, division, is_sketch)
     }
 
     /// The same with residuals of carts, which concern no pose.
     pub(super) fn beside_carts(
         carts: Vec<Part>,
-        (prepared, machine, file, folder): (&Prepared, Machine, &'a RobotFile, &'a Folder),
+        prepared: &Prepared,
+        machine: Machine,
+        file: &'a RobotFile,
+        folder: &'a Folder,
         division: &'a RowDivision,
         is_sketch: bool,
     ) -> Result<Self, Error> {
@@ -367,16 +365,36 @@ impl<'a> Fit<'a> {
             .skip(1)
             .filter(|rows| rows.kinds.len() >= 3);
         let fixes_handedness = of_positions.into_iter().any(has_all);
+        let places = self.assembly.places();
+        let poses: BTreeSet<usize> = places.iter().copied().collect();
+        let again = places.len() - poses.len();
         Rank {
             rows: reduced.rows(),
-            spent: reduced.spent,
-            poses: self.assembly.poses.len(),
+            repeated: self.repeated(&places),
+            spent: (reduced.spent).saturating_sub(again * self.assembly.free.len()),
+            poses: poses.len(),
             unknowns: scales.len(),
             determined: known.iter().filter(|value| **value > 1.0).count(),
             is_seen: known.is_empty() || known.iter().any(|value| *value > UNSEEN),
             open: shared.freedoms(reduced),
             has_mirror_image: !fixes_handedness,
         }
+    }
+
+    /// Number of residuals that measure what another does, poses at the same commands having the same `places`.
+    fn repeated(&self, places: &[usize]) -> usize {
+        let of_block = |rows: &Rows| {
+            let each = rows.kinds.len();
+            let mut seen = BTreeSet::new();
+            let measured = (0..rows.weights.len()).filter(|&row| rows.weights[row] > 0.0);
+            let is_known = |row: &usize| {
+                let ends = rows.ends_of(row / each);
+                let ends = ends.map(|ends| ends.map(|pose| places[pose]));
+                ends.is_some_and(|ends| !seen.insert((row % each, ends)))
+            };
+            measured.filter(is_known).count()
+        };
+        self.blocks.iter().map(of_block).sum()
     }
 
     /// Largest move of a pose from its base (m, rad).

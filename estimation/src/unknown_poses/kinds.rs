@@ -1,6 +1,6 @@
 //! Kinds of residuals with their noise, as the robot file states it.
 
-use tau_kinematics::Machine;
+use tau_kinematics::{Machine, Sample};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{
     CART_POSES, CART_POSITIONS, DISTANCES, Folder, PlateKind, TCP_POSES,
@@ -9,7 +9,7 @@ use tau_robot::robot_file::{Noise, RobotFile, StatedNoise};
 
 use super::rows::{AXES, DRIVES, Kind, LINKS};
 use crate::calibration::error::Error;
-use crate::problem::{CLOSURE_SHARE, Component};
+use crate::problem::{CLOSURE_SHARE, Component, POSE_UNKNOWNS};
 
 /// First guess of a noise that is to be estimated (m). It weighs a kind against others in the first round alone; the
 /// estimate replaces it.
@@ -75,7 +75,34 @@ pub(super) fn kinds_of_noise(
         kinds.push(noise.of_lengths(DISTANCES, "distance", "distance_m")?);
     }
     kinds.push(noise.of_drives(machine, &kinds)?);
+    let stated: Vec<Kind> = kinds
+        .iter()
+        .filter_map(|kind| of_rows_that_state(kind, folder))
+        .collect();
+    kinds.extend(stated);
     Ok(kinds)
+}
+
+/// Rows that state their own noise, of a kind whose noise is estimated from the others: a kind of the same name.
+fn of_rows_that_state(kind: &Kind, folder: &Folder) -> Option<Kind> {
+    if !kind.is_estimated() {
+        return None;
+    }
+    let axis = AXES.iter().position(|axis| *axis == kind.quantity);
+    let rows = (folder.plate_rows.iter()).filter(|row| row.kind.file() == kind.file);
+    let of_rows = rows.flat_map(|row| match axis {
+        Some(axis) => &row.sigmas[axis..=axis],
+        None => &row.sigmas[..],
+    });
+    let distances = folder.distances.iter().filter(|_| kind.file == DISTANCES);
+    let own = of_rows.chain(distances.map(|row| &row.sigma_m)).flatten();
+    let squares: Vec<f64> = own.map(|sigma| sigma * sigma).collect();
+    let usual = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
+    usual.is_finite().then_some(Kind {
+        stated: Some(StatedNoise::Known(usual)),
+        sigma: usual,
+        ..*kind
+    })
 }
 
 /// The noise that a robot file states.
@@ -109,6 +136,7 @@ impl Stated<'_> {
             file,
             quantity,
             unit,
+            unit_m: (unit == "m").then_some(1.0),
             stated: Some(stated),
             sigma,
         }
@@ -197,10 +225,17 @@ impl Stated<'_> {
         let turn = commands
             .clone()
             .all(|command| machine.robot.is_angle(command));
+        let is_angle = turn && !are_exact;
+        let (unit, unit_m) = if is_angle {
+            ("rad", metres_per_radian(machine))
+        } else {
+            ("m", Some(1.0))
+        };
         Ok(Kind {
             file: DRIVES,
             quantity: "closure",
-            unit: if turn && !are_exact { "rad" } else { "m" },
+            unit,
+            unit_m,
             stated,
             sigma,
         })
@@ -219,9 +254,28 @@ pub(super) fn kinds_of_carts(noise: Noise) -> [Kind; 3] {
         file,
         quantity,
         unit,
+        unit_m: (unit == "m").then_some(1.0),
         stated: Some(StatedNoise::Known(sigma)),
         sigma,
     })
+}
+
+/// Length (m) by which drives that turn move their links per radian at the reference, in the root mean square; of each
+/// that of the link that it moves most, along it.
+fn metres_per_radian(machine: &Machine) -> Option<f64> {
+    let stated = machine.surroundings.reference.as_ref()?;
+    let sample = Sample::new(stated.into(), &stated.commands_m);
+    let closures = machine.closures(&sample).ok()?;
+    let of_drive = |command: usize| {
+        let column = closures.jacobian.column(POSE_UNKNOWNS + command);
+        let of_links = column.iter().zip(&closures.slopes);
+        of_links.fold(0.0, |most: f64, (entry, slope)| {
+            most.max((entry / slope).abs())
+        })
+    };
+    let commands = machine.robot.commands;
+    let squares: f64 = (0..commands).map(|command| of_drive(command).powi(2)).sum();
+    Some((squares / commands as f64).sqrt()).filter(|metres| *metres > 0.0)
 }
 
 /// Root mean square of the stated noise of the drives (m).

@@ -51,14 +51,11 @@ mod widened;
 use std::collections::BTreeSet;
 
 use tau_kinematics::Machine;
-use tau_robot::measurements::Folder;
-use tau_robot::robot::{Robot, Variant};
-use tau_robot::robot_file::RobotFile;
 use tau_solver::{Solution, solve};
 
-use crate::calibration::prepared::Prepared;
 use crate::calibration::{self, Combination, EXACT_COST, Error};
 use crate::problem::CLOSURE_SHARE;
+use crate::setup::Setup;
 use crate::trust::Mistake;
 use crate::weighing::Loss;
 use elimination::Reduced;
@@ -106,15 +103,8 @@ const TOLD: f64 = 2.0;
 ///
 /// # Errors
 /// As [`calibrate`], but for what only a fit can fail on.
-pub fn rank(
-    robot: &Robot,
-    variant: &Variant,
-    file: &RobotFile,
-    folder: &Folder,
-    division: &RowDivision,
-) -> Result<Rank, Error> {
-    let of = (robot, variant);
-    observed(of, file, folder, division, |fit, reduced| {
+pub fn rank(setup: Setup<'_>, division: &RowDivision) -> Result<Rank, Error> {
+    observed(setup, division, |fit, reduced| {
         Ok(fit.rank(reduced, &fit.machine))
     })
 }
@@ -124,12 +114,10 @@ pub fn rank(
 /// # Errors
 /// As [`rank`].
 pub fn observability(
-    of: (&Robot, &Variant),
-    file: &RobotFile,
-    folder: &Folder,
+    setup: Setup<'_>,
     division: &RowDivision,
 ) -> Result<(Rank, Vec<Combination>), Error> {
-    observed(of, file, folder, division, |fit, reduced| {
+    observed(setup, division, |fit, reduced| {
         let mut weak = fit.undetermined(&reduced.triangle, &fit.start)?;
         weak.retain(|combination| combination.data_over_prior < 1.0 / UNSEEN);
         Ok((fit.rank(reduced, &fit.machine), weak))
@@ -138,29 +126,29 @@ pub fn observability(
 
 /// Result of a function of the fit from the nominal values, before its first step.
 fn observed<T>(
-    (robot, variant): (&Robot, &Variant),
-    file: &RobotFile,
-    folder: &Folder,
+    setup: Setup<'_>,
     division: &RowDivision,
     of: impl FnOnce(&Fit<'_>, &Reduced) -> Result<T, Error>,
 ) -> Result<T, Error> {
-    let file = &file.completed(robot);
-    let variant = &*of_true_poses(robot, variant, folder)?;
-    let fit = Fit::new(robot, variant, file, folder, division)?;
-    refuse_commands(&fit.prepared.machine, folder)?;
+    let variant = &*of_true_poses(setup)?;
+    let file = &setup.file.completed(setup.robot);
+    let fit = Fit::new(
+        Setup {
+            variant,
+            file,
+            ..setup
+        },
+        division,
+    )?;
+    refuse_commands(&fit.prepared.machine, setup.folder)?;
     refuse_contradictions(&fit)?;
     let reduced = fit.elimination(&fit.start).reduce();
     of(&fit, &reduced)
 }
 
 /// True if a scale of the whole machine is free, whatever the number of rows: no fit means anything then.
-pub(crate) fn has_scale(
-    (robot, variant): (&Robot, &Variant),
-    file: &RobotFile,
-    folder: &Folder,
-    division: Option<&RowDivision>,
-) -> bool {
-    let rank = division.map(|division| rank(robot, variant, file, folder, division));
+pub(crate) fn has_scale(setup: Setup<'_>, division: Option<&RowDivision>) -> bool {
+    let rank = division.map(|division| rank(setup, division));
     let is_free = |rank: Rank| rank.open.iter().any(|open| open.is_scale);
     rank.is_some_and(|rank| rank.is_ok_and(is_free))
 }
@@ -172,21 +160,18 @@ pub(crate) fn has_scale(
 /// and where a scale is free; [`Error::Kinematics`] where a pose can't be found from the nominal machine;
 /// [`Error::NotConverged`]. Where a mistake of the rows leaves no fit, [`mistakes`] says so.
 pub fn calibrate(
-    robot: &Robot,
-    variant: &Variant,
-    file: &RobotFile,
-    folder: &Folder,
+    setup: Setup<'_>,
     division: &RowDivision,
     options: &calibration::Options,
 ) -> Result<UnknownPoses, Error> {
-    let fitted = of_true_poses(robot, variant, folder)?;
-    let of = (robot, &*fitted);
-    let (plate, mistakes) = of_plate(of, file, folder, division, options)?;
-    let completed = &file.completed(robot);
-    let mut found = carts::beside(plate, of, (completed, folder), division, options)?;
+    let variant = &*of_true_poses(setup)?;
+    let fitted = Setup { variant, ..setup };
+    let (plate, mistakes) = of_plate(fitted, division, options)?;
+    let file = &setup.file.completed(setup.robot);
+    let mut found = carts::beside(plate, Setup { file, ..fitted }, division, options)?;
     found.mistakes.extend(mistakes);
     // Who takes the machine for poses that were measured wants closures with the errors in them, as they are described.
-    found.calibration.machine.variant.clone_from(variant);
+    found.calibration.machine.variant.clone_from(setup.variant);
     Ok(found)
 }
 
@@ -195,17 +180,12 @@ pub fn calibrate(
 /// # Errors
 /// As [`calibrate`].
 fn of_plate(
-    (robot, variant): (&Robot, &Variant),
-    file: &RobotFile,
-    folder: &Folder,
+    setup: Setup<'_>,
     division: &RowDivision,
     options: &calibration::Options,
 ) -> Result<(UnknownPoses, Vec<Mistake>), Error> {
     let case = Case {
-        robot,
-        variant,
-        file,
-        folder,
+        setup,
         division,
         options,
     };
@@ -225,16 +205,13 @@ fn recognising<'a>(
     sight: Option<(Option<Mistake>, Option<recognised::Look<'a>>)>,
 ) -> Result<(Result<UnknownPoses, Error>, Vec<Mistake>), Error> {
     let Case {
-        robot,
-        variant,
-        folder,
+        setup,
         division,
         options,
-        ..
     } = *case;
-    let file = &case.file.completed(robot);
-    let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
-    let mut prepared = Prepared::new(robot, variant, file, Some(folder), &all)?;
+    let file = &setup.file.completed(setup.robot);
+    let folder = setup.folder;
+    let mut prepared = Setup { file, ..setup }.prepared_by_all()?;
     refuse_commands(&prepared.machine, folder)?;
     let sketch_m = starts::sketched(&prepared);
     if let Some((parameter, length_m)) = freed {

@@ -207,9 +207,11 @@ pub struct ObjectEstimate {
 pub struct Rank {
     /// Number of residuals.
     pub rows: usize,
-    /// Unknowns of poses that they pay for.
+    /// Residuals of what is measured by others already, at the same pose or the same commands.
+    pub repeated: usize,
+    /// Unknowns of poses that the others pay for.
     pub spent: usize,
-    /// Number of poses.
+    /// Number of poses at commands of their own.
     pub poses: usize,
     /// Number of shared unknowns.
     pub unknowns: usize,
@@ -226,7 +228,7 @@ pub struct Rank {
 impl Rank {
     /// Residuals that are left for the shared unknowns once poses have their own.
     pub fn net_rows(&self) -> usize {
-        self.rows - self.spent
+        self.rows.saturating_sub(self.repeated + self.spent)
     }
 
     /// Combinations of unknowns that measurements of these kinds can determine, if there are enough.
@@ -328,9 +330,8 @@ impl UnknownPoses {
     /// Root mean square of the noise of lengths that residuals are weighed by (m), and of what drives that turn make of
     /// theirs.
     pub fn usual_noise_m(&self) -> f64 {
-        let arm_m = self.length_m();
         let lengths = self.kinds.iter().filter_map(|kind| {
-            let sigma_m = kind.kind.as_length_m(kind.kind.sigma, arm_m)?;
+            let sigma_m = kind.kind.sigma * kind.kind.unit_m?;
             sigma_m.is_finite().then_some((kind.rows as f64, sigma_m))
         });
         let (rows, squares) = lengths.fold((0.0, 0.0), |(rows, squares), (own, sigma_m)| {

@@ -9,7 +9,6 @@ use std::collections::BTreeSet;
 
 use tau_kinematics::Machine;
 use tau_robot::measurements::{Folder, TCP_POSES};
-use tau_robot::robot::{Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 
 use super::fit::Fit;
@@ -17,10 +16,11 @@ use super::starts;
 use super::tracker::of_true_poses;
 use super::trials::{Case, Dimensions, Trial};
 use super::{KindFit, ROUGH_COST, RowDivision, UnknownPoses, recognising};
-use crate::calibration::{self, Error, Prepared};
+use crate::calibration::{self, Error};
 use crate::numerics::distribution::chi2_survival;
 use crate::numerics::order::smallest_first;
 use crate::numerics::parallel;
+use crate::setup::Setup;
 use crate::trust::dimensions;
 use crate::trust::drawing;
 use crate::trust::hypothesis::Hypothesis;
@@ -89,37 +89,31 @@ pub struct Recognised {
 ///
 /// # Errors
 /// As [`super::rank`].
-pub fn mistakes(
-    robot: &Robot,
-    variant: &Variant,
-    file: &RobotFile,
-    folder: &Folder,
-    division: &RowDivision,
-) -> Result<Vec<Mistake>, Error> {
-    Ok(recognised(robot, variant, file, folder, division)?.mistakes)
+pub fn mistakes(setup: Setup<'_>, division: &RowDivision) -> Result<Vec<Mistake>, Error> {
+    Ok(recognised(setup, division)?.mistakes)
 }
 
 /// The same, and whether the rows are those of another machine.
 ///
 /// # Errors
 /// As [`mistakes`].
-pub fn recognised(
-    robot: &Robot,
-    variant: &Variant,
-    file: &RobotFile,
-    folder: &Folder,
-    division: &RowDivision,
-) -> Result<Recognised, Error> {
-    let variant = &*of_true_poses(robot, variant, folder)?;
+pub fn recognised(setup: Setup<'_>, division: &RowDivision) -> Result<Recognised, Error> {
+    let variant = &*of_true_poses(setup)?;
+    let setup = Setup { variant, ..setup };
+    let Setup { file, folder, .. } = setup;
     let case = Case {
-        robot,
-        variant,
-        file,
-        folder,
+        setup,
         division,
         options: &calibration::Options::default(),
     };
-    match Fit::new(robot, variant, &file.completed(robot), folder, division) {
+    let completed = &file.completed(setup.robot);
+    match Fit::new(
+        Setup {
+            file: completed,
+            ..setup
+        },
+        division,
+    ) {
         Ok(fit) => {
             let exchanged = fit.exchanged_distances();
             let is_one = || {
@@ -173,13 +167,15 @@ impl<'a> Case<'a> {
     /// A mistake without which the rows of a few poses lead to the noise in a few steps, as they don't with it, and all rows do
     /// in the end. A sketch may be as far off as other rows are. The look at hypotheses comes back where there was one.
     pub(super) fn at_first_sight(&self) -> (Option<Mistake>, Option<Look<'a>>) {
-        let thinned = self.division.thinned(self.folder, POSES);
+        let thinned = self.division.thinned(self.setup.folder, POSES);
         let case = Case {
             division: thinned.as_ref().unwrap_or(self.division),
             ..*self
         };
         let few = case.few();
-        let as_given = case.cost(self.folder, &few, None).unwrap_or(Squares::NONE);
+        let as_given = case
+            .cost(self.setup.folder, &few, None)
+            .unwrap_or(Squares::NONE);
         if as_given.are_noise() || self.is_sketch() {
             return (None, None);
         }
@@ -196,13 +192,13 @@ impl<'a> Case<'a> {
     }
 
     fn is_sketch(&self) -> bool {
-        let file = &self.file.completed(self.robot);
-        let drawn = Prepared::new(self.robot, self.variant, file, Some(self.folder), &[]);
+        let file = &self.setup.file.completed(self.setup.robot);
+        let drawn = Setup { file, ..self.setup }.prepared(&[]);
         drawn.is_ok_and(|drawn| starts::sketched(&drawn).is_some())
     }
 
     fn few(&self) -> RowDivision {
-        let few = self.division.thinned(self.folder, FEW_POSES);
+        let few = self.division.thinned(self.setup.folder, FEW_POSES);
         few.unwrap_or_else(|| self.division.clone())
     }
 
@@ -247,8 +243,11 @@ impl<'a> Case<'a> {
         freed: Option<(usize, f64)>,
     ) -> Result<UnknownPoses, Error> {
         let case = Case {
-            file,
-            folder,
+            setup: Setup {
+                file,
+                folder,
+                ..self.setup
+            },
             ..*self
         };
         recognising(&case, freed, None)?.0
@@ -270,7 +269,7 @@ impl<'a> Case<'a> {
         if let Some(mistake) = negative {
             return vec![mistake];
         }
-        let thinned = self.division.thinned(self.folder, POSES);
+        let thinned = self.division.thinned(self.setup.folder, POSES);
         let case = Case {
             division: thinned.as_ref().unwrap_or(self.division),
             ..*self
@@ -279,8 +278,8 @@ impl<'a> Case<'a> {
             is_met(given) && !given.has_far_pull() && !is_doubtful(given, look)
         });
         // Squares are compared with those of the same rows.
-        let of_few =
-            (thinned.is_some() && !is_met).then(|| case.fitted(self.file, self.folder, None));
+        let of_few = (thinned.is_some() && !is_met)
+            .then(|| case.fitted(self.setup.file, self.setup.folder, None));
         let same_rows = of_few.as_ref().map_or(given, |found| found.as_ref().ok());
         let of_rows = (!is_met).then(|| case.of_rows(same_rows, look)).flatten();
         let of_noise = || given.and_then(|given| self.wrong_noise(given));
@@ -294,7 +293,9 @@ impl<'a> Case<'a> {
             Some(look) => look,
             None => {
                 let few = self.few();
-                let as_given = self.cost(self.folder, &few, None).unwrap_or(Squares::NONE);
+                let as_given = self
+                    .cost(self.setup.folder, &few, None)
+                    .unwrap_or(Squares::NONE);
                 own = self.look(&few, as_given);
                 &own
             }
@@ -317,7 +318,7 @@ impl<'a> Case<'a> {
         let trials: Vec<&Trial<'_>> = trials.map(|(_, trial)| trial).collect();
         let fitted = parallel::map(&trials, |trial| {
             let freed = dimensions.freed(trial);
-            let found = self.fitted(self.file, &trial.folder, freed).ok()?;
+            let found = self.fitted(self.setup.file, &trial.folder, freed).ok()?;
             let is_near = match given {
                 Some(given) => NEARER * misfit(&found, given) < given.residual_over_noise(),
                 None => found.missed_m().is_none(),
@@ -367,14 +368,14 @@ impl<'a> Case<'a> {
     /// One dimension far off with which the rows meet the stated noise, where no place was measured and a few of its kind do
     /// the same.
     pub(super) fn dimension_instead(&self, given: &UnknownPoses) -> Option<Mistake> {
-        let thinned = self.division.thinned(self.folder, POSES);
+        let thinned = self.division.thinned(self.setup.folder, POSES);
         let case = Case {
             division: thinned.as_ref().unwrap_or(self.division),
             ..*self
         };
         let few = case.few();
         let dimensions = case.seen(&few);
-        let trials = dimensions.freed_of(self.folder).collect();
+        let trials = dimensions.freed_of(self.setup.folder).collect();
         let look = case.ranked(&few, Squares::NONE, dimensions, trials);
         let mut fitted = case.closer(look.ranked.iter(), &look, Some(given));
         fitted.retain(|(_, found, _)| found.is_consistent());
@@ -383,7 +384,7 @@ impl<'a> Case<'a> {
 
     /// Parameters that some measured poses tell of, to first order. Where less was measured of them, others do the same.
     fn dimensions(&self, few: &RowDivision) -> Dimensions {
-        if self.folder.tcp_poses.is_empty() {
+        if self.setup.folder.tcp_poses.is_empty() {
             return Dimensions::default();
         }
         self.seen(few)
@@ -391,8 +392,8 @@ impl<'a> Case<'a> {
 
     /// Parameters that some rows tell of, to first order.
     fn seen(&self, few: &RowDivision) -> Dimensions {
-        let file = &self.file.completed(self.robot);
-        let fit = Fit::new(self.robot, self.variant, file, self.folder, few);
+        let file = &self.setup.file.completed(self.setup.robot);
+        let fit = Fit::new(Setup { file, ..self.setup }, few);
         let Ok(fit) = fit else {
             return Dimensions::default();
         };
@@ -416,10 +417,13 @@ impl<'a> Case<'a> {
         division: &RowDivision,
         freed: Option<(usize, f64)>,
     ) -> Option<Squares> {
-        let file = &self.file.completed(self.robot);
-        let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
-        let mut prepared =
-            Prepared::new(self.robot, self.variant, file, Some(folder), &all).ok()?;
+        let file = &self.setup.file.completed(self.setup.robot);
+        let setup = Setup {
+            file,
+            folder,
+            ..self.setup
+        };
+        let mut prepared = setup.prepared_by_all().ok()?;
         let is_sketch = starts::sketched(&prepared).is_some();
         if let Some((parameter, length_m)) = freed {
             prepared.free(parameter, length_m)?;
@@ -446,20 +450,25 @@ impl<'a> Case<'a> {
     ) -> Option<Mistake> {
         if let Some(parameter) = trial.freed() {
             let value = found.calibration.machine.values[parameter];
-            let described = &self.variant.parameters[parameter];
+            let described = &self.setup.variant.parameters[parameter];
             let nominal = &dimensions.nominal[parameter];
             return Some(words::dimension(described, nominal, value));
         }
-        let first = self.folder.plate_rows.first().map(|row| row.kind.file());
+        let first = self
+            .setup
+            .folder
+            .plate_rows
+            .first()
+            .map(|row| row.kind.file());
         let file = trial.file.or(first).unwrap_or(TCP_POSES);
-        words::of_measurements(self.robot, &trial.hypothesis, file)
+        words::of_measurements(self.setup.robot, &trial.hypothesis, file)
     }
 
     /// A command that drives a length below zero.
     fn negative_length(&self, machine: &Machine) -> Option<Mistake> {
-        let of_rows =
-            (self.folder.plate_rows.iter()).map(|row| (row.kind.file(), row.commands_m.as_slice()));
-        let of_poses = self.folder.tcp_poses.iter();
+        let of_rows = (self.setup.folder.plate_rows.iter())
+            .map(|row| (row.kind.file(), row.commands_m.as_slice()));
+        let of_poses = self.setup.folder.tcp_poses.iter();
         let of_poses = of_poses.map(|pose| (TCP_POSES, pose.commands_m.as_slice()));
         let files: Vec<_> = of_rows.chain(of_poses).collect();
         let names: BTreeSet<&'static str> = files.iter().map(|own| own.0).collect();
@@ -467,7 +476,7 @@ impl<'a> Case<'a> {
             let own = files.iter().filter(|own| own.0 == name);
             let command = negative_length(machine, own.map(|own| own.1))?;
             let hypothesis = Hypothesis::Sign(command);
-            words::of_measurements(self.robot, &hypothesis, name)
+            words::of_measurements(self.setup.robot, &hypothesis, name)
         })
     }
 }

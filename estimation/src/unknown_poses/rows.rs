@@ -42,6 +42,9 @@ pub struct Kind {
     pub quantity: &'static str,
     /// SI unit of the noise: of drives that are read it is theirs, rad where all of them turn.
     pub unit: &'static str,
+    /// Length (m) that one unit of it is: of drives that turn, by which they move links. `None` of rotations, which move no
+    /// point.
+    pub unit_m: Option<f64>,
     /// Noise as stated; `None`: exact but for what is allowed for numbers' sake.
     pub stated: Option<StatedNoise>,
     /// Standard deviation that residuals are weighed by; of rows that state their own, a factor on those.
@@ -70,16 +73,6 @@ impl Kind {
     /// True for drives without noise.
     pub fn is_exact(&self) -> bool {
         self.stated.is_none()
-    }
-
-    /// A value of the kind as a length (m): drives that turn move joints by as much at the end of an arm of `arm_m`. `None`
-    /// of rotations, which move no point.
-    pub(super) fn as_length_m(&self, value: f64, arm_m: f64) -> Option<f64> {
-        match (self.unit, self.file) {
-            ("m", _) => Some(value),
-            (_, DRIVES) => Some(value * arm_m),
-            _ => None,
-        }
     }
 
     /// The file, with the quantity where it has several.

@@ -243,6 +243,7 @@ mod tests {
 
     use super::*;
     use crate::calibration::Options;
+    use crate::setup::Setup;
     use crate::unknown_poses::{RowDivision, calibrate, mirror};
 
     const ANCHORS: [[f64; 2]; 4] = [[0.02, 1.93], [3.35, 1.92], [0.0, 0.0], [3.36, 0.0]];
@@ -335,7 +336,17 @@ mod tests {
         let division = RowDivision::of(folder, Split::All);
         let variant = robot.variant("Full").unwrap();
         let options = Options::default();
-        calibrate(robot, variant, &file, folder, &division, &options).unwrap()
+        calibrate(
+            Setup {
+                robot,
+                variant,
+                file: &file,
+                folder,
+            },
+            &division,
+            &options,
+        )
+        .unwrap()
     }
 
     /// Errors of the anchors (m), and their standard deviations.

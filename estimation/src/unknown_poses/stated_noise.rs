@@ -42,13 +42,18 @@ impl Case<'_> {
             return None;
         };
         let all = [Whose::Measurements, Whose::Drives];
-        let has_drives = !self.file.measuring.drives.is_empty();
+        let has_drives = !self.setup.file.measuring.drives.is_empty();
         let tried = all.into_iter().take(1 + usize::from(has_drives));
         let gains = tried.filter_map(|whose| Some((self.gain(whose, factor)?, whose)));
         let (_, whose) = gains.max_by(|a, b| a.0.total_cmp(&b.0))?;
         // Where a tracker measured places, these tell noise from dimensions.
-        let has_places = !self.folder.tcp_poses.is_empty()
-            || self.folder.rows_of(PlateKind::Position).next().is_some();
+        let has_places = !self.setup.folder.tcp_poses.is_empty()
+            || self
+                .setup
+                .folder
+                .rows_of(PlateKind::Position)
+                .next()
+                .is_some();
         let dimension = (factor > 1.0 && !has_places).then(|| self.dimension_instead(given));
         if let Some(dimension) = dimension.flatten() {
             return Some(dimension);
@@ -64,7 +69,7 @@ impl Case<'_> {
     /// parameters integrated out it changes with ln of the noise by 2 (χ² − degrees of freedom), both of the residuals with this
     /// noise (D. J. C. MacKay, Neural Computation 4, 1992, equation 4.9).
     fn gain(&self, whose: Whose, factor: f64) -> Option<f64> {
-        let thinned = self.division.thinned(self.folder, POSES);
+        let thinned = self.division.thinned(self.setup.folder, POSES);
         // No row is left out: what noise is too small for would cost nothing.
         let mut options = self.options.clone();
         options.treatment.keep_outliers = true;
@@ -76,7 +81,11 @@ impl Case<'_> {
         let steps: Vec<u32> = (0..=STEPS).collect();
         let slopes = parallel::map(&steps, |&step| {
             let factor = factor.powf(f64::from(step) / f64::from(STEPS));
-            let found = case.fitted(&whose.scaled(self.file, factor), self.folder, None);
+            let found = case.fitted(
+                &whose.scaled(self.setup.file, factor),
+                self.setup.folder,
+                None,
+            );
             let found = found.ok()?;
             let own = found.kinds.iter().filter(|fit| whose.is_of(fit));
             let slope: f64 = own.clone().map(|fit| fit.chi2() - fit.dof()).sum();

@@ -6,8 +6,8 @@ use std::sync::Arc;
 
 use tau_kinematics::{Machine, Missing, Pose};
 use tau_robot::input_error::InputError;
-use tau_robot::measurements::{Folder, PlateRow, TcpPose};
-use tau_robot::robot::{Input, Instance, ResidualKind, Robot, Variant};
+use tau_robot::measurements::{PlateRow, TcpPose};
+use tau_robot::robot::{Input, Instance, ResidualKind, Variant};
 use tau_runtime::{Pattern, ResidualFamily, Shape};
 
 use crate::calibration::error::Error;
@@ -15,16 +15,19 @@ use crate::joint::variant::at_true_poses;
 use crate::numerics::number;
 use crate::numerics::order::place;
 use crate::samples::Sample;
+use crate::setup::Setup;
 
 /// The variant that a folder with unknown poses is fitted with: closures of true poses, errors of the tracker apart.
 ///
 /// # Errors
 /// The variant has errors of a tracker, and no row of the plate was measured by one.
-pub(super) fn of_true_poses<'v>(
-    robot: &Robot,
-    variant: &'v Variant,
-    folder: &Folder,
-) -> Result<Cow<'v, Variant>, Error> {
+pub(super) fn of_true_poses(setup: Setup<'_>) -> Result<Cow<'_, Variant>, Error> {
+    let Setup {
+        robot,
+        variant,
+        folder,
+        ..
+    } = setup;
     let effects = variant.tracker_effects();
     let Some(effect) = effects.first() else {
         return Ok(Cow::Borrowed(variant));
@@ -273,6 +276,8 @@ impl ResidualFamily for WithErrors {
 #[cfg(test)]
 mod tests {
     use super::super::quantity::{Measured, Quantity};
+    use tau_robot::robot::Robot;
+
     use super::*;
 
     const TEXT: &str = "

@@ -5,8 +5,6 @@ use std::collections::BTreeSet;
 
 use nalgebra::Vector3;
 use tau_robot::measurements::{DISTANCES, Folder, PlateKind, PlateRow, TCP_POSES};
-use tau_robot::robot::{Robot, Variant};
-use tau_robot::robot_file::RobotFile;
 
 use super::RowDivision;
 use super::fit::Fit;
@@ -14,6 +12,7 @@ use super::frames::{self, files_of_places};
 use crate::calibration::{self, Nominal};
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
+use crate::setup::Setup;
 use crate::trust::exchanged::orders;
 use crate::trust::hypothesis::{Hypothesis, UNITS, angles, axes, commands_in_degrees, neighbour};
 use crate::trust::recognise::{differ, has_sign};
@@ -21,10 +20,7 @@ use crate::trust::recognise::{differ, has_sign};
 /// Measurements and the robot that they are of.
 #[derive(Clone, Copy)]
 pub(super) struct Case<'a> {
-    pub(super) robot: &'a Robot,
-    pub(super) variant: &'a Variant,
-    pub(super) file: &'a RobotFile,
-    pub(super) folder: &'a Folder,
+    pub(super) setup: Setup<'a>,
     pub(super) division: &'a RowDivision,
     pub(super) options: &'a calibration::Options,
 }
@@ -58,7 +54,7 @@ impl Trial<'_> {
 impl<'a> Case<'a> {
     /// All hypotheses.
     pub(super) fn trials(&self, dimensions: &Dimensions) -> Vec<Trial<'a>> {
-        let (robot, folder) = (self.robot, self.folder);
+        let Setup { robot, folder, .. } = self.setup;
         let of_rows: BTreeSet<&str> = folder
             .plate_rows
             .iter()
@@ -75,8 +71,8 @@ impl<'a> Case<'a> {
             scopes.extend(files.iter().copied().map(Some));
         }
         let commands = orders(robot.commands).into_iter().map(Hypothesis::Commands);
-        let file = &self.file.completed(robot);
-        let fit = Fit::new(robot, self.variant, file, folder, self.division);
+        let file = &self.setup.file.completed(robot);
+        let fit = Fit::new(Setup { file, ..self.setup }, self.division);
         let signs = (0..robot.commands).filter(|&command| {
             // Poses that the drawing can't take say nothing against it.
             fit.as_ref().map_or(true, |fit| {

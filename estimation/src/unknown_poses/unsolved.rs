@@ -1,15 +1,13 @@
 //! A fit before its first step.
 
 use tau_kinematics::Pose;
-use tau_robot::measurements::Folder;
-use tau_robot::robot::{Robot, Variant};
-use tau_robot::robot_file::RobotFile;
 use tau_solver::Problem;
 
 use super::kinds::drive_sigmas;
 use super::tracker::of_true_poses;
 use super::{RowDivision, carts, fit::Fit, starts};
-use crate::calibration::{Calibration, Error, prepared::Prepared};
+use crate::calibration::{Calibration, Error};
+use crate::setup::Setup;
 
 /// The first least-squares problem of a calibration, for other solvers to be compared with ours.
 #[derive(Debug)]
@@ -20,19 +18,19 @@ impl<'a> Unsolved<'a> {
     ///
     /// # Errors
     /// As [`super::calibrate`], but for what only a fit can fail on.
-    pub fn new(
-        robot: &Robot,
-        variant: &Variant,
-        file: &'a RobotFile,
-        folder: &'a Folder,
-        division: &'a RowDivision,
-    ) -> Result<Self, Error> {
-        let variant = &*of_true_poses(robot, variant, folder)?;
-        let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
-        let prepared = Prepared::new(robot, variant, file, Some(folder), &all)?;
+    pub fn new(setup: Setup<'a>, division: &'a RowDivision) -> Result<Self, Error> {
+        let variant = &*of_true_poses(setup)?;
+        let prepared = Setup { variant, ..setup }.prepared_by_all()?;
         let is_sketch = starts::sketched(&prepared).is_some();
         let machine = prepared.machine.clone();
-        let fit = Fit::from(&prepared, machine, file, folder, division, is_sketch)?;
+        let fit = Fit::from(
+            &prepared,
+            machine,
+            setup.file,
+            setup.folder,
+            division,
+            is_sketch,
+        )?;
         Ok(Self(fit))
     }
 
@@ -41,14 +39,11 @@ impl<'a> Unsolved<'a> {
     /// # Errors
     /// As [`super::errors_in_variables::calibrate`], but for what only a fit can fail on.
     pub fn of_all_sets(
-        robot: &Robot,
-        variant: &Variant,
-        file: &'a RobotFile,
-        folder: &'a Folder,
+        setup: Setup<'a>,
         division: &'a RowDivision,
         closure_fit: &Calibration,
     ) -> Result<Self, Error> {
-        let fit = carts::all_sets(robot, variant, file, folder, division, closure_fit)?;
+        let fit = carts::all_sets(setup, division, closure_fit)?;
         Ok(Self(fit))
     }
 

@@ -43,15 +43,14 @@ impl UnknownPoses {
     /// Largest rms (m) of what a kind of lengths is missed by, where no machine that is the right one would miss it by as much;
     /// `None` where none is missed so. Some may be as rough as that and state it, but not all.
     pub(super) fn missed_m(&self) -> Option<f64> {
-        let length_m = self.length_m();
-        let limit_m = LARGEST_MISFIT * length_m;
+        let limit_m = LARGEST_MISFIT * self.length_m();
         let judged = self.kinds.iter().filter(|fit| fit.is_listed());
         let lengths: Vec<(&KindFit, f64)> = judged
-            .filter_map(|fit| Some((fit, fit.kind.as_length_m(fit.rms(), length_m)?)))
+            .filter_map(|fit| Some((fit, fit.rms() * fit.kind.unit_m?)))
             .collect();
         let is_rough = |(fit, _): &(&KindFit, f64)| {
-            let usual_m = fit.kind.as_length_m(fit.usual_rms(), length_m);
-            usual_m.is_some_and(|usual_m| usual_m > limit_m)
+            let unit_m = fit.kind.unit_m;
+            unit_m.is_some_and(|unit_m| fit.usual_rms() * unit_m > limit_m)
         };
         let is_consistent = self.is_consistent();
         let is_all = lengths.iter().all(is_rough);

@@ -114,14 +114,7 @@ pub(super) fn link(
             _ => {
                 let found = vector(one, value.dimension(), scope, diagnostics);
                 if value == Value::TrackDirection {
-                    let help = "write a vector along the track";
-                    moves_plate(
-                        one,
-                        ("track direction", help),
-                        of.plate,
-                        &found,
-                        diagnostics,
-                    );
+                    moves_plate(one, of.plate, &found, diagnostics);
                 }
                 let formula = found.formula.clone();
                 match value {
@@ -191,14 +184,7 @@ pub(super) fn crank(
         *slot = vector(one, dimension, scope, diagnostics);
     }
     if let Some(axis) = given.iter().find(|one| one.name == "axis") {
-        let help = "write a vector along the axis, about which it turns as a right-hand screw";
-        moves_plate(
-            axis,
-            ("axis of the crank", help),
-            plate,
-            &crank.axis,
-            diagnostics,
-        );
+        moves_plate(axis, plate, &crank.axis, diagnostics);
     }
     crank
 }
@@ -206,7 +192,6 @@ pub(super) fn crank(
 /// Reports a direction or an axis that is nowhere, or that moves no plate in its plane.
 fn moves_plate(
     given: &syntax::NamedValue,
-    (what, help): (&str, &str),
     plate: Plate,
     found: &Quantity<3>,
     diagnostics: &mut Diagnostics,
@@ -225,6 +210,12 @@ fn moves_plate(
         },
     };
     let is_axis = given.name == "axis";
+    let (what, help) = if is_axis {
+        let help = "write a vector along the axis, about which it turns as a right-hand screw";
+        ("axis of the crank", help)
+    } else {
+        ("track direction", "write a vector along the track")
+    };
     if components == [0.0; 3] {
         diagnostics.error(&given.name, format!("the {what} is zero"), help);
     } else if plate.is_in_plane() && is_axis && components[2] == 0.0 {

@@ -87,7 +87,7 @@ impl Context<'_> {
                 }
             }
             (subject, [place]) if subject.is_link() => {
-                self.links(place, &used.effect, (checked, subject), diagnostics)?
+                self.links(place, &used.effect, checked, diagnostics)?
             }
             (_, [place, ..]) if *place != "tcp" => {
                 let help = format!("write `{}(tcp)`", used.effect);
@@ -140,7 +140,7 @@ impl Context<'_> {
         &self,
         place: &Ident,
         effect: &Ident,
-        (checked, subject): (&CheckedEffect, Subject),
+        checked: &CheckedEffect,
         diagnostics: &mut Diagnostics,
     ) -> Option<Place> {
         let links = &self.geometry.links;
@@ -161,6 +161,7 @@ impl Context<'_> {
                 );
                 return None;
             };
+        let subject = checked.subject?;
         let on: Vec<&Link> = on.into_iter().filter(|link| subject.admits(link)).collect();
         if on.is_empty()
             && let Some([acts_on, declared]) = subject.described()

@@ -15,26 +15,27 @@ use crate::robot_file::{Dimensions, RobotFile};
 const LARGEST_MISFIT: f64 = 0.5;
 
 impl Folder {
-    /// Checks that there are as many calibration poses as parameters to be found from them: each
-    /// pose gives one closure equation per link.
+    /// Checks that there are more calibration poses than parameters to be found from them: each pose gives one closure
+    /// equation per link, and as many as parameters leave no residual to judge the fit by.
     ///
     /// # Errors
-    /// Fewer poses than parameters.
+    /// No more poses than parameters.
     pub fn check_pose_count(
         &self,
         calibration_poses: usize,
         parameters: usize,
         of: &str,
     ) -> Result<(), InputError> {
-        if calibration_poses >= parameters {
+        if calibration_poses > parameters {
             return Ok(());
         }
         Err(InputError::whole(
             self.tcp_poses_name(),
             format!(
-                "{calibration_poses} of {} poses calibrate, expected at least {parameters}: as many as {of} \
-                 has parameters",
-                self.tcp_poses.len()
+                "{calibration_poses} of {} poses calibrate, expected at least {}: one more than {of} has parameters, \
+                 by which the fit is judged",
+                self.tcp_poses.len(),
+                parameters + 1
             ),
         )
         .help("measure more poses, or let more of them calibrate with `--split`"))
@@ -316,8 +317,8 @@ mod tests {
     #[test]
     fn as_many_poses_as_parameters_suffice() {
         let folder = prototype::folder().unwrap();
-        folder.check_pose_count(10, 10, "link `l1`").unwrap();
-        let error = folder.check_pose_count(9, 10, "link `l1`").unwrap_err();
+        folder.check_pose_count(11, 10, "link `l1`").unwrap();
+        let error = folder.check_pose_count(10, 10, "link `l1`").unwrap_err();
         assert!(
             error
                 .to_string()

@@ -12,6 +12,7 @@ mod unknown_poses;
 use std::fmt;
 use std::marker::PhantomData;
 
+use tau_estimation::Setup;
 use tau_estimation::calibration::{self, Error, Prepared};
 use tau_estimation::evaluation::{self, Evaluation};
 use tau_estimation::sensitivity::{self, Sensitivity};
@@ -20,6 +21,7 @@ use tau_estimation::unknown_poses::errors_in_variables::{self, ErrorsInVariables
 use tau_estimation::weighing::Treatment;
 use tau_kinematics::Machine;
 use tau_robot::measurements::{Folder, Poses, Shape, Split};
+use tau_robot::robot::Variant;
 use tau_robot::robot_file::RobotFile;
 use tau_robot::{InputError, Robot};
 use tau_runtime::DeclaredRobot;
@@ -267,6 +269,16 @@ impl<R> Session<R> {
         Ok(Uncertainty::of_prepared(&prepared, file))
     }
 
+    /// What a variant is calibrated by.
+    pub(crate) fn setup<'a>(&'a self, variant: &'a Variant) -> Setup<'a> {
+        Setup {
+            robot: &self.robot,
+            variant,
+            file: &self.robot_file,
+            folder: &self.folder,
+        }
+    }
+
     /// Calibrates a variant on the poses for it: see [`calibrate`](calibration::calibrate). Where the session
     /// [has unknown poses](Self::has_unknown_poses), on all measurements, of which
     /// [`Self::calibrate_unknown_poses`] says more, the verdict included.
@@ -293,14 +305,7 @@ impl<R> Session<R> {
             return Ok(Calibrated::new(found.calibration));
         }
         let poses = self.poses()?.division.calibration;
-        let Self {
-            robot,
-            robot_file,
-            folder,
-            ..
-        } = self;
-        calibration::calibrate(robot, variant, robot_file, folder, &poses, options)
-            .map(Calibrated::new)
+        calibration::calibrate(self.setup(variant), &poses, options).map(Calibrated::new)
     }
 
     /// Calibrates a variant on all sets with errors in variables: the true pose behind each measured one is
@@ -322,13 +327,7 @@ impl<R> Session<R> {
         }
         let poses = self.poses()?.division.calibration;
         let options = self.options();
-        let Self {
-            robot,
-            robot_file,
-            folder,
-            ..
-        } = self;
-        errors_in_variables::calibrate(robot, variant, robot_file, folder, &poses, &options)
+        errors_in_variables::calibrate(self.setup(variant), &poses, &options)
     }
 
     /// Predicts the poses that validate, and compares: see [`evaluate`](evaluation::evaluate). The machine is that of a

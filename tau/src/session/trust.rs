@@ -71,8 +71,13 @@ impl<R> Session<R> {
             calibration: self.poses()?.division.calibration,
             validation: poses,
         };
-        let files = (&self.robot_file, &self.folder);
-        trust::of_prediction(machine, files.0, files.1, &division, self.treatment)
+        trust::of_prediction(
+            machine,
+            &self.robot_file,
+            &self.folder,
+            &division,
+            self.treatment,
+        )
     }
 
     /// Mistakes of measurements and parameters that explain why a variant does not fit: none where it does.
@@ -82,12 +87,10 @@ impl<R> Session<R> {
     pub fn mistakes(&self, variant: impl VariantKey<R>) -> Result<Vec<Mistake>, Error> {
         let variant = variant.variant_of(&self.robot)?;
         if self.has_unknown_poses() {
-            let (robot, file, folder) = (&self.robot, &self.robot_file, &self.folder);
-            return unknown_poses::mistakes(robot, variant, file, folder, &self.row_division());
+            return unknown_poses::mistakes(self.setup(variant), &self.row_division());
         }
         let poses = (self.poses()).map_or_else(|_| self.every_pose(), |poses| poses.division);
-        let files = (&self.robot_file, &self.folder);
-        trust::mistakes(&self.robot, variant, files.0, files.1, &poses.calibration)
+        trust::mistakes(self.setup(variant), &poses.calibration)
     }
 
     /// Mistakes are looked for in all poses where none can be told to take part: commands that a mistake moves out of the
@@ -127,9 +130,15 @@ impl<R> Session<R> {
                 Err(error) => (self.every_pose(), Some(error)),
             }
         };
-        let files = (&self.robot_file, &self.folder);
-        let divisions = (&division, rows.as_ref());
-        let found = trust::check(&self.robot, &variants, files, divisions, CATALOGUE)?;
+        let found = trust::check(
+            &self.robot,
+            &variants,
+            &self.robot_file,
+            &self.folder,
+            &division,
+            rows.as_ref(),
+            CATALOGUE,
+        )?;
         match none.filter(|_| found.mistakes.iter().all(|mistake| !mistake.is_absurd)) {
             Some(error) => Err(error.into()),
             None => Ok(found),

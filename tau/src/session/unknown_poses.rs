@@ -123,13 +123,12 @@ impl<R> Session<R> {
         options: &Options,
     ) -> Result<UnknownPoses, Error> {
         let variant = variant.variant_of(&self.robot)?;
-        let (robot, file, folder) = (&self.robot, &self.robot_file, &self.folder);
         let division = self.row_division();
         let options = Options {
             recognises_mistakes: true,
             ..options.clone()
         };
-        unknown_poses::calibrate(robot, variant, file, folder, &division, &options)
+        unknown_poses::calibrate(self.setup(variant), &division, &options)
     }
 
     /// Errors of measurements with the parameters of the session's robot file, the true pose of each being unknown: see
@@ -143,12 +142,11 @@ impl<R> Session<R> {
         rows: &JudgedRows,
     ) -> Result<HeldErrors, Error> {
         let variant = variant.variant_of(&self.robot)?;
-        let (robot, file, folder) = (&self.robot, &self.robot_file, &self.folder);
-        let mut held =
-            unknown_poses::evaluate(robot, variant, file, folder, rows, &self.options())?;
+        let setup = self.setup(variant);
+        let mut held = unknown_poses::evaluate(setup, rows, &self.options())?;
         if held.verdict().status > Status::Consistent && held.mistakes.is_empty() {
             let division = rows.division();
-            held.mistakes = unknown_poses::mistakes(robot, variant, file, folder, &division)?;
+            held.mistakes = unknown_poses::mistakes(setup, &division)?;
         }
         Ok(held)
     }

@@ -72,8 +72,8 @@ pub fn run<R>(
     next("calibrating the variants");
     let poses = &division.calibration;
     let checks = || {
-        let divisions = (&division, rows.as_ref());
-        let check = trust::check(robot, &variants, (file, folder), divisions, CATALOGUE);
+        let rows = rows.as_ref();
+        let check = trust::check(robot, &variants, file, folder, &division, rows, CATALOGUE);
         (check, assumptions::check(robot, file, folder))
     };
     let calibrated = || {
@@ -84,7 +84,7 @@ pub fn run<R>(
                 result.links = of_rows.links;
                 return Ok((found.calibration.clone(), result, Some((found, held))));
             }
-            let calibration = calibrate(robot, variant, file, folder, poses, &session.options())?;
+            let calibration = calibrate(session.setup(variant), poses, &session.options())?;
             let mut found = result(&calibration, folder, &division.validation)?;
             found.validation_outliers = session.validation_outliers_of(&calibration, &division)?;
             Ok((calibration, found, None))

@@ -13,6 +13,7 @@ use tau_robot::robot::Variant;
 use super::results::Study;
 use super::{Progress, chosen_variants};
 use crate::session::Session;
+use tau_estimation::Setup;
 
 /// Runs the study; a variant that these measurements can't determine is left out, with a remark.
 ///
@@ -33,8 +34,8 @@ pub(super) fn run<R>(
         done += 1;
     };
     next("checking the measurements");
-    let divisions = (&Division::default(), Some(&division));
-    let check = trust::check(robot, &variants, (file, folder), divisions, CATALOGUE)?;
+    let (none, rows) = (Division::default(), Some(&division));
+    let check = trust::check(robot, &variants, file, folder, &none, rows, CATALOGUE)?;
     let mut results: Vec<VariantResult> = vec![];
     let mut fitted = vec![];
     let mut failure = None;
@@ -97,12 +98,11 @@ pub(super) fn of_variant<R>(
     variant: &Variant,
     division: &RowDivision,
 ) -> Result<(UnknownPoses, VariantResult, HeldErrors), Error> {
-    let (robot, file, folder) = (session.robot(), session.robot_file(), session.folder());
-    let options = session.options();
-    let found = unknown_poses::calibrate(robot, variant, file, folder, division, &options)?;
-    let rows = division.judged(folder, robot.is_redundant());
-    let calibrated = &found.calibration.file;
-    let held = unknown_poses::evaluate(robot, variant, calibrated, folder, &rows, &options)?;
+    let (setup, options) = (session.setup(variant), session.options());
+    let found = unknown_poses::calibrate(setup, division, &options)?;
+    let rows = division.judged(setup.folder, setup.robot.is_redundant());
+    let file = &found.calibration.file;
+    let held = unknown_poses::evaluate(Setup { file, ..setup }, &rows, &options)?;
     let calibration = &found.calibration;
     let nothing = Summary {
         mean: f64::NAN,

@@ -13,9 +13,6 @@ use std::collections::BTreeSet;
 use nalgebra::{DMatrix, DVector};
 use tau_kinematics::Machine;
 use tau_robot::input_error::InputError;
-use tau_robot::measurements::Folder;
-use tau_robot::robot::{Robot, Variant};
-use tau_robot::robot_file::RobotFile;
 use tau_solver::solve;
 
 use super::assembly::Chosen;
@@ -29,6 +26,7 @@ use super::{GrossRow, ROUNDS, RowDivision, SAME_NOISE, SAME_POSE};
 use crate::calibration::{self, EXACT_COST, Error, Prepared};
 use crate::numerics::order::largest_first;
 use crate::problem::POSE_UNKNOWNS;
+use crate::setup::Setup;
 use crate::trust::{Mistake, Verdict};
 use crate::uncertainty::Uncertainty;
 use crate::weighing::{Loss, Treatment};
@@ -185,18 +183,15 @@ pub struct HeldErrors {
 /// [`Error::Input`] where columns, noise or values are missing, and where the measurements leave nothing to judge the
 /// machine by; [`Error::Kinematics`] where it can't take a pose; [`Error::NotConverged`].
 pub fn evaluate(
-    robot: &Robot,
-    variant: &Variant,
-    file: &RobotFile,
-    folder: &Folder,
+    setup: Setup<'_>,
     rows: &JudgedRows,
     options: &calibration::Options,
 ) -> Result<HeldErrors, Error> {
-    let of = |is_loose| evaluated((robot, variant, file, folder), rows, options, is_loose);
+    let of = |is_loose| evaluated(setup, rows, options, is_loose);
     let (found, is_missed) = of(false)?;
     let mut found = if is_missed { of(true)?.0 } else { found };
-    if file.covariance.is_none() {
-        let fitted = super::calibrate(robot, variant, file, folder, &rows.division(), options);
+    if setup.file.covariance.is_none() {
+        let fitted = super::calibrate(setup, &rows.division(), options);
         found.within_tolerances = fitted.ok().map(|fitted| fitted.verdict());
     }
     Ok(found)
@@ -204,13 +199,14 @@ pub fn evaluate(
 
 /// The same, and true if exact closures are missed that are not taken for loose.
 fn evaluated(
-    (robot, variant, file, folder): (&Robot, &Variant, &RobotFile, &Folder),
+    setup: Setup<'_>,
     rows: &JudgedRows,
     options: &calibration::Options,
     is_loose: bool,
 ) -> Result<(HeldErrors, bool), Error> {
-    let file = &file.completed(robot);
-    let variant = &*of_true_poses(robot, variant, folder)?;
+    let Setup { robot, folder, .. } = setup;
+    let file = &setup.file.completed(robot);
+    let variant = &*of_true_poses(setup)?;
     let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
     let prepared = Prepared::from_file(robot, variant, file, Some(folder), &all)?;
     let of_parameters = Uncertainty::of_prepared(&prepared, file);
@@ -477,7 +473,6 @@ impl Fit<'_> {
         let residuals = self.residuals_after(values, &DVector::zeros(self.shared()));
         let absorbed = elimination.leverages(&found.held);
         let by_poses = elimination.leverages(&found.followed);
-        let arm_m = self.mean_length_m();
         let mut errors = vec![];
         for (block, rows) in self.blocks.iter().enumerate() {
             if !self.can_be_gross(block) && self.assembly.kinds[rows.kinds[0]].is_exact() {
@@ -502,7 +497,7 @@ impl Fit<'_> {
                     kind,
                     coordinate: (block > 0 && each > 1).then(|| COORDINATES[k % each]),
                     error,
-                    error_m: self.assembly.kinds[kind].as_length_m(error, arm_m),
+                    error_m: (self.assembly.kinds[kind].unit_m).map(|unit_m| error * unit_m),
                     redundancy: (1.0 - by_poses[block][k]).max(0.0),
                     expected: is_judged.then(|| noise * variance.sqrt()),
                     variance: noise * noise * variance,

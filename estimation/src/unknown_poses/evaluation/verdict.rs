@@ -147,7 +147,7 @@ impl HeldErrors {
             }
         }
         let farthest = self.kinds.iter().find_map(|own| {
-            let rms_m = own.kind.as_length_m(own.rms, self.length_m)?;
+            let rms_m = own.rms * own.kind.unit_m?;
             let is_far = rms_m > LARGEST_MISFIT * self.length_m && own.rms > own.expected_rms;
             is_far.then_some((own, rms_m))
         });
