@@ -269,6 +269,8 @@ fn files() {
     answers.add("misnamed file", &folder.answer(folder.read()));
     folder.remove("robot.toml");
     answers.add("missing robot file", &folder.answer(folder.read_robot()));
+    let of_folder = RobotFile::read(folder.path(), &pair());
+    answers.add("folder in place of a robot file", &folder.answer(of_folder));
     answers.file("empty file", "tcp_poses.csv", "");
     answers.file("blank file", "tcp_poses.csv", "\n  \n");
     answers.file(

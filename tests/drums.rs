@@ -267,3 +267,20 @@ fn angles_of_drums_in_degrees_are_refused() {
         }
     }
 }
+
+/// Motors that scatter by a milliradian move their lines by micrometres: what a variant misses at these is told in the lengths
+/// that they are.
+#[test]
+fn what_drums_miss_is_told_as_a_length() {
+    let folder = tempfile::tempdir().unwrap();
+    let work = folder.path();
+    let line = "tau simulate --model four_lines --measure readings --noise-drives 1e-3 --poses 60 --random --seed 3 \
+                --out DIR/measured";
+    tau_in(work, line).done();
+    let line = "tau calibrate DIR/measured --variant Radii --out DIR/calibrated --json -";
+    let found = tau_in(work, line).json();
+    // Tenths of a radian, at gears of 12.75 and drums of 75 mm, are half a millimetre of line.
+    let fit = &found["fit"];
+    assert_eq!(fit["status"], "inconsistent", "{fit}");
+    assert!(!fit.to_string().contains("another machine"), "{fit}");
+}

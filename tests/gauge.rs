@@ -128,3 +128,32 @@ fn as_many_factors_as_points_are_refused_with_the_number_that_would_do() {
     let of_which = "measure at least 38 poses like these, of which 19 calibrate";
     assert!(held_out.err.contains(of_which), "{}", held_out.err);
 }
+
+/// A height that is read again is no other residual by which the fit could be judged.
+#[test]
+fn heights_read_twice_are_as_few() {
+    let folder = tempfile::tempdir().unwrap();
+    let work = folder.path();
+    let line = "tau simulate --model linear_delta --measure heights --poses 9 --random --noise-drives 2e-6 --seed 3 \
+                --out DIR/measured";
+    tau_in(work, line).done();
+    let path = work.join("measured/heights.csv");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let rows: Vec<&str> = text.lines().skip(1).collect();
+    let again = |first: usize| {
+        let rows = rows.iter().enumerate().map(move |(index, row)| {
+            let (_, rest) = row.split_once(',').unwrap();
+            format!("{},{rest}\n", first + index)
+        });
+        rows.collect::<String>()
+    };
+    let calibrate = "tau calibrate DIR/measured --variant Full --split all --out DIR/calibrated";
+    // The same poses again, and poses of other numbers at the same commands.
+    for first in [1, 10] {
+        std::fs::write(&path, text.trim_end().to_owned() + "\n" + &again(first)).unwrap();
+        let refused = tau_in(work, calibrate);
+        assert_eq!(refused.code, 2, "{}", refused.out);
+        let message = "9 residuals of 9 poses for 9 factors";
+        assert!(refused.err.contains(message), "{}", refused.err);
+    }
+}

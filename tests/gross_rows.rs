@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use crate::support::{number, spoil, tau_in};
+use crate::support::{Random, number, spoil, tau_in};
 
 /// Lines under the title of rows that were left out, each a measurement.
 fn left_out(said: &str) -> Vec<&str> {
@@ -212,4 +212,81 @@ fn what_a_model_lacks_makes_no_row_gross() {
         assert_eq!(found["fit"]["status"], "inconsistent");
         assert_eq!(found["gross_rows"], serde_json::json!([]), "{seed}");
     }
+}
+
+/// Exact drives contradict each other where one was written down wrongly: that one is named, and the others agree again.
+#[test]
+fn a_wrong_command_of_exact_drives_is_named() {
+    for (off_m, seed) in [(5e-3, 1), (0.5, 2)] {
+        let work = tempfile::tempdir().unwrap();
+        let folder = work.path();
+        let line = format!(
+            "tau simulate --model four_belts --poses 60 --random --seed {seed} --out DIR/measured"
+        );
+        tau_in(folder, &line).done();
+        spoil(folder, "tcp_poses.csv", 6, "q4_m", off_m);
+        let line = "tau calibrate DIR/measured --model four_belts --variant Full --split all --out DIR/calibrated";
+        let said = tau_in(folder, line).done();
+        let rows = left_out(&said);
+        let place = "tcp_poses.csv line 6, pose 5, drive of bottom_right: ";
+        assert!(rows.len() == 1 && rows[0].starts_with(place), "{rows:?}");
+        let drives = said.lines().find(|line| line.trim().starts_with("drives"));
+        assert!(drives.unwrap().contains("exact"), "{said}");
+        assert!(said.contains("Verdict: consistent"), "{said}");
+    }
+}
+
+/// Rows that state their noise keep it where that of the others is estimated: 20 of 100 are a hundred times as rough.
+#[test]
+fn rows_that_state_their_noise_keep_it() {
+    let work = tempfile::tempdir().unwrap();
+    let folder = work.path();
+    let line = "tau simulate --model linear_delta --measure positions --noise-drives 2e-6 --poses 100 --random --seed 4 \
+                --out DIR/measured";
+    tau_in(folder, line).done();
+    let path = folder.join("measured/tcp_positions.csv");
+    let text = fs::read_to_string(&path).unwrap();
+    let column = text
+        .lines()
+        .next()
+        .unwrap()
+        .split(',')
+        .position(|name| name == "x_m");
+    let mut random = Random(4);
+    let rough = text.lines().enumerate().map(|(index, line)| {
+        if index == 0 {
+            return format!("{line},sigma_x_m\n");
+        }
+        if index % 5 > 0 {
+            return format!("{line},\n");
+        }
+        let off_m = 1e-3 * random.normal();
+        let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+        let cell = &mut cells[column.unwrap()];
+        *cell = (cell.parse::<f64>().unwrap() + off_m).to_string();
+        format!("{},1e-3\n", cells.join(","))
+    });
+    let rough: String = rough.collect();
+    fs::write(&path, rough).unwrap();
+    let robot = folder.join("measured/robot.toml");
+    let stated = fs::read_to_string(&robot).unwrap();
+    let estimated = format!("{stated}\n[noise.tcp_positions]\nposition_m = \"estimate\"\n");
+    fs::write(&robot, estimated).unwrap();
+    let line =
+        "tau calibrate DIR/measured --variant Full --split all --out DIR/calibrated --json -";
+    let found = tau_in(folder, line).json();
+    assert_eq!(
+        found["gross_rows"].as_array().map_or(0, Vec::len),
+        0,
+        "{}",
+        found["gross_rows"]
+    );
+    let kinds = found["kinds"].as_array().unwrap();
+    let of_file = kinds
+        .iter()
+        .filter(|kind| kind["file"] == "tcp_positions.csv");
+    let noise: Vec<f64> = of_file.map(|kind| number(&kind["noise_of_rows"])).collect();
+    // Of 280 residuals, a third of which the poses take, the noise is known to 7 %.
+    assert!((noise[0] / 1e-5 - 1.0).abs() < 0.3, "{noise:?}");
+    assert!((noise[1] / 1e-3 - 1.0).abs() < 1e-9, "{noise:?}");
 }

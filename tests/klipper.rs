@@ -212,7 +212,7 @@ impl Printer {
         for line in text.lines() {
             words.push(match line.find(" tol ") {
                 Some(at) if line.ends_with("mm;") => format!("{} tol 1 km;", &line[..at]),
-                Some(at) => format!("{} tol 1000 rad;", &line[..at]),
+                Some(at) => format!("{} tol 3 rad;", &line[..at]),
                 None => line.to_owned(),
             });
         }

@@ -155,3 +155,31 @@ fn an_effect_hides_no_smaller_one() {
         );
     }
 }
+
+/// An anchor drawn far off is named with the place that the measurements ask for.
+#[test]
+fn a_dimension_far_off_is_named() {
+    for off_m in [0.7, 2.0] {
+        let folder = tempfile::tempdir().unwrap();
+        simulate(folder.path(), "four_belts", 1, "--measure poses");
+        let path = folder.path().join("measured/robot.toml");
+        let text = std::fs::read_to_string(&path).unwrap();
+        let wrong =
+            format!("{text}\n[parameters]\nbottom_left_x = {{ value = {off_m}, tol = 0.02 }}\n");
+        std::fs::write(&path, wrong).unwrap();
+        let line = "tau check DIR/measured --model four_belts --variant Full --json -";
+        let ran = tau_in(folder.path(), line);
+        assert_eq!(ran.code, 1, "{}", ran.err);
+        let found: Value = serde_json::from_str(&ran.out).unwrap();
+        let mistakes = found["mistakes"].as_array().unwrap();
+        assert_eq!(mistakes.len(), 1, "{mistakes:?}");
+        assert_eq!(mistakes[0]["kind"], "dimension");
+        assert!(
+            mistakes[0]["what"]
+                .as_str()
+                .unwrap()
+                .contains("`bottom_left_x`"),
+            "{mistakes:?}"
+        );
+    }
+}

@@ -195,3 +195,39 @@ fn poses_of_weak_cables_stand_at_the_right_one_of_two_minima() {
         assert_eq!(found["fit"]["mistakes"], Value::Array(vec![]), "{seed}");
     }
 }
+
+/// Anchors drawn far off need no redundant drives: where positions tell of the machine, its reference is where it is looked
+/// for, and no pose that the drawing must have.
+#[test]
+fn a_sketch_starts_where_the_machine_may_stand() {
+    let folder = tempfile::tempdir().unwrap();
+    let work = folder.path();
+    let line = "tau simulate --model linear_delta --measure positions --poses 80 --random --noise-position 1e-4 \
+                --noise-drives 1e-5 --seed 2 --out DIR/measured";
+    tau_in(work, line).done();
+    let path = work.join("measured/robot.toml");
+    let drawn = fs::read_to_string(&path).unwrap();
+    let mut found = vec![];
+    for sketch in [
+        "radius = { value = 0.088, tol = 0.07 }\nendstop_a = { value = 0.369, tol = 0.1 }\n\
+         endstop_b = { value = 0.353, tol = 0.1 }\nendstop_c = { value = 0.251, tol = 0.1 }\n",
+        "radius = { value = 0.190, tol = 0.07 }\nendstop_a = { value = 0.245, tol = 0.1 }\n\
+         endstop_b = { value = 0.371, tol = 0.1 }\nendstop_c = { value = 0.348, tol = 0.1 }\n",
+    ] {
+        fs::write(&path, format!("{drawn}\n[parameters]\n{sketch}")).unwrap();
+        let line =
+            "tau calibrate DIR/measured --variant Full --split all --out DIR/calibrated --json -";
+        let json = tau_in(work, line).json();
+        assert_eq!(json["fit"]["status"], "consistent", "{}", json["fit"]);
+        let parameters = json["parameters"].as_array().unwrap();
+        let radius = parameters
+            .iter()
+            .find(|own| own["name"] == "radius")
+            .unwrap();
+        found.push((number(&radius["value"]), number(&radius["sigma"])));
+    }
+    let [(one, sigma), (other, _)] = found[..] else {
+        unreachable!("two sketches");
+    };
+    assert!((one - other).abs() < 0.1 * sigma, "{found:?}");
+}

@@ -23,6 +23,8 @@ pub struct Surroundings {
     pub unknown_pull: Option<UnknownPull>,
     /// Pose of the machine at some commands, where the file or the description states one.
     pub reference: Option<Reference>,
+    /// True where places are hardly known: the reference is then where the machine is looked for, and may be any way off.
+    pub is_sketch: bool,
     /// Nominal value of each of the variant's parameters; those that it holds are taken from here.
     pub held: Vec<f64>,
     /// Noise of the links' lengths.

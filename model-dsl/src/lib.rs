@@ -27,6 +27,7 @@ mod diagnostics;
 pub mod model;
 mod names;
 mod parse;
+pub mod plausible;
 mod syntax;
 pub mod units;
 

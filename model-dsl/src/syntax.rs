@@ -96,6 +96,14 @@ pub(crate) struct Quantity {
     pub(crate) location: Location,
 }
 
+impl Quantity {
+    /// True if its unit is this one.
+    pub(crate) fn is_in(&self, unit: &str) -> bool {
+        let factors = self.unit.as_ref().map(|own| &own.factors[..]);
+        matches!(factors, Some([one]) if one.name == unit && one.exponent == 1)
+    }
+}
+
 /// A product of powers of units, or of dimensions where one is wanted.
 #[derive(Debug)]
 pub(crate) struct UnitExpression {

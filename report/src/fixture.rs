@@ -170,6 +170,12 @@ fn variant(numbers: &mut Numbers, name: &str, size: f64, full: bool) -> VariantR
                 track_offset_m: [2.2e-4, 2.3e-4, 2.4e-4],
                 track: [3.1e-5, 3.2e-5, 3.3e-5],
             },
+            tolerance: LinkSigma {
+                length_m: 1e-3,
+                plate_joint_m: [1e-3; 3],
+                track_offset_m: [1e-2; 3],
+                track: [5e-3; 3],
+            },
         })
         .collect();
     let suffixes: &[&str] = if full {

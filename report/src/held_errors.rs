@@ -26,23 +26,7 @@ pub fn terminal(found: &HeldErrors, basis: Basis, width: usize) -> String {
         "{rows} residuals of {poses} poses, {spent} of them for the poses{placed}; the parameters are those of the robot file"
     ));
     screen.gap();
-    screen.line(&format!(
-        "  {:<20}{:>10}{:>8} {:>11} {:>11} {:>11} {:>11}",
-        "measurements", "kind", "rows", "noise", "rms", "expected", "largest"
-    ));
-    for own in &found.kinds {
-        let unit = own.kind.unit;
-        let noise = length(own.noise, unit);
-        let [rms, expected, max] = if own.is_judged() {
-            [own.rms, own.expected_rms, own.max].map(|value| length(value, unit))
-        } else {
-            ["-"; 3].map(str::to_owned)
-        };
-        let (file, quantity, rows) = (own.kind.file, own.kind.quantity, own.rows);
-        screen.line(&format!(
-            "  {file:<20}{quantity:>10}{rows:>8} {noise:>11} {rms:>11} {expected:>11} {max:>11}"
-        ));
-    }
+    screen.table(&by_kind(&found.kinds));
     for own in &found.predicted {
         screen.say_within(
             "  ",
@@ -105,6 +89,39 @@ pub fn terminal(found: &HeldErrors, basis: Basis, width: usize) -> String {
     });
     trust::line(&mut screen, &found.verdict());
     screen.into_text()
+}
+
+/// Errors by kind of measurement, those that can be judged beside what was to be expected.
+fn by_kind(kinds: &[KindErrors]) -> Table {
+    let rows = kinds.iter().map(|own| {
+        let size = |value: f64| Cell::Number(length(value, own.kind.unit));
+        let mut row = vec![
+            text(own.kind.file),
+            text(own.kind.quantity),
+            Cell::Number(own.rows.to_string()),
+            size(own.noise),
+        ];
+        row.extend(if own.is_judged() {
+            [own.rms, own.expected_rms, own.max].map(size)
+        } else {
+            [Cell::Empty, Cell::Empty, Cell::Empty]
+        });
+        row
+    });
+    let names = [
+        "measurements",
+        "kind",
+        "rows",
+        "noise",
+        "rms",
+        "expected",
+        "largest",
+    ];
+    Table {
+        title: "Errors of the measurements".to_owned(),
+        columns: columns(&[("", &names)]),
+        rows: rows.collect(),
+    }
 }
 
 /// Residuals that can be judged, farthest off first.
@@ -259,4 +276,44 @@ pub fn json(found: &HeldErrors) -> Value {
         })).collect::<Vec<_>>(),
         "fit": trust::json::verdict(&found.verdict()),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use tau::unknown_poses::Kind;
+
+    use super::*;
+
+    #[test]
+    fn errors_by_kind_are_no_wider_than_the_terminal() {
+        let kind = |file, quantity, unit| KindErrors {
+            index: 0,
+            kind: Kind {
+                file,
+                quantity,
+                unit,
+                unit_m: None,
+                stated: None,
+                sigma: 1.234e-5,
+            },
+            rows: 12_000,
+            noise: 1.234e-5,
+            redundancy: 12e3,
+            rms: 1.234e-5,
+            expected_rms: 1.234e-5,
+            max: 1.234e-5,
+        };
+        let lengths = kind("cart_positions.csv", "position", "m");
+        let angles = kind("tcp_poses.csv", "rotation", "rad");
+        for width in [60, 80, 100] {
+            for kinds in [&[lengths][..], &[lengths, angles]] {
+                let mut screen = Screen::new(width);
+                screen.table(&by_kind(kinds));
+                let text = screen.into_text();
+                let fits = text.lines().all(|line| line.chars().count() <= width);
+                assert!(fits, "{width}: {text}");
+                assert_eq!(text.matches("12.3 µm").count(), 4, "{text}");
+            }
+        }
+    }
 }

@@ -1,7 +1,7 @@
 //! The tables of the report, as text cells: terminal and HTML print the same digits from here.
 
 use tau::assumptions::{OrientationPoint, PathDeviation};
-use tau::calibration::{Combination, LinkResult, ParameterEstimate};
+use tau::calibration::{Combination, LinkResult, LinkSigma, ParameterEstimate};
 use tau::evaluation::VariantResult;
 use tau::robot::{Architecture, Arm, Owner};
 use tau::sensitivity::{ParameterSensitivity, Sensitivity, Turn};
@@ -68,30 +68,23 @@ pub(super) fn errors(study: &Study) -> Table {
 }
 
 /// Digits of a quantity with standard deviations, in all its rows.
-struct Digits {
-    decimals: usize,
-    /// Factor on the standard deviations.
-    widening: f64,
-}
+struct Digits(usize);
 
 impl Digits {
     /// Those that leave two of the smallest standard deviation, from the hundredth of a millimetre to the tenth of a
     /// micrometre.
-    fn of(sigmas: impl Iterator<Item = f64>, widening: f64) -> Self {
+    fn of(sigmas: impl Iterator<Item = f64>) -> Self {
         let smallest = sigmas
             .filter(|&sigma| sigma > 0.0)
             .fold(f64::INFINITY, f64::min);
-        Self {
-            decimals: decimals(widening * smallest, 2).clamp(5, 7),
-            widening,
-        }
+        Self(decimals(smallest, 2).clamp(5, 7))
     }
 
     fn cell(&self, value: f64, sigma: f64) -> Cell {
         if value.is_nan() {
             return Cell::Empty;
         }
-        Cell::Number(concise(value, self.widening * sigma, self.decimals))
+        Cell::Number(concise(value, sigma, self.0))
     }
 
     fn three(&self, values: Option<[f64; 3]>, sigmas: [f64; 3]) -> [Cell; 3] {
@@ -144,20 +137,17 @@ pub(super) fn geometry(variant: &VariantResult, of: Architecture) -> Table {
         groups.push(("Cost (m⁴)", &["Σ r²"]));
     }
     let widening = findings::widening(variant);
-    let lengths = Digits::of(links.iter().map(|link| link.sigma.length_m), widening);
-    let joints = Digits::of(
-        links.iter().flat_map(|link| link.sigma.plate_joint_m),
-        widening,
-    );
-    let offsets = Digits::of(
-        links.iter().flat_map(|link| link.sigma.track_offset_m),
-        widening,
-    );
-    let tracks = Digits::of(links.iter().flat_map(|link| link.sigma.track), widening);
+    let sigmas: Vec<LinkSigma> = (links.iter())
+        .map(|link| link.sigma_widened(widening))
+        .collect();
+    let lengths = Digits::of(sigmas.iter().map(|sigma| sigma.length_m));
+    let joints = Digits::of(sigmas.iter().flat_map(|sigma| sigma.plate_joint_m));
+    let offsets = Digits::of(sigmas.iter().flat_map(|sigma| sigma.track_offset_m));
+    let tracks = Digits::of(sigmas.iter().flat_map(|sigma| sigma.track));
     let rows = links
         .iter()
-        .map(|link| {
-            let sigma = &link.sigma;
+        .zip(&sigmas)
+        .map(|(link, sigma)| {
             let mut row = vec![
                 text(&link.name),
                 lengths.cell(link.length_m, sigma.length_m),

@@ -128,13 +128,14 @@ fn times_noise(fit: &HeldOutFit) -> String {
 
 fn list_predicted(screen: &mut Screen, fit: &HeldOutFit) {
     for kind in &fit.predicted {
-        screen.line(&format!(
-            "  {:<20} predicted from the drives to {} rms, {} at most ({} rows)",
+        let sentence = format!(
+            "{}: predicted from the drives to {} rms, {} at most ({} rows)",
             kind.file,
             length(kind.rms, "m"),
             length(kind.max, "m"),
             kind.rows
-        ));
+        );
+        screen.say_within("  ", &sentence);
     }
 }
 
@@ -258,4 +259,36 @@ pub fn json(found: &UnknownPoses) -> Value {
         "iterations": found.calibration.iterations,
         "fit": trust::json::verdict(&found.verdict()),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use tau::unknown_poses::HeldOutKind;
+
+    use super::*;
+
+    #[test]
+    fn predictions_are_no_wider_than_the_terminal() {
+        let fit = HeldOutFit {
+            residual_over_noise: Some(1.0),
+            predicted: vec![HeldOutKind {
+                file: "tcp_positions.csv",
+                rows: 12_000,
+                rms: 8.34e-5,
+                max: 2.09e-4,
+            }],
+        };
+        for width in [60, 80, 100] {
+            let mut screen = Screen::new(width);
+            list_predicted(&mut screen, &fit);
+            let text = screen.into_text();
+            let fits = text.lines().all(|line| line.chars().count() <= width);
+            assert!(fits, "{width}: {text}");
+            let words: Vec<&str> = text.split_whitespace().collect();
+            assert_eq!(
+                words.join(" "),
+                "tcp_positions.csv: predicted from the drives to 83.4 µm rms, 209 µm at most (12000 rows)"
+            );
+        }
+    }
 }

@@ -375,7 +375,7 @@ impl<'a> Mistakes<'a> {
 /// The text of a file, which must be there and UTF-8; `expected` says what it should hold.
 ///
 /// # Errors
-/// The file is missing, can't be read, or is not UTF-8.
+/// The file is missing, is a folder, can't be read, or is not UTF-8.
 pub fn read(path: &Path, expected: &str) -> Result<String, InputError> {
     let name = path.display().to_string();
     let bytes = fs::read(path).map_err(|error| match error.kind() {
@@ -383,6 +383,9 @@ pub fn read(path: &Path, expected: &str) -> Result<String, InputError> {
             &name,
             format!("the file does not exist, expected {expected}"),
         ),
+        _ if path.is_dir() => {
+            InputError::whole(&name, format!("this is a folder, expected {expected}"))
+        }
         _ => InputError::whole(&name, format!("cannot read the file: {error}")),
     })?;
     utf8(&name, bytes)

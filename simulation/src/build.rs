@@ -41,7 +41,7 @@ impl Default for Build {
 const CART_TURN: f64 = 1e-4;
 
 /// A machine drawn from the tolerances.
-pub(super) fn drawn(drawing: &Drawing<'_>, (links, tracks): (f64, f64), seed: u64) -> Machine {
+pub(super) fn drawn(drawing: &Drawing<'_>, links: f64, tracks: f64, seed: u64) -> Machine {
     let (nominal, tolerances) = (&drawing.nominal, &drawing.tolerances);
     let mut machine = nominal.clone();
     let mut random = Random::new(seed, "machine");

@@ -9,7 +9,7 @@ use tau_codegen::language::model::{
 use tau_robot::input_error::{Errors, InputError, quoted};
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::keys::{crank_key, quantity_of};
-use tau_robot::robot_file::{LinkValues, Reference, RobotFile, Value};
+use tau_robot::robot_file::{LinkValues, Origin, Reference, RobotFile, Value};
 
 use super::machine::Machine;
 use super::parts::{Crank, Rod};
@@ -199,6 +199,37 @@ fn ways(robot: &Robot, machine: &Machine, commands: &[f64]) -> Vec<f64> {
         if largest > 0.0 { largest } else { 1.0 }
     };
     (0..machine.commands).map(way).collect()
+}
+
+/// Refuses a machine of which a formula has no value, such as the root of a number below zero.
+///
+/// # Errors
+/// A dimension of a link or a crank that is not a finite number.
+pub(super) fn refuse_not_finite(
+    machine: &Machine,
+    robot: &Robot,
+    source: &Origin,
+) -> Result<(), InputError> {
+    let is_finite = |vector: &Vector3<f64>| vector.iter().all(|own| own.is_finite());
+    let of_rod = |rod: &Rod| {
+        let vectors = [
+            ("plate_joint", rod.plate_joint_m),
+            ("track_offset", rod.track_offset_m),
+            ("track_direction", rod.track_direction),
+        ];
+        let mut vectors = vectors.iter();
+        let vector = vectors.find(|(_, vector)| !is_finite(vector));
+        let name = vector.map(|(name, _)| *name);
+        name.or((!rod.length_m.is_finite()).then_some("length"))
+    };
+    let mut rods = machine.rods.iter().zip(&robot.links);
+    let Some((link, value)) = rods.find_map(|(rod, link)| Some((link, of_rod(rod)?))) else {
+        return Ok(());
+    };
+    let message = format!("`{value}` of link `{}` is not a finite number", link.name);
+    let help = "compare its formula with the values of the parameters in it, and their tolerances: the root of a negative \
+         number or a division by zero has no value";
+    Err(InputError::whole(source, message).help(help))
 }
 
 /// A component of a parameter of the whole machine.

@@ -9,7 +9,7 @@ use tau_robot::robot_file::RobotFile;
 
 use super::build::{self, Build};
 use super::commanded::Commanded;
-use super::drawing::Drawing;
+use super::drawing::{self, Drawing};
 use super::effect::{self, Effect};
 use super::folder::{SimulatedFolder, Truth};
 use super::forces;
@@ -64,6 +64,7 @@ impl<'a> Session<'a> {
             return Err(InputError::whole(&file.source, message).help(file.reference_advice(robot)));
         };
         let mut drawing = Drawing::new(robot, file, &reference)?;
+        drawing::refuse_not_finite(&drawing.nominal, robot, &file.source)?;
         let Some(home) = Commanded::reference(&drawing.nominal, &reference) else {
             if let Some(free) = Commanded::free_at(&drawing.nominal, &reference) {
                 let message = format!(
@@ -90,8 +91,9 @@ impl<'a> Session<'a> {
         }
         let mut machine = match simulation.build {
             Build::Exact => drawing.nominal.clone(),
-            Build::Drawn { links, tracks } => build::drawn(&drawing, (links, tracks), *seed),
+            Build::Drawn { links, tracks } => build::drawn(&drawing, links, tracks, *seed),
         };
+        drawing::refuse_not_finite(&machine, robot, &file.source)?;
         let nominal = drawing.nominal;
         machine.effects.clone_from(&simulation.effects);
         if let Some(variant) = variant {

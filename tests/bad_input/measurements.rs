@@ -1,6 +1,9 @@
 //! Files that tell less than the plate's pose.
 
-use super::{Answers, OnDisk, replaced};
+use std::fs;
+
+use super::{Answers, OnDisk, ROBOT, replaced};
+use crate::support::tau_in;
 
 const HEIGHTS: &str = "\
 pose,q1_m,q2_m,height_m
@@ -159,6 +162,14 @@ fn other_measurements() {
     }
     folder.write("hights.csv", HEIGHTS);
     answers.add("nothing of the plate", &folder.answer(folder.read()));
+    folder.remove("hights.csv").write("probe.csv", HEIGHTS);
+    answers.add("heights of another name", &folder.answer(folder.read()));
+    // Their columns tell what they are, whatever names are nearer.
+    folder
+        .remove("probe.csv")
+        .write("probes.csv", POSITIONS)
+        .write("lengths.csv", DISTANCES);
+    answers.add("positions of another name", &folder.answer(folder.read()));
     insta::assert_snapshot!(answers.0);
 }
 
@@ -199,4 +210,36 @@ fn noise_and_places() {
         "[balls.first]\nposition_m = { value = [100, 200, 300], tol = 0.01 }",
     );
     insta::assert_snapshot!(answers.0);
+}
+
+/// A name that is misspelt would silently be that of a place which nobody knows.
+#[test]
+fn places_that_no_row_names_are_remarked() {
+    let folder = valid();
+    let read = folder.read().unwrap();
+    let place = "position_m = { value = [0.1, 0.2, 0.3], tol = 0.01 }\n";
+    let places =
+        format!("[targets.left]\n{place}[targets.rigth]\n{place}[balls.\"1 b\"]\n{place}[range]");
+    folder.write("robot.toml", replaced(ROBOT, "[range]", &places));
+    let remark = folder.read_robot().unwrap().unused_places(&read);
+    assert_eq!(
+        remark.as_deref(),
+        Some(
+            "robot.toml has `[targets.rigth]`, `[balls.\"1 b\"]`, which no row of the folder names in a column \
+             `target`, `surface` or `ball`"
+        )
+    );
+    folder.write("robot.toml", ROBOT);
+    let remark = folder.read_robot().unwrap().unused_places(&read);
+    assert_eq!(remark, None);
+
+    let folder = tempfile::tempdir().unwrap();
+    let line = "tau simulate --model linear_delta --measure heights --noise-position 1e-5 --poses 30 --out DIR/m";
+    tau_in(folder.path(), line).done();
+    let path = folder.path().join("m/robot.toml");
+    let text = fs::read_to_string(&path).unwrap();
+    fs::write(&path, format!("{text}\n[balls.first]\n{place}")).unwrap();
+    let ran = tau_in(folder.path(), "tau check DIR/m");
+    let expected = "note: robot.toml has `[balls.first]`, which no row of the folder names";
+    assert!(ran.err.contains(expected), "{}", ran.err);
 }

@@ -15,7 +15,7 @@ fn components(count: usize) -> impl Strategy<Value = Vec<f64>> {
 }
 
 fn value(count: usize) -> impl Strategy<Value = Option<Value>> {
-    let positive = 1e-12..1e9_f64;
+    let positive = 1e-12..1e4_f64;
     let sigma = prop::option::of(prop::collection::vec(positive.clone(), count));
     prop::option::of(
         (components(count), positive, sigma).prop_map(|(value, tol, sigma)| Value {

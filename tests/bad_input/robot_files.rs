@@ -75,6 +75,16 @@ fn values() {
         "2.04, tol = 3.0e-4",
         "2.04, tol = 1e-300",
     );
+    answers.robot(
+        "tolerance of a thousand kilometres",
+        "2.04, tol = 3.0e-4",
+        "2.04, tol = 1e6",
+    );
+    answers.robot(
+        "number to base 16",
+        "2.04, tol = 3.0e-4",
+        "2.04, tol = 0x10",
+    );
     for (case, gravity) in [
         ("gravity upwards", "9.81"),
         ("gravity in other units", "-981.0"),

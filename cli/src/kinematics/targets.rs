@@ -319,7 +319,8 @@ pub(super) fn of_file(
         plausible::angles(&table, angles, &mut mistakes);
     }
     if let Some(numbers) = &numbers {
-        plausible::distinct_keys(&table, [numbers], &mut mistakes, |[pose]| {
+        let help = plausible::OWN_NUMBERS;
+        plausible::distinct_keys(&table, [numbers], &mut mistakes, help, |[pose]| {
             format!("pose {pose}")
         });
     }

@@ -403,12 +403,20 @@ pub(crate) fn finish(
     );
     let name = |place: usize| estimates[place].name.clone();
     let mut sigmas = vec![0.0; machine.values.len()];
+    let mut priors = vec![f64::INFINITY; machine.values.len()];
     for (&index, estimate) in fitted.used.iter().zip(&estimates) {
         sigmas[index] = estimate.sigma;
+        priors[index] = estimate.tolerance.unwrap_or(f64::INFINITY);
     }
     let shown: Vec<tau_kinematics::Sample<'_>> = poses.iter().map(|&pose| pose.into()).collect();
     Ok(Calibration {
-        links: output::links(&machine, sigmas, prepared.registration.as_ref(), poses)?,
+        links: output::links(
+            &machine,
+            sigmas,
+            priors,
+            prepared.registration.as_ref(),
+            poses,
+        )?,
         file: RobotFile {
             reference: reference(&machine, &shown).or_else(|| file.reference.clone()),
             paths: if prepared.measured_paths.is_empty() {

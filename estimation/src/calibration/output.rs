@@ -28,11 +28,34 @@ pub struct LinkResult {
     pub track_rotation_rad: Option<[f64; 3]>,
     /// Sum over calibration poses of the squared closure residual (m⁴).
     pub cost_m4: f64,
-    /// Standard deviations.
+    /// Standard deviations from the stated noise.
     pub sigma: LinkSigma,
+    /// Those of the priors; infinite where there is none.
+    pub tolerance: LinkSigma,
 }
 
-/// Standard deviations of a row of Table II from the stated noise; zero for what is not calibrated.
+impl LinkResult {
+    /// Standard deviations at noise so many times the stated one, as [`ParameterEstimate::sigma_widened`].
+    pub fn sigma_widened(&self, widening: f64) -> LinkSigma {
+        let (sigma, prior) = (&self.sigma, &self.tolerance);
+        let three = |sigma: [f64; 3], prior: [f64; 3]| {
+            std::array::from_fn(|k| widened(sigma[k], widening, prior[k]))
+        };
+        LinkSigma {
+            length_m: widened(sigma.length_m, widening, prior.length_m),
+            plate_joint_m: three(sigma.plate_joint_m, prior.plate_joint_m),
+            track_offset_m: three(sigma.track_offset_m, prior.track_offset_m),
+            track: three(sigma.track, prior.track),
+        }
+    }
+}
+
+/// A standard deviation at noise so many times the stated one: no more than its prior's, which noise does not widen.
+fn widened(sigma: f64, widening: f64, prior: f64) -> f64 {
+    (widening * sigma).min(prior.max(sigma))
+}
+
+/// Standard deviations of a row of Table II; zero for what is not calibrated.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct LinkSigma {
     /// Of the length (m).
@@ -43,6 +66,20 @@ pub struct LinkSigma {
     pub track_offset_m: [f64; 3],
     /// Of the track's direction, or of its rotation (rad).
     pub track: [f64; 3],
+}
+
+impl LinkSigma {
+    /// Of a closure, where the values of a machine are standard deviations.
+    fn of(deviations: &Machine, closure: &Instance) -> Self {
+        let three = |quantity: &str| vector_of(deviations, closure, quantity);
+        let track = three("track_direction").or_else(|| three("track_rotation"));
+        Self {
+            length_m: component_of(deviations, closure, "length", None).unwrap_or(0.0),
+            plate_joint_m: three("plate_joint").unwrap_or_default(),
+            track_offset_m: three("track_offset").unwrap_or_default(),
+            track: track.unwrap_or_default(),
+        }
+    }
 }
 
 /// A calibrated parameter.
@@ -67,8 +104,11 @@ pub struct ParameterEstimate {
 impl ParameterEstimate {
     /// Its standard deviation at noise so many times the stated one: no more than its prior's, which noise does not widen.
     pub fn sigma_widened(&self, widening: f64) -> f64 {
-        let prior = self.tolerance.unwrap_or(f64::INFINITY);
-        (widening * self.sigma).min(prior.max(self.sigma))
+        widened(
+            self.sigma,
+            widening,
+            self.tolerance.unwrap_or(f64::INFINITY),
+        )
     }
 }
 
@@ -136,14 +176,15 @@ fn rounded(value: f64) -> f64 {
     text.parse().unwrap_or(value)
 }
 
-/// One row of Table II per closure; `sigmas` are the standard deviations of all parameters.
+/// One row of Table II per closure; `sigmas` and `priors` are the standard deviations of all parameters and of their priors.
 pub(super) fn links(
     machine: &Machine,
     sigmas: Vec<f64>,
+    priors: Vec<f64>,
     registration: Option<&Registration>,
     poses: &[&TcpPose],
 ) -> Result<Vec<LinkResult>, Error> {
-    let deviations = machine.with_values(sigmas);
+    let deviations = [sigmas, priors].map(|values| machine.with_values(values));
     machine
         .variant
         .instances_of(ResidualKind::Closure)
@@ -152,8 +193,8 @@ pub(super) fn links(
             let value = |value: Geometry| {
                 vector(value.name()).or_else(|| machine.described(closure, value))
             };
-            let sigma = |quantity: &str| vector_of(&deviations, closure, quantity);
-            let track = sigma("track_direction").or_else(|| sigma("track_rotation"));
+            let [sigma, tolerance] =
+                (deviations.each_ref()).map(|deviations| LinkSigma::of(deviations, closure));
             Ok(LinkResult {
                 name: machine.closure_name(closure).to_owned(),
                 length_m: machine.length_m(closure, &[]),
@@ -163,12 +204,8 @@ pub(super) fn links(
                 track_rotation_rad: vector("track_rotation")
                     .map(|angles| absolute_angles(angles, registration)),
                 cost_m4: closure_cost(machine, closure, poses)?,
-                sigma: LinkSigma {
-                    length_m: scalar_of(&deviations, closure, "length"),
-                    plate_joint_m: sigma("plate_joint").unwrap_or_default(),
-                    track_offset_m: sigma("track_offset").unwrap_or_default(),
-                    track: track.unwrap_or_default(),
-                },
+                sigma,
+                tolerance,
             })
         })
         .collect()
@@ -289,10 +326,6 @@ fn absolute_angles(angles: [f64; 3], registration: Option<&Registration>) -> [f6
         Some(registration) => xyz_angles(&(xyz(angles) * registration.rotation)),
         None => angles,
     }
-}
-
-fn scalar_of(machine: &Machine, closure: &Instance, quantity: &str) -> f64 {
-    component_of(machine, closure, quantity, None).unwrap_or(0.0)
 }
 
 fn vector_of(machine: &Machine, closure: &Instance, quantity: &str) -> Option<[f64; 3]> {

@@ -114,6 +114,7 @@ impl Prepared {
             statics: Statics::new(robot, file),
             unknown_pull: UnknownPull::of(robot),
             reference: file.reference.clone(),
+            is_sketch: false,
             held: nominal.iter().map(|nominal| nominal.value).collect(),
             length_noise: length_noise(robot, file),
         };

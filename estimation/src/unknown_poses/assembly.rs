@@ -280,6 +280,11 @@ impl<'a> Assembly<'a> {
     }
 
     /// Mean length of the links at the first reading (m), 0 where there is none.
+    /// True if a pose takes part.
+    pub(super) fn has_pose(&self, number: u32) -> bool {
+        self.index.contains_key(&number)
+    }
+
     /// Of each pose the first one at the same commands.
     pub(super) fn places(&self) -> Vec<usize> {
         let mut first = BTreeMap::new();
@@ -338,7 +343,13 @@ impl<'a> Assembly<'a> {
                 None => from_reference(),
             };
             let failed = |error| pose.failed(machine.explained(error, &view));
-            pose.base = reached.map_err(failed)?.pose;
+            let stated = machine.surroundings.reference.as_ref().map(Pose::from);
+            let near = before.as_ref().map(|(_, near)| *near).or(stated);
+            pose.base = match (reached, near) {
+                // A machine as a sketch has it may not reach what the true one does: the fit finds both.
+                (Err(_), Some(near)) if machine.surroundings.is_sketch => near,
+                (reached, _) => reached.map_err(failed)?.pose,
+            };
             before = Some((sample.commands_m.clone(), pose.base));
         }
         Ok(())

@@ -13,8 +13,9 @@ use super::assembly::{Assembly, Chosen};
 use super::dense::stacked;
 use super::elimination::{Elimination, Reduced};
 use super::gauge::{Shared, scaled};
-use super::kinds::{NoiseGroup, kinds_of_carts, tells_drives};
+use super::kinds::{NoiseGroup, kinds_of_carts, moves_links_apart};
 use super::rows::{ABSORBED, RowPlace, Rows, noise_of_rows};
+use super::starts;
 use super::{GrossRow, KindFit, Rank, RowDivision};
 use crate::calibration::{Error, Nominal, Prepared};
 use crate::numerics::singular;
@@ -87,19 +88,30 @@ impl<'a> Fit<'a> {
     pub(super) fn beside_carts(
         carts: Vec<Part>,
         prepared: &Prepared,
-        machine: Machine,
+        mut machine: Machine,
         file: &'a RobotFile,
         folder: &'a Folder,
         division: &'a RowDivision,
         is_sketch: bool,
     ) -> Result<Self, Error> {
+        machine.surroundings.is_sketch = starts::sketched(prepared).is_some();
         let left_out = BTreeSet::new();
         let chosen = Chosen {
             poses: &division.calibration,
             distances: &division.distances,
             left_out: &left_out,
         };
-        let mut assembly = Assembly::new(&machine, file, folder, &chosen)?;
+        let assembly = Assembly::new(&machine, file, folder, &chosen);
+        let mut assembly = assembly.map_err(|error| match error {
+            // No row is to blame.
+            Error::Kinematics {
+                error: error @ tau_kinematics::Error::NoReference,
+                ..
+            } => InputError::whole(&file.source, error.to_string())
+                .help(file.reference_advice(&machine.robot))
+                .into(),
+            error => error,
+        })?;
         if assembly.poses.is_empty() {
             let message = "no pose of the plate is left to calibrate";
             return Err(InputError::whole(&folder.name, message).into());
@@ -171,9 +183,12 @@ impl<'a> Fit<'a> {
         parameters
     }
 
-    /// True if a residual of a block may be a gross one: exact closures are no measurements.
+    /// True if a residual of a block may be a gross one. Exact closures are no measurements; others tell of a drive where
+    /// links have noise, or each drive moves one of them alone.
     pub(super) fn can_be_gross(&self, block: usize) -> bool {
-        block > 0 || tells_drives(self.file, &self.machine)
+        let are_exact = || self.assembly.kinds[self.blocks[0].kinds[0]].is_exact();
+        let tells_drives = || !are_exact() && moves_links_apart(&self.machine.robot);
+        block > 0 || self.file.noise_of_links().is_some() || tells_drives()
     }
 
     /// Residuals of blocks that may hold gross ones: block, index, residual over its noise, share that the fit leaves.

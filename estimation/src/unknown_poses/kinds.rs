@@ -5,6 +5,7 @@ use tau_robot::input_error::InputError;
 use tau_robot::measurements::{
     CART_POSES, CART_POSITIONS, DISTANCES, Folder, PlateKind, TCP_POSES,
 };
+use tau_robot::robot::Robot;
 use tau_robot::robot_file::{Noise, RobotFile, StatedNoise};
 
 use super::rows::{AXES, DRIVES, Kind, LINKS};
@@ -74,12 +75,11 @@ pub(super) fn kinds_of_noise(
     if !folder.distances.is_empty() {
         kinds.push(noise.of_lengths(DISTANCES, "distance", "distance_m")?);
     }
-    kinds.push(noise.of_drives(machine, &kinds)?);
-    let stated: Vec<Kind> = kinds
+    let stated = kinds
         .iter()
-        .filter_map(|kind| of_rows_that_state(kind, folder))
-        .collect();
-    kinds.extend(stated);
+        .filter_map(|kind| of_rows_that_state(kind, folder));
+    kinds.extend(stated.collect::<Vec<_>>());
+    kinds.push(noise.of_drives(machine, &kinds)?);
     Ok(kinds)
 }
 
@@ -288,12 +288,8 @@ fn usual_drive(file: &RobotFile, commands: usize) -> f64 {
     (squares / commands as f64).sqrt()
 }
 
-/// True if a link that is off tells of a gross reading: links have noise, or each drive has and moves one link alone.
-pub(super) fn tells_drives(file: &RobotFile, machine: &Machine) -> bool {
-    if file.noise_of_links().is_some() {
-        return true;
-    }
-    let robot = &machine.robot;
+/// True if each drive moves one link alone.
+pub(super) fn moves_links_apart(robot: &Robot) -> bool {
     let by_length = robot.links.iter().filter_map(|link| link.actuated_by);
     let by_track = robot
         .links
@@ -303,7 +299,7 @@ pub(super) fn tells_drives(file: &RobotFile, machine: &Machine) -> bool {
     by_length
         .chain(by_track)
         .for_each(|command| moved[command] += 1);
-    drive_sigmas(file, robot.commands).is_some() && moved.iter().all(|count| *count <= 1)
+    moved.iter().all(|count| *count <= 1)
 }
 
 /// Noise of each command for the weights of closures, in units of that of their kind; `None` where drives are exact.

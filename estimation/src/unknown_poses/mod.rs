@@ -223,7 +223,7 @@ fn recognising<'a>(
             ..options.clone()
         };
         let is_sketch = sketch_m.is_some();
-        let tried = |is_loose: bool| {
+        let tried = |is_loose: bool, gross: &[GrossRow]| {
             let machine = machine.clone();
             let mut fit = Fit::from(&prepared, machine, file, folder, division, is_sketch)?;
             if is_loose {
@@ -236,8 +236,17 @@ fn recognising<'a>(
             let found = fitted(fit, &options)?;
             Ok(found.beside_gross(gross))
         };
-        match tried(false) {
-            Ok(found) if found.kinds.iter().any(KindFit::is_missed) => tried(true),
+        let is_missed = |found: &UnknownPoses| found.kinds.iter().any(KindFit::is_missed);
+        match tried(false, gross) {
+            Ok(found) if is_missed(&found) => {
+                let loose = tried(true, gross)?;
+                if loose.gross.iter().all(|row| row.place.drive.is_none()) {
+                    return Ok(loose);
+                }
+                // Without readings that are off, exact drives may agree.
+                let exact = tried(false, &loose.gross).ok();
+                Ok(exact.filter(|found| !is_missed(found)).unwrap_or(loose))
+            }
             found => found,
         }
     };
@@ -295,6 +304,7 @@ fn fitted(mut fit: Fit<'_>, options: &calibration::Options) -> Result<UnknownPos
         let mut seen = BTreeSet::new();
         fit.gross.retain(|row| seen.insert(row.place.pose));
     }
+    fit.restate_gross(&settled.solution.parameters)?;
     let machine = fit.machine_at(&settled.solution.parameters);
     let rank = fit.rank(&settled.reduced, &machine);
     let found = fit.finish(

@@ -2,12 +2,16 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::elimination::Reduced;
+use tau_robot::measurements::DISTANCES;
+
+use super::assembly::Chosen;
+use super::elimination::{Elimination, Reduced};
 use super::fit::Fit;
 use super::outcome::{GroupFit, SIGNIFICANT};
 use super::rows::ABSORBED;
-use super::rows::RowPlace;
+use super::rows::{RowPlace, Rows};
 use super::{GrossRow, KindFit};
+use crate::calibration::Error;
 use crate::numerics::distribution::{chi2_quantile_above, chi2_survival};
 use crate::numerics::order::largest_first;
 use crate::problem::Component;
@@ -24,6 +28,15 @@ const LEAST_OF_GROUP: usize = 4;
 /// Rows of one file, or readings of one drive.
 fn group_of(place: RowPlace) -> (&'static str, Option<usize>) {
     (place.file, place.drive)
+}
+
+/// Row of a residual of a block.
+fn place_in(rows: &Rows, block: usize, residual: usize) -> RowPlace {
+    let each = rows.kinds.len();
+    RowPlace {
+        drive: (block == 0).then_some(residual % each),
+        ..rows.places[residual / each]
+    }
 }
 
 impl Fit<'_> {
@@ -154,12 +167,59 @@ impl Fit<'_> {
 
     /// Row of a residual of a block.
     fn place(&self, block: usize, residual: usize) -> RowPlace {
-        let rows = &self.blocks[block];
-        let each = rows.kinds.len();
-        RowPlace {
-            drive: (block == 0).then_some(residual % each),
-            ..rows.places[residual / each]
+        place_in(&self.blocks[block], block, residual)
+    }
+
+    /// States how far off the rows are that were left out, at the values and the noise that were found without them: while
+    /// noise is estimated, it is another when a row is left out.
+    ///
+    /// # Errors
+    /// A row lacks what its residuals read.
+    pub(super) fn restate_gross(&mut self, values: &[f64]) -> Result<(), Error> {
+        if self.left_out.is_empty() {
+            return Ok(());
         }
+        let blocks = self.all_rows()?;
+        let (shared, own) = values.split_at(self.shared());
+        let elimination = Elimination::new(&blocks, &self.assembly, shared, own);
+        let residuals = elimination.reduce().residuals;
+        let mut far: BTreeMap<RowPlace, f64> = BTreeMap::new();
+        for (block, (rows, residuals)) in blocks.iter().zip(residuals).enumerate() {
+            for (residual, sigmas) in residuals.into_iter().enumerate() {
+                let place = place_in(rows, block, residual);
+                if self.left_out.contains(&place) {
+                    let most = far.entry(place).or_default();
+                    *most = most.max(sigmas.abs());
+                }
+            }
+        }
+        for row in &mut self.gross {
+            if let Some(&sigmas) = far.get(&row.place) {
+                row.sigmas = sigmas;
+            }
+        }
+        largest_first(&mut self.gross, |row| row.sigmas);
+        Ok(())
+    }
+
+    /// Rows that take part, and those that were left out at poses that others measure, too.
+    fn all_rows(&self) -> Result<Vec<Rows>, Error> {
+        let is_known = |place: &&RowPlace| {
+            let distances = self.folder.distances.iter();
+            let mut ends = distances.filter(|row| row.line == place.line);
+            let of_pair = place.file == DISTANCES;
+            let other = ends.next().filter(|_| of_pair).map(|row| row.poses[1]);
+            let mut poses = [Some(place.pose), other].into_iter().flatten();
+            poses.all(|pose| self.assembly.has_pose(pose))
+        };
+        let left_out = self.left_out.iter().filter(|place| !is_known(place));
+        let left_out: BTreeSet<RowPlace> = left_out.copied().collect();
+        let chosen = Chosen {
+            poses: &self.division.calibration,
+            distances: &self.division.distances,
+            left_out: &left_out,
+        };
+        self.assembly.rows(&self.machine, &self.used, &chosen)
     }
 
     /// Leaves out gross rows; true if there were any.

@@ -139,11 +139,12 @@ impl Measured {
         let first = quantity.shared();
         if quantity == Quantity::Distance {
             let way = vector(&data[..3]) + vector(own) - vector(&data[3..]) - vector(&own[3..]);
-            let distance = way.norm();
-            residuals[0] = distance - data[6];
+            residuals[0] = way.norm() - data[6];
+            // Poses that a sketch has in one place may part along any direction.
+            let along = way.try_normalize(0.0).unwrap_or_else(Vector3::x);
             for axis in 0..3 {
-                put(0, axis, way[axis] / distance);
-                put(0, 3 + axis, -way[axis] / distance);
+                put(0, axis, along[axis]);
+                put(0, 3 + axis, -along[axis]);
             }
             return;
         }

@@ -300,11 +300,33 @@ impl<'a> Case<'a> {
                 &own
             }
         };
-        let fitted = self.closer(look.ranked.iter(), look, given);
+        let furthest = given.and_then(|given| self.furthest(given, look));
+        let is_other = |own: &&(Squares, Trial<'_>)| {
+            (furthest.as_ref()).is_none_or(|(_, trial)| trial.freed() != own.1.freed())
+        };
+        let trials = look.ranked.iter().filter(is_other).chain(&furthest);
+        let fitted = self.closer(trials, look, given);
         let mut found = self.likeliest(fitted, &look.dimensions)?;
         let is_missed = given.is_none_or(|given| given.missed_m().is_some());
         found.is_absurd |= found.kind == MistakeKind::CommandZero && is_missed;
         Some(found)
+    }
+
+    /// The parameter that lies farthest from its nominal value where the rows meet the noise so, set free: a few steps from the
+    /// drawing may lead elsewhere.
+    fn furthest(&self, given: &UnknownPoses, look: &Look<'_>) -> Option<(Squares, Trial<'a>)> {
+        if !given.is_consistent() || is_plausible(given) {
+            return None;
+        }
+        let pulls = given.pulls();
+        let furthest = pulls.max_by(|a, b| a.tolerances.abs().total_cmp(&b.tolerances.abs()))?;
+        let parameters = &given.calibration.machine.variant.parameters;
+        let own = parameters
+            .iter()
+            .position(|own| own.name == furthest.parameter)?;
+        let mut trials = look.dimensions.freed_of(self.setup.folder);
+        let trial = trials.find(|trial| trial.freed() == Some(own))?;
+        Some((Squares::NONE, trial))
     }
 
     /// Fits of the rows without mistakes, those that are near the noise and of plausible machines, with their squares.

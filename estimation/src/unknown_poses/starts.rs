@@ -3,11 +3,12 @@
 use std::collections::BTreeSet;
 
 use tau_kinematics::{Machine, Pose, Sample};
-use tau_robot::robot::Parameter;
+use tau_robot::robot::{Owner, Parameter};
 use tau_solver::{Method, Options};
 
 use super::{RowDivision, UnknownPoses};
 use crate::calibration::Error;
+use crate::calibration::is_along_z;
 use crate::calibration::nominal::Nominal;
 use crate::calibration::prepared::Prepared;
 use crate::numerics::distribution::Random;
@@ -198,8 +199,11 @@ pub(super) fn sketched(prepared: &Prepared) -> Option<f64> {
     let sample = Sample::new(Pose::from(stated), &stated.commands_m);
     let length_m = machine.mean_length_m(&sample).ok()?;
     let described = machine.variant.parameters.iter().zip(&prepared.nominal);
+    // What an effect may be says nothing of the drawing.
+    let is_drawn = |parameter: &Parameter| !matches!(parameter.owner, Owner::Effect(_));
     let is_wide = |(parameter, nominal): (&Parameter, &Nominal)| {
         parameter.unit == "m"
+            && is_drawn(parameter)
             && nominal
                 .tolerance
                 .is_some_and(|tolerance| tolerance > SKETCH * length_m)
@@ -224,9 +228,13 @@ fn drawn(prepared: &Prepared, draw: u64) -> Machine {
         return prepared.machine.clone();
     }
     let mut random = Random(draw);
-    let values = prepared.nominal.iter().map(|nominal| {
+    let Machine { robot, variant, .. } = &prepared.machine;
+    let is_in_plane = robot.plate.is_in_plane();
+    let values = prepared.nominal.iter().enumerate().map(|(index, nominal)| {
         let even = random.bits() as f64 / u64::MAX as f64;
         let tolerance = nominal.tolerance.filter(|tolerance| tolerance.is_finite());
+        // Lengths make up for heights, which closures in a plane hold as squares: drawn, they creep.
+        let tolerance = tolerance.filter(|_| !(is_in_plane && is_along_z(variant, index)));
         // An even distribution of standard deviation 1 is as wide as the root of 12.
         nominal.value + tolerance.unwrap_or(0.0) * 12.0_f64.sqrt() * (even - 0.5)
     });

@@ -9,6 +9,7 @@ use super::vocabulary::{TARGETS, meaning, subject_of, subject_word};
 use crate::diagnostics::Diagnostics;
 use crate::model::{Effect, EffectParameter, Subject, Term, Track};
 use crate::names::nearest;
+use crate::plausible::SMALLEST_OF_PARAMETER;
 use crate::syntax;
 use crate::units::Dimension;
 
@@ -137,10 +138,11 @@ fn parameters<'a>(
             diagnostics,
         )
     });
+    let bounds = SMALLEST_OF_PARAMETER..=f64::INFINITY;
     let tolerance = declaration
         .tolerance
         .as_ref()
-        .and_then(|quantity| tolerance(quantity, dimension, &first, diagnostics));
+        .and_then(|quantity| tolerance(quantity, dimension, &first, &bounds, diagnostics));
     if let Some(exact) = declaration.exact {
         let message = "an exact parameter of an effect would be a number of its formulas";
         diagnostics.error(exact, message, "write the number into the formulas");

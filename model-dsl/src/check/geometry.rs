@@ -6,11 +6,12 @@ use proc_macro2::Ident;
 
 use super::declared::Declared;
 use super::formula::formula;
-use super::quantity::{scalar, tolerance, unit_help, values};
+use super::quantity::{metres, scalar, tolerance, unit_help, values};
 use super::scope::{Home, Other, Scope, ValueHome};
 use super::value::Shape;
 use crate::diagnostics::Diagnostics;
 use crate::model::{Crank, Formula, LinkDefaults, Plate, Quantity, Readable, Value};
+use crate::plausible::{FARTHEST_M, LARGEST_PLATE_M, LONGEST_M, SMALLEST_DEVIATION, WIDE};
 use crate::syntax::{self, Expression, ExpressionKind, Given};
 use crate::units::{Dimension, find_unit};
 
@@ -104,15 +105,18 @@ pub(super) fn link(
             command,
             others: others.clone(),
         });
+        let (dimension, largest) = (value.dimension(), largest_m(value));
         let found = match value {
             Value::Length => {
-                let found = number(one, scope, diagnostics);
+                let found: Quantity<1> =
+                    quantity(one, dimension, largest, false, scope, diagnostics);
                 positive(one, &found, diagnostics);
                 defaults.length = driven(one, found, of, diagnostics);
                 defaults.length.formula.clone()
             }
             _ => {
-                let found = vector(one, value.dimension(), scope, diagnostics);
+                let found: Quantity<3> =
+                    quantity(one, dimension, largest, true, scope, diagnostics);
                 if value == Value::TrackDirection {
                     moves_plate(one, of.plate, &found, diagnostics);
                 }
@@ -171,17 +175,17 @@ pub(super) fn crank(
     let mut names = Declared::default();
     for one in given {
         names.declare(&one.name, "value of this crank", diagnostics);
-        let (what, dimension, slot) = if one.name == "axis" {
-            ("axis", Dimension::NUMBER, &mut crank.axis)
+        let (what, dimension, largest, slot) = if one.name == "axis" {
+            ("axis", Dimension::NUMBER, f64::INFINITY, &mut crank.axis)
         } else {
-            ("centre", Dimension::LENGTH, &mut crank.centre)
+            ("centre", Dimension::LENGTH, FARTHEST_M, &mut crank.centre)
         };
         scope.home = Home::Value(ValueHome {
             what,
             command: None,
             others: Vec::new(),
         });
-        *slot = vector(one, dimension, scope, diagnostics);
+        *slot = quantity(one, dimension, largest, true, scope, diagnostics);
     }
     if let Some(axis) = given.iter().find(|one| one.name == "axis") {
         moves_plate(axis, plate, &crank.axis, diagnostics);
@@ -236,27 +240,21 @@ fn moves_plate(
     }
 }
 
-/// A value that is one number.
-pub(super) fn number(
-    given: &syntax::NamedValue,
-    scope: &mut Scope<'_>,
-    diagnostics: &mut Diagnostics,
-) -> Quantity<1> {
-    quantity(given, Dimension::LENGTH, false, scope, diagnostics)
+/// Largest number (m) in a value of a link; a direction may have any.
+fn largest_m(value: Value) -> f64 {
+    match value {
+        Value::Length => LONGEST_M,
+        Value::PlateJoint => LARGEST_PLATE_M,
+        Value::TrackOffset => FARTHEST_M,
+        Value::TrackDirection => f64::INFINITY,
+    }
 }
 
-fn vector(
-    given: &syntax::NamedValue,
-    dimension: Dimension,
-    scope: &mut Scope<'_>,
-    diagnostics: &mut Diagnostics,
-) -> Quantity<3> {
-    quantity(given, dimension, true, scope, diagnostics)
-}
-
+/// A value of a dimension whose numbers, where they are written out, are no larger than the largest.
 fn quantity<const N: usize>(
     given: &syntax::NamedValue,
     dimension: Dimension,
+    largest: f64,
     is_vector: bool,
     scope: &mut Scope<'_>,
     diagnostics: &mut Diagnostics,
@@ -268,6 +266,7 @@ fn quantity<const N: usize>(
         Some(Given::Quantity(quantity)) if is_vector => {
             let numbers = values(quantity, Some(dimension), &what, diagnostics);
             found.value = numbers.and_then(|numbers| {
+                metres(quantity, &numbers, largest, diagnostics);
                 let vector = numbers.try_into().ok();
                 if vector.is_none() {
                     let message = format!("{what} must be a vector, found one number");
@@ -278,7 +277,10 @@ fn quantity<const N: usize>(
         }
         Some(Given::Quantity(quantity)) => {
             let number = scalar(quantity, Some(dimension), &what, diagnostics);
-            found.value = number.map(|number| [number; N]);
+            found.value = number.map(|number| {
+                metres(quantity, &[number], largest, diagnostics);
+                [number; N]
+            });
         }
         Some(Given::Formula(expression)) => {
             found.formula = derived(given, expression, dimension, is_vector, scope, diagnostics);
@@ -290,10 +292,11 @@ fn quantity<const N: usize>(
             return found;
         }
     }
+    let bounds = SMALLEST_DEVIATION..=WIDE * largest;
     found.tolerance = given
         .tolerance
         .as_ref()
-        .and_then(|given| tolerance(given, Some(dimension), &what, diagnostics));
+        .and_then(|given| tolerance(given, Some(dimension), &what, &bounds, diagnostics));
     if let Some(exact) = given.exact {
         if given.tolerance.is_some() {
             let message = format!("{what} is exact and has a tolerance");
@@ -457,7 +460,7 @@ fn is_variable(name: &Ident) -> bool {
 }
 
 /// Names that a formula holds, without those of functions and units behind numbers.
-fn names_of(expression: &Expression) -> Vec<&Ident> {
+pub(super) fn names_of(expression: &Expression) -> Vec<&Ident> {
     let mut names = Vec::new();
     let mut ahead = vec![expression];
     while let Some(next) = ahead.pop() {

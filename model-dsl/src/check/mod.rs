@@ -5,6 +5,7 @@
 mod call;
 mod declared;
 mod effect;
+mod finite;
 mod formula;
 mod geometry;
 mod hold;

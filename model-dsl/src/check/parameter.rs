@@ -1,12 +1,18 @@
 //! Parameters of the whole machine.
 
+use std::collections::BTreeSet;
+use std::f64::consts::PI;
+
 use super::declared::Declared;
-use super::quantity::{dimension, tolerance, values};
+use super::geometry::names_of;
+use super::quantity::{angles, degrees_help, dimension, tolerance, values};
 use super::scope::{Home, Scope, ValueHome};
 use super::vocabulary::meaning;
 use crate::diagnostics::Diagnostics;
 use crate::model::{EffectParameter, Formula, RobotParameter, Value};
-use crate::syntax;
+use crate::plausible::SMALLEST_OF_PARAMETER;
+use crate::syntax::{self, Given};
+use crate::units::Dimension;
 
 /// The parameters of a robot, and the scope of formulas that may read them.
 pub(super) fn parameters<'a>(
@@ -21,6 +27,7 @@ pub(super) fn parameters<'a>(
     };
     let mut scope = Scope::new(Home::Value(home), &[]);
     let mut parameters = Vec::new();
+    let wound = wound(robot);
     for declaration in &robot.parameters {
         let known = dimension(&declaration.dimension, diagnostics);
         for given in &declaration.names {
@@ -60,10 +67,26 @@ pub(super) fn parameters<'a>(
                 diagnostics.error(quantity.location, message, help);
                 None
             });
+            let bounds = SMALLEST_OF_PARAMETER..=f64::INFINITY;
             let tolerance = declaration
                 .tolerance
                 .as_ref()
-                .and_then(|given| tolerance(given, known, &of, diagnostics));
+                .and_then(|given| tolerance(given, known, &of, &bounds, diagnostics));
+            if known == Some(Dimension::ANGLE) && !wound.contains(&name) {
+                if let (Some(given), Some(nominal)) = (&declaration.nominal, &nominal) {
+                    let describe =
+                        |angle: f64| format!("{angle} rad as the value of {of}, an angle");
+                    angles(given, nominal, describe, diagnostics);
+                }
+                if let (Some(given), Some(tolerance)) = (&declaration.tolerance, tolerance)
+                    && tolerance > PI
+                {
+                    let message = format!(
+                        "found a tolerance of {tolerance} rad for {of}, an angle, expected at most pi"
+                    );
+                    diagnostics.error(given.location, message, degrees_help(given));
+                }
+            }
             if let Some(exact) = declaration.exact {
                 if declaration.tolerance.is_some() {
                     let message = format!("{of} is exact and has a tolerance");
@@ -96,6 +119,28 @@ pub(super) fn parameters<'a>(
         }
     }
     (parameters, scope)
+}
+
+/// Names that the lengths of links read which a drum winds up, through other values, too: their angles may be of many
+/// turns.
+fn wound(robot: &syntax::Robot) -> BTreeSet<String> {
+    let mut wound = BTreeSet::new();
+    let links = robot.clusters.iter().flat_map(|cluster| &cluster.links);
+    for links in links.filter(|links| matches!(links.actuated, Some((true, _)))) {
+        let mut read = BTreeSet::new();
+        let mut waiting = vec![Value::Length.name().to_owned()];
+        while let Some(name) = waiting.pop() {
+            let values = links.values.iter().filter(|value| value.name == name);
+            for value in values.filter(|_| !read.contains(&name)) {
+                if let Some(Given::Formula(formula)) = &value.value {
+                    waiting.extend(names_of(formula).into_iter().map(ToString::to_string));
+                }
+            }
+            read.insert(name);
+        }
+        wound.append(&mut read);
+    }
+    wound
 }
 
 /// Reports parameters that no formula reads.

@@ -1,7 +1,10 @@
 //! Values with units.
 
+use std::ops::RangeInclusive;
+
 use crate::diagnostics::{Diagnostic, Diagnostics};
 use crate::names::nearest;
+use crate::plausible::LARGEST_ANGLE_RAD;
 use crate::syntax::{Quantity, UnitExpression, UnitFactor};
 use crate::units::{DIMENSIONS, Dimension, UNITS, find_dimension, find_unit, to_si};
 
@@ -189,17 +192,35 @@ pub(super) fn scalar(
     None
 }
 
-/// A standard deviation in SI units, which must be positive.
+/// A standard deviation in SI units, which must be positive and within the bounds of what says something.
 pub(super) fn tolerance(
     quantity: &Quantity,
     expected: Option<Dimension>,
     of: &str,
+    bounds: &RangeInclusive<f64>,
     diagnostics: &mut Diagnostics,
 ) -> Option<f64> {
     let what = format!("the tolerance of {of}");
     let value = scalar(quantity, expected, &what, diagnostics)?;
-    if value > 0.0 {
+    if bounds.contains(&value) {
         return Some(value);
+    }
+    if value > 0.0 {
+        let unit = match expected {
+            Some(dimension) if dimension != Dimension::NUMBER => {
+                format!(" {}", dimension.si_unit())
+            }
+            _ => String::new(),
+        };
+        let limit = if value < *bounds.start() {
+            format!("at least {:e}", bounds.start())
+        } else {
+            format!("at most {}", bounds.end())
+        };
+        let message = format!("found a tolerance of {value:?}{unit}, expected {limit}{unit}");
+        let help = "check the number and its unit: a tolerance is one standard deviation";
+        diagnostics.error(quantity.location, message, help);
+        return None;
     }
     diagnostics.error(
         quantity.location,
@@ -207,4 +228,48 @@ pub(super) fn tolerance(
         "a tolerance is one standard deviation; leave it out where none is known",
     );
     None
+}
+
+/// Reports lengths beyond what a machine can have: they are in another unit.
+pub(super) fn metres(
+    quantity: &Quantity,
+    values: &[f64],
+    largest_m: f64,
+    diagnostics: &mut Diagnostics,
+) {
+    if let Some(value) = values.iter().find(|value| value.abs() > largest_m) {
+        let message = format!("found {value} m, expected at most {largest_m} m");
+        let help = if quantity.is_in("m") {
+            "this looks like millimetres: write `mm`"
+        } else {
+            "check the number and its unit"
+        };
+        diagnostics.error(quantity.location, message, help);
+    }
+}
+
+/// Reports angles beyond one turn: they are in another unit.
+pub(super) fn angles(
+    quantity: &Quantity,
+    values: &[f64],
+    describe: impl Fn(f64) -> String,
+    diagnostics: &mut Diagnostics,
+) {
+    let beyond = values.iter().find(|value| value.abs() > LARGEST_ANGLE_RAD);
+    if let Some(&value) = beyond {
+        let message = format!(
+            "found {}, expected radians between -2*pi and 2*pi",
+            describe(value)
+        );
+        diagnostics.error(quantity.location, message, degrees_help(quantity));
+    }
+}
+
+/// Remedy for an angle that is too large.
+pub(super) fn degrees_help(quantity: &Quantity) -> &'static str {
+    if quantity.is_in("rad") {
+        "are these degrees? write `deg`, and leave out whole turns"
+    } else {
+        "check the number and its unit, and leave out whole turns"
+    }
 }

@@ -1,9 +1,10 @@
 //! The pose at which the machine stands at some commands.
 
 use super::parts::Geometry;
-use super::quantity::values;
+use super::quantity::{angles, metres, values};
 use crate::diagnostics::{Diagnostics, Location};
-use crate::model::{Drive, Reference};
+use crate::model::Reference;
+use crate::plausible::{FARTHEST_M, LONGEST_M};
 use crate::syntax;
 use crate::units::Dimension;
 
@@ -20,9 +21,8 @@ pub(super) fn reference(
         let message = "a second `reference`, but one pose settles how the arm is assembled";
         diagnostics.error(second.location, message, "leave out one of them");
     }
-    let drives = &geometry.drives;
     let mut reference = Reference {
-        commands: vec![0.0; drives.len()],
+        commands: vec![0.0; geometry.drives.len()],
         position: [0.0; 3],
         orientation: [0.0; 3],
     };
@@ -40,7 +40,7 @@ pub(super) fn reference(
             continue;
         };
         if name == "commands" {
-            if let Some(numbers) = commands(given, location, drives, diagnostics) {
+            if let Some(numbers) = commands(given, location, geometry, diagnostics) {
                 reference.commands = numbers;
             }
             continue;
@@ -51,10 +51,10 @@ pub(super) fn reference(
         } else {
             Dimension::ANGLE
         };
-        let Some(numbers) = given
-            .first()
-            .and_then(|given| values(given, Some(dimension), &what, diagnostics))
-        else {
+        let Some((quantity, numbers)) = given.first().and_then(|given| {
+            let numbers = values(given, Some(dimension), &what, diagnostics)?;
+            Some((given, numbers))
+        }) else {
             continue;
         };
         let Ok(numbers) = <[f64; 3]>::try_from(numbers.as_slice()) else {
@@ -84,8 +84,11 @@ pub(super) fn reference(
             let message = format!("{what} does not fit a plate that is a {written}");
             diagnostics.error(location, message, help);
         } else if is_position {
+            metres(quantity, &numbers, FARTHEST_M, diagnostics);
             reference.position = numbers;
         } else {
+            let describe = |angle: f64| format!("the angle {angle}");
+            angles(quantity, &numbers, describe, diagnostics);
             reference.orientation = numbers;
         }
     }
@@ -109,13 +112,14 @@ fn whole(given: &[syntax::Quantity]) -> Option<Location> {
     Some(first.location.to(last.location))
 }
 
-/// A number for each drive, lengths in m and angles in rad.
+/// A number for each drive, lengths in m and angles in rad: those of cranks, which do not go round, are of one turn.
 fn commands(
     given: &[syntax::Quantity],
     location: Location,
-    drives: &[Drive],
+    geometry: &Geometry,
     diagnostics: &mut Diagnostics,
 ) -> Option<Vec<f64>> {
+    let drives = &geometry.drives;
     let found: usize = given.iter().map(|one| one.numbers.len()).sum();
     if found != drives.len() {
         let expected = drives.len();
@@ -146,7 +150,17 @@ fn commands(
         } else {
             Dimension::LENGTH
         };
-        numbers.extend(values(one, Some(dimension), "`commands`", diagnostics)?);
+        let first = numbers.len();
+        let own = values(one, Some(dimension), "`commands`", diagnostics)?;
+        if is_angle {
+            let is_crank = |k: &usize| geometry.tracks.get(first + k).is_some();
+            let cranks: Vec<f64> = (0..own.len()).filter(is_crank).map(|k| own[k]).collect();
+            let describe = |angle: f64| format!("the command {angle} of a crank");
+            angles(one, &cranks, describe, diagnostics);
+        } else {
+            metres(one, &own, LONGEST_M, diagnostics);
+        }
+        numbers.extend(own);
     }
     Some(numbers)
 }

@@ -3,6 +3,7 @@
 use std::rc::Rc;
 
 use super::declared::Declared;
+use super::finite;
 use super::geometry::{self, Carrier, OfLink};
 use super::parameter;
 use super::parts::{Geometry, unknown_track};
@@ -10,6 +11,7 @@ use super::quantity::{scalar, tolerance};
 use super::scope::Scope;
 use crate::diagnostics::Diagnostics;
 use crate::model::{Cluster, Crank, Drive, Link, Plate, Quantity, Track};
+use crate::plausible::SMALLEST_DEVIATION;
 use crate::syntax::{self, Given};
 use crate::units::Dimension;
 
@@ -97,6 +99,7 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
                 driven_by_angle: links.actuated.map(|(by_angle, _)| by_angle),
             };
             let defaults = geometry::link(links, of, &mut scope, diagnostics);
+            finite::values(links, &defaults, &geometry.parameters, diagnostics);
             let pull = pull(links, diagnostics);
             for name in &links.names {
                 geometry.names.declare(name, "link", diagnostics);
@@ -195,10 +198,11 @@ fn pull(links: &syntax::Links, diagnostics: &mut Diagnostics) -> Option<Quantity
             diagnostics.error(given.location, message, "write `pulled = 20 N tol 1 N;`");
         }
     }
+    let bounds = SMALLEST_DEVIATION..=f64::INFINITY;
     quantity.tolerance = first
         .tolerance
         .as_ref()
-        .and_then(|given| tolerance(given, dimension, "`pulled`", diagnostics));
+        .and_then(|given| tolerance(given, dimension, "`pulled`", &bounds, diagnostics));
     Some(quantity)
 }
 

@@ -403,3 +403,186 @@ fn too_many_links_say_why_not() {
         "{found}"
     );
 }
+
+const ARMS: &str = "robot Arms {
+    plate point in plane;
+    param lead: angle = 2 rad tol 1 mrad;
+    crank left, right { axis = (0, 0, 1) exact; centre = (0, 0, 0) m tol 1 mm; }
+    cluster a on left { link la { length = 1 m tol 1 mm; track_offset = (0.5 m * cos(lead), 0.5 m * sin(lead), 0 m); } }
+    cluster b on right { link lb { length = 1 m tol 1 mm; track_offset = (0.5, 0, 0) m tol 1 mm; } }
+    reference { commands = (0.5, 1) rad; position = (0, 1, 0) m; }
+    variant Full { arm full; }
+}";
+
+/// The bounds are those of robot files, and the place is the number's.
+#[test]
+fn numbers_that_no_machine_has() {
+    model(ARMS);
+    for (from, to, place, message, help) in [
+        (
+            "length = 1 m",
+            "length = 1000 m",
+            "1000 m",
+            "found 1000 m, expected at most 50 m",
+            "this looks like millimetres: write `mm`",
+        ),
+        (
+            "length = 1 m",
+            "length = 1e6 mm",
+            "1e6 mm",
+            "found 1000 m, expected at most 50 m",
+            "check the number and its unit",
+        ),
+        (
+            "length = 1 m tol 1 mm",
+            "length = 1 m tol 1e-300 mm",
+            "1e-300 mm",
+            "e-303 m, expected at least 1e-12 m",
+            "a tolerance is one standard deviation",
+        ),
+        (
+            "length = 1 m tol 1 mm",
+            "length = 1 m tol 1e6 m",
+            "1e6 m",
+            "found a tolerance of 1000000.0 m, expected at most 50000 m",
+            "a tolerance is one standard deviation",
+        ),
+        (
+            "track_offset = (0.5, 0, 0) m",
+            "track_offset = (500, 0, 0) m",
+            "(500, 0, 0) m",
+            "found 500 m, expected at most 100 m",
+            "write `mm`",
+        ),
+        (
+            "centre = (0, 0, 0) m tol 1 mm",
+            "centre = (0, 0, -400) m exact",
+            "(0, 0, -400) m",
+            "found -400 m, expected at most 100 m",
+            "write `mm`",
+        ),
+        (
+            "angle = 2 rad",
+            "angle = 210 rad",
+            "210 rad",
+            "found 210 rad as the value of `lead`, an angle, expected radians between -2*pi and 2*pi",
+            "are these degrees? write `deg`",
+        ),
+        (
+            "angle = 2 rad tol 1 mrad",
+            "angle = 210 rad exact",
+            "210 rad",
+            "found 210 rad as the value of `lead`",
+            "write `deg`",
+        ),
+        (
+            "tol 1 mrad",
+            "tol 5 rad",
+            "5 rad",
+            "found a tolerance of 5 rad for `lead`, an angle, expected at most pi",
+            "write `deg`",
+        ),
+        (
+            "tol 1 mrad",
+            "tol 1e-300 rad",
+            "1e-300 rad",
+            "found a tolerance of 1e-300 rad, expected at least 1e-30 rad",
+            "a tolerance is one standard deviation",
+        ),
+        (
+            "(0.5, 1) rad",
+            "(120, 60) rad",
+            "(120, 60) rad",
+            "found the command 120 of a crank, expected radians between -2*pi and 2*pi",
+            "are these degrees? write `deg`, and leave out whole turns",
+        ),
+        (
+            "(0.5, 1) rad",
+            "(0.5 rad, 450 deg)",
+            "450 deg",
+            "of a crank, expected radians between -2*pi and 2*pi",
+            "leave out whole turns",
+        ),
+        (
+            "position = (0, 1, 0) m",
+            "position = (0, 415, 0) m",
+            "(0, 415, 0) m",
+            "found 415 m, expected at most 100 m",
+            "write `mm`",
+        ),
+    ] {
+        let text = ARMS.replacen(from, to, 1);
+        assert_ne!(text, ARMS, "{from}");
+        let found = check_text(&text).unwrap_err();
+        let [one] = &found.diagnostics[..] else {
+            panic!("{found}");
+        };
+        assert_eq!(&text[one.byte_range()], place, "{found}");
+        let said = one.to_string();
+        assert!(said.contains(message) && said.contains(help), "{said}");
+    }
+    for (reference, message) in [
+        (
+            "commands = (0, 300) m; position = (0, 0, 0) m;",
+            "found 300 m, expected at most 50 m",
+        ),
+        (
+            "position = (0, 0, 0) m; orientation = (90, 0, 0) rad;",
+            "found the angle 90, expected radians",
+        ),
+    ] {
+        let found = errors(&robot(&format!("reference {{ {reference} }}")));
+        assert!(found.contains(message), "{found}");
+    }
+    let found = errors(&robot(
+        "effect e on cart { param gap: length tol 1e-40 m; along += gap; }",
+    ));
+    assert!(found.contains("expected at least 1e-30 m"), "{found}");
+}
+
+/// Drums wind many turns: their commands, and what is added to them.
+#[test]
+fn angles_of_drums_are_any() {
+    model(
+        "robot Drum {
+    plate point in plane;
+    param zero: angle = 40 rad tol 4 rad;
+    param turns: angle = 50 rad exact;
+    cluster lines on base {
+        link a, b actuated angle {
+            length = norm(track_offset) + 50 mm/rad * (q + turns);
+            track_offset = (50 mm/rad * zero, 1 m, 0 m);
+        }
+    }
+    reference { commands = (200, 300) rad; position = (0, 0, 0) m; }
+    variant Full { arm full; }
+}",
+    );
+}
+
+/// A formula that has no value at the description's own numbers is told where it stands; one that reads the command is not
+/// known before.
+#[test]
+fn formulas_have_values() {
+    let arm = |length: &str| {
+        errors(&format!(
+            "robot Delta {{
+    plate point;
+    param radius: length = 140 mm tol 1 mm;
+    param arm: length = {length} exact;
+    track a, b, c;
+    cluster on_a on a {{ link one {{ length = arm; track_offset = (radius, 0 m, sqrt(arm^2 - radius^2)); track_direction = (0, 0, 1); }} }}
+    cluster on_b on b {{ link two {{ length = arm; track_offset = (0 m, radius, 0 m); track_direction = (0, 0, 1); }} }}
+    cluster on_c on c {{ link three {{ length = arm; track_offset = (0 m, -radius, 0 m); track_direction = (0, 0, 1); }} }}
+    variant Full {{ arm full; tracks linear; }}
+}}"
+        ))
+    };
+    let found = arm("133 mm");
+    assert!(
+        found.contains("`track_offset` is not a finite number"),
+        "{found}"
+    );
+    assert_eq!(found.matches("finite").count(), 1, "{found}");
+    assert!(!arm("141 mm").contains("finite"));
+}

@@ -32,8 +32,8 @@ impl Folder {
         Err(InputError::whole(
             self.tcp_poses_name(),
             format!(
-                "{calibration_poses} of {} poses calibrate, expected at least {}: one more than {of} has parameters, \
-                 by which the fit is judged",
+                "{calibration_poses} of {} poses calibrate, expected at least {}: as many as {of} has parameters, and one by \
+                 which the fit is judged",
                 self.tcp_poses.len(),
                 parameters + 1
             ),

@@ -1,7 +1,9 @@
 //! Plausibility of columns: the right unit, in range, not all the same.
 
 use std::collections::BTreeMap;
-use std::f64::consts::TAU;
+
+pub(crate) use tau_model_dsl::plausible::SMALLEST_DEVIATION;
+pub use tau_model_dsl::plausible::{FARTHEST_M, LARGEST_ANGLE_RAD, LONGEST_M};
 
 use super::shape::{Actuator, Shape};
 use super::table::{Column, Table};
@@ -9,18 +11,13 @@ use crate::input_error::Mistakes;
 
 /// Beyond this (m or rad) a measurement says nothing of a machine.
 pub const LARGEST_NOISE: f64 = 0.1;
-/// A standard deviation below this (m or rad) is no longer told from none: a picometre.
-pub(crate) const SMALLEST_DEVIATION: f64 = 1e-12;
 /// A workspace or a track farther across than this (m) has been given in millimetres.
 const WIDEST_M: f64 = 20.0;
-/// A position, or a point of the base, farther from the frame's origin than a laser tracker reaches (m).
-pub const FARTHEST_M: f64 = 100.0;
-/// A command, a link or a track longer than this (m) has been given in millimetres.
-pub const LONGEST_M: f64 = 50.0;
 /// No link of a machine in a hall is loaded by a hundred tonnes (N).
 const LARGEST_FORCE_N: f64 = 1e6;
-/// Angles may be unwrapped once, and rounded.
-pub const LARGEST_ANGLE_RAD: f64 = 1.01 * TAU;
+/// Remedy for a number that two rows have.
+pub const OWN_NUMBERS: &str =
+    "give each row a number of its own; readings of one pose are known by their commands";
 /// Room temperature is 293 in kelvin, 68 in degrees Fahrenheit.
 pub const TEMPERATURES_C: std::ops::RangeInclusive<f64> = -50.0..=60.0;
 
@@ -275,11 +272,12 @@ pub fn carts(
     }
 }
 
-/// No two rows have the same numbers.
+/// No two rows have the same numbers; `help` says how to number them.
 pub fn distinct_keys<const N: usize>(
     table: &Table<'_>,
     key: [&Column<Option<u32>>; N],
     mistakes: &mut Mistakes<'_>,
+    help: &str,
     describe: impl Fn([u32; N]) -> String,
 ) {
     let mut first_rows = BTreeMap::new();
@@ -297,7 +295,7 @@ pub fn distinct_keys<const N: usize>(
                     describe(numbers.map(Option::unwrap_or_default)),
                     table.line(first)
                 ),
-                "give each row a number of its own; readings of one pose are known by their commands",
+                help,
             );
         }
     }

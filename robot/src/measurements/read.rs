@@ -73,12 +73,12 @@ impl Folder {
             text.and_then(|(_, text)| text.as_deref())
         });
         if texts.lack_the_plate() {
-            return Err(missing_tcp_poses(path));
+            return Err(missing_tcp_poses(path, shape));
         }
         texts.files().for_each(|(file, text)| note(file, text));
         let folder = Self::from_texts(&path.display().to_string(), texts, shape);
         folder.map(|mut folder| {
-            folder.remarks.extend(misspelt(path));
+            folder.remarks.extend(misspelt(path, shape));
             folder
         })
     }
@@ -249,12 +249,45 @@ fn is_table(name: &str) -> bool {
         .is_some_and(|extension| extension.eq_ignore_ascii_case("csv"))
 }
 
-/// Remarks on files whose name is nearly that of measurements.
-fn misspelt(folder: &Path) -> Vec<String> {
+/// The file of measurements whose columns a table has, where they are those of one.
+fn file_by_columns(table: &Path, shape: &Shape) -> Option<&'static str> {
+    let text = fs::read_to_string(table).ok()?;
+    let mut lines = text.trim_start_matches('\u{feff}').split(['\n', '\r']);
+    let header = lines.find(|line| !line.trim().is_empty())?;
+    let names = header.split(',').map(|name| name.trim().trim_matches('"'));
+    let names: Vec<&str> = names.collect();
+    let has_all = |columns: &[&str]| columns.iter().all(|column| names.contains(column));
+    let has_any = |columns: &[&str]| columns.iter().any(|column| names.contains(column));
+    if has_all(&["pose_a", "pose_b"]) {
+        Some(DISTANCES)
+    } else if has_all(&["cart", "point"]) {
+        Some(CART_POSES)
+    } else if has_all(&["cart", "pose"]) {
+        Some(CART_POSITIONS)
+    } else if !has_all(&["pose"]) {
+        None
+    } else if has_all(&shape.pose_names()) && !has_any(&["target"]) {
+        Some(TCP_POSES)
+    } else {
+        let commands = shape.command_names();
+        let is_reading = commands.iter().all(|name| names.contains(&name.as_str()));
+        let mut kinds = PlateKind::ALL.into_iter();
+        let kind = kinds.find(|kind| has_any(kind.columns()));
+        kind.or(is_reading.then_some(PlateKind::Reading))
+            .map(PlateKind::file)
+    }
+}
+
+/// Remarks on files whose name is nearly that of measurements. Columns tell better which are meant.
+fn misspelt(folder: &Path, shape: &Shape) -> Vec<String> {
     let names = other_names(folder)
         .into_iter()
         .filter(|name| is_table(name));
-    let meant = names.filter_map(|name| Some((nearest(&name, FILES)?, name)));
+    let meant = names.filter_map(|name| {
+        let near = nearest(&name, FILES)?;
+        let meant = file_by_columns(&folder.join(&name), shape);
+        Some((meant.unwrap_or(near), name))
+    });
     meant
         .map(|(meant, name)| {
             format!("{name} is not read: a file of measurements is called `{meant}`")
@@ -262,24 +295,34 @@ fn misspelt(folder: &Path) -> Vec<String> {
         .collect()
 }
 
-fn missing_tcp_poses(folder: &Path) -> InputError {
+fn missing_tcp_poses(folder: &Path, shape: &Shape) -> InputError {
     let names = other_names(folder);
     let error = InputError::whole(
         folder.join(TCP_POSES).display().to_string(),
         "the file does not exist, expected the TCP poses (set 1)",
     );
-    let meant = |name: &str| nearest(name, FILES).filter(|_| is_table(name));
-    let found = names.iter().find_map(|name| Some((name, meant(name)?)));
-    let others = || {
-        let names = quoted(PlateKind::ALL.map(PlateKind::file));
-        format!("or other measurements of the plate: {names}")
+    let tables = || {
+        names
+            .iter()
+            .map(String::as_str)
+            .filter(|name| is_table(name))
     };
-    match (nearest(TCP_POSES, names.iter().map(String::as_str)), found) {
-        (Some(found), _) => error.help(format!("found `{found}`, rename it to `{TCP_POSES}`")),
-        (None, Some((found, name))) => {
-            error.help(format!("found `{found}`, rename it to `{name}`"))
+    let by_columns =
+        tables().filter_map(|name| Some((name, file_by_columns(&folder.join(name), shape)?)));
+    // Measurements of the plate are what is missing.
+    let of_others = [CART_POSES, CART_POSITIONS, DISTANCES];
+    let by_columns = by_columns.min_by_key(|(_, file)| of_others.contains(file));
+    let poses = nearest(TCP_POSES, names.iter().map(String::as_str));
+    let by_name = || tables().find_map(|name| Some((name, nearest(name, FILES)?)));
+    let found = by_columns
+        .or(poses.map(|name| (name, TCP_POSES)))
+        .or_else(by_name);
+    match found {
+        Some((found, meant)) => error.help(format!("found `{found}`, rename it to `{meant}`")),
+        None => {
+            let names = quoted(PlateKind::ALL.map(PlateKind::file));
+            error.help(format!("or other measurements of the plate: {names}"))
         }
-        (None, None) => error.help(others()),
     }
 }
 
@@ -339,7 +382,9 @@ fn read_tcp_poses(
     plausible::commands(&table, &commands, &shape.drives, &mut mistakes);
     plausible::positions(&table, &position, &mut mistakes);
     plausible::angles(&table, &angles, &mut mistakes);
-    plausible::distinct_keys(&table, [&pose], &mut mistakes, |[pose]| {
+    let help = "give each row a number of its own: in this file repeated readings of a pose have them, too, and are \
+                recognised by equal commands";
+    plausible::distinct_keys(&table, [&pose], &mut mistakes, help, |[pose]| {
         format!("pose {pose}")
     });
     plausible::spread(&table, "commands", &commands, &mut mistakes);
@@ -419,6 +464,7 @@ fn read_cart_poses(
         &table,
         [&point, &cart, &side],
         &mut mistakes,
+        plausible::OWN_NUMBERS,
         |[point, cart, _]| format!("point {point} of cart {cart}"),
     );
     plausible::spread(&table, "command", &command, &mut mistakes);
@@ -482,9 +528,14 @@ fn read_cart_positions(
     plausible::carts(&table, &cart, shape, &mut mistakes);
     plausible::commands(&table, &commands, &shape.drives, &mut mistakes);
     plausible::positions(&table, &position, &mut mistakes);
-    plausible::distinct_keys(&table, [&pose, &cart], &mut mistakes, |[pose, cart]| {
-        format!("pose {pose} of cart {cart}")
-    });
+    let help = plausible::OWN_NUMBERS;
+    plausible::distinct_keys(
+        &table,
+        [&pose, &cart],
+        &mut mistakes,
+        help,
+        |[pose, cart]| format!("pose {pose} of cart {cart}"),
+    );
     plausible::spread(&table, "commands", &commands, &mut mistakes);
     plausible::spread(&table, "position", &position, &mut mistakes);
     mistakes.finish()?;

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
+use tau_model_dsl::plausible::{SMALLEST_OF_PARAMETER, WIDE};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
@@ -12,9 +13,6 @@ use crate::measurements::plausible::{
     FARTHEST_M, LARGEST_ANGLE_RAD, LARGEST_NOISE, LONGEST_M, SMALLEST_DEVIATION,
 };
 use crate::robot::Robot;
-
-/// A standard deviation of an effect's parameter below this is no longer told from none: its unit may be large.
-const SMALLEST_OF_EFFECT: f64 = 1e-30;
 
 /// A text being read.
 pub(super) struct Document<'a> {
@@ -40,6 +38,18 @@ pub(super) enum Kind {
     Angles,
     /// One number or three.
     Any,
+}
+
+impl Kind {
+    /// Largest number (m) that such a value can have; what is no length may have any.
+    fn largest_m(self) -> f64 {
+        match self {
+            Self::Length => LONGEST_M,
+            Self::Coordinate => FARTHEST_M,
+            Self::Point(largest) => largest,
+            Self::Direction | Self::Force | Self::Angles | Self::Any => f64::INFINITY,
+        }
+    }
 }
 
 impl Document<'_> {
@@ -85,12 +95,20 @@ impl Document<'_> {
             Some(components)
         });
         let smallest = match kind {
-            Kind::Any => SMALLEST_OF_EFFECT,
+            Kind::Any => SMALLEST_OF_PARAMETER,
             _ => SMALLEST_DEVIATION,
         };
-        let tol = self
-            .required(table, "tol", &place)
-            .and_then(|tol| self.deviation(tol, "tolerance", smallest));
+        let tol = self.required(table, "tol", &place).and_then(|tol| {
+            let found = self.deviation(tol, "tolerance", smallest)?;
+            let widest = WIDE * kind.largest_m();
+            if found > widest {
+                let message =
+                    format!("found a tolerance of {found:?}, expected metres, at most {widest}");
+                let help = "a tolerance is one standard deviation";
+                self.mistakes.push_with_help(tol.span(), message, help);
+            }
+            Some(found)
+        });
         let sigma = table
             .get("sigma")
             .and_then(|sigma| self.components(sigma, kind).map(|s| (sigma, s)));
@@ -131,14 +149,14 @@ impl Document<'_> {
                     components[0]
                 ),
             ),
-            Kind::Length => self.metres(place, components, LONGEST_M),
             Kind::Force if components[0] <= 0.0 => {
                 let found = components[0];
                 let message = format!("found a tension of {found}, expected newtons above 0");
                 self.mistakes.push(place, message);
             }
-            Kind::Coordinate => self.metres(place, components, FARTHEST_M),
-            Kind::Point(largest) => self.metres(place, components, largest),
+            Kind::Length | Kind::Coordinate | Kind::Point(_) => {
+                self.metres(place, components, kind.largest_m());
+            }
             Kind::Direction if components.iter().all(|&component| component == 0.0) => {
                 self.mistakes
                     .push(place, "found a direction of length 0, expected about 1");
@@ -243,6 +261,12 @@ impl Document<'_> {
                     "found a placeholder, expected a number",
                     "fill in what the drawing or the maker of the tracker says; SI units",
                 );
+                return None;
+            }
+            DeValue::Integer(_) => {
+                let found = &self.mistakes.source.text[value.span()];
+                let message = format!("found `{found}`, expected a decimal number");
+                self.mistakes.push(value.span(), message);
                 return None;
             }
             other => {

@@ -3,13 +3,11 @@
 use std::ops::Range;
 
 use tau_codegen::language;
+pub use tau_model_dsl::plausible::WIDE;
 use toml::de::DeTable;
 
 use super::{LinkValues, Reference, RobotFile, Value};
 use crate::robot::{Parameter, Robot};
-
-/// Tolerance that stands for none, relative to the value: wide enough to say nothing.
-pub const WIDE: f64 = 1e3;
 
 impl RobotFile {
     /// The file with what it lacks taken from the robot's description: values of links, and where the machine stands.

@@ -1,6 +1,6 @@
 //! Noise of each kind of measurement, and what measurements are taken of or from.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::{self, Write};
 
 use toml::Spanned;
@@ -9,8 +9,9 @@ use toml::de::{DeTable, DeValue};
 use super::document::{Document, Kind};
 use super::write::{inline, key};
 use super::{RobotFile, Value};
+use crate::input_error::quoted;
 use crate::measurements::plausible::{FARTHEST_M, SMALLEST_DEVIATION};
-use crate::measurements::{DISTANCES, PlateKind};
+use crate::measurements::{DISTANCES, Folder, PlateKind};
 
 /// Section of `[noise]` for what a link's length scatters by at standing drives.
 const LINKS: &str = "links";
@@ -103,6 +104,32 @@ impl RobotFile {
     pub fn noise_of_drive(&self, command: usize) -> Option<StatedNoise> {
         let drives = &self.measuring.drives;
         drives.get(command).or_else(|| drives.first()).copied()
+    }
+
+    /// A remark on targets, surfaces and balls that no row of a folder names: their places say nothing of its rows.
+    pub fn unused_places(&self, folder: &Folder) -> Option<String> {
+        let own = &self.measuring;
+        let sections: [(PlateKind, Vec<&String>); 3] = [
+            (PlateKind::Position, own.targets.keys().collect()),
+            (PlateKind::Height, own.surfaces.keys().collect()),
+            (PlateKind::BallBar, own.balls.keys().collect()),
+        ];
+        let mut unused = Vec::new();
+        for (kind, places) in sections {
+            let rows = folder.rows_of(kind);
+            let named: BTreeSet<&str> = rows.filter_map(|row| row.of.as_deref()).collect();
+            let section = kind.object().map_or("", |(_, section)| section);
+            let others = places
+                .into_iter()
+                .filter(|name| !named.contains(name.as_str()));
+            unused.extend(others.map(|name| format!("[{section}.{}]", key(name))));
+        }
+        (!unused.is_empty()).then(|| {
+            format!(
+                "robot.toml has {}, which no row of the folder names in a column `target`, `surface` or `ball`",
+                quoted(unused.iter().map(String::as_str))
+            )
+        })
     }
 }
 

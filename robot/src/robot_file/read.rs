@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
 
+use tau_model_dsl::plausible::LARGEST_PLATE_M;
 use toml::de::{DeTable, DeValue};
 
 use super::document::{Document, Kind};
@@ -14,8 +15,6 @@ use crate::input_error::{self, InputError, Mistakes, Source};
 use crate::measurements::plausible::{FARTHEST_M, LONGEST_M, SMALLEST_DEVIATION};
 use crate::robot::Robot;
 
-/// A plate or a tool larger than this (m) has been given in millimetres.
-const LARGEST_PLATE_M: f64 = 10.0;
 /// No robot stands where things fall faster (m/s²).
 const LARGEST_GRAVITY_M_S2: f64 = 30.0;
 
@@ -31,9 +30,20 @@ impl RobotFile {
     /// The text of a file.
     ///
     /// # Errors
-    /// It is missing, can't be read, or is not UTF-8.
+    /// It is missing, is a folder, can't be read, or is not UTF-8.
     pub fn text(path: &Path) -> Result<String, InputError> {
-        input_error::read(path, "the parameters of the robot (robot.toml)")
+        let text = input_error::read(path, "the parameters of the robot (robot.toml)");
+        text.map_err(|error| {
+            if path.is_dir() {
+                let file = path.join("robot.toml");
+                error.help(format!(
+                    "name the file itself, such as `{}`",
+                    file.display()
+                ))
+            } else {
+                error
+            }
+        })
     }
 
     /// Reads a text under the name of its file, whatever the robot.

@@ -201,12 +201,13 @@ impl<R> Session<R> {
     }
 
     /// Remarks on the input, in sentences without full stops: columns and sets missing, parameters that are for
-    /// another robot, poses that take no part.
+    /// another robot, places that no row names, poses that take no part.
     pub fn remarks(&self) -> Vec<String> {
         let remarks = self.folder.remarks.iter().cloned();
         remarks
             .chain(self.robot_file.other_robot(&self.robot))
             .chain(self.robot_file.other_description(&self.robot))
+            .chain(self.robot_file.unused_places(&self.folder))
             .chain(self.left_out())
             .collect()
     }

@@ -61,6 +61,7 @@ pub fn run<R>(
     let mut remarks = folder.remarks.clone();
     remarks.extend(file.other_robot(robot));
     remarks.extend(file.other_description(robot));
+    remarks.extend(file.unused_places(folder));
     let variants = chosen_variants(robot, folder, &mut remarks);
     let steps = 3;
     let mut done = 0;
@@ -130,12 +131,12 @@ pub fn run<R>(
         return Err(error);
     }
     next("computing sensitivities");
-    let sensitivity = full
-        .map(|(calibration, poses)| {
-            let machine = &calibration.machine;
-            sensitivity::analyse(machine, folder, &poses, sensitivity::PAPER_STEP)
-        })
-        .transpose()?;
+    let sensitivity = full.and_then(|(calibration, poses)| {
+        let machine = &calibration.machine;
+        sensitivity::analyse(machine, folder, &poses, sensitivity::PAPER_STEP)
+            .map_err(|error| remarks.push(format!("left out: sensitivities: {error}")))
+            .ok()
+    });
     progress(Progress {
         doing: "done",
         done: steps,
