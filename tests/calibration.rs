@@ -285,7 +285,7 @@ fn unusable_measurements_are_refused() {
     };
     let poses = case.poses.division.calibration.clone();
     case.poses.division.calibration.truncate(9);
-    assert!(message(&case, "Full").contains("9 of 176 poses calibrate, expected at least 10"));
+    assert!(message(&case, "Full").contains("9 of 176 poses calibrate, expected at least 11"));
     assert!(
         case.calibrate("Nominal", &Options::default()).is_ok(),
         "seven suffice"

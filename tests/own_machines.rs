@@ -170,7 +170,7 @@ fn measured_heights_over_the_plane_take_no_part() {
 
 #[test]
 fn a_link_that_does_not_reach_is_named() {
-    for (length, has) in [("112 mm", "has 112.0 mm"), ("412 m", "has 412000.0 mm")] {
+    for (length, has) in [("112 mm", "has 112.0 mm"), ("41.2 m", "has 41200.0 mm")] {
         let folder = described(&PLANAR.replace("LENGTH", length));
         for asked in ["inverse --pose 0.02,0.01,0", "forward --commands 0.01,0,0"] {
             let line = format!("tau kinematics {asked} --model DIR/own.tau --variant Full");

@@ -183,3 +183,38 @@ fn a_dimension_far_off_is_named() {
         );
     }
 }
+
+/// Tolerances that are written a thousand times too small are named, and not the noise, which more of would cover as well.
+#[test]
+fn small_tolerances_are_named() {
+    let dimensions = [
+        ("top_left_x", 0.0, 2e-2),
+        ("top_left_y", 2.0, 2e-2),
+        ("top_right_x", 3.4, 2e-2),
+        ("top_right_y", 2.0, 2e-2),
+        ("bottom_left_x", 0.0, 2e-2),
+        ("bottom_left_y", 0.0, 2e-2),
+        ("bottom_right_x", 3.4, 2e-2),
+        ("bottom_right_y", 0.0, 2e-2),
+        ("arm", 0.12, 1e-3),
+        ("height", 0.04, 3e-3),
+        ("zero", 0.0, 2e-3),
+    ];
+    for seed in [1, 2, 3] {
+        let folder = tempfile::tempdir().unwrap();
+        simulate(folder.path(), "four_belts", seed, "--measure poses");
+        let path = folder.path().join("measured/robot.toml");
+        let mut text = std::fs::read_to_string(&path).unwrap() + "\n[parameters]\n";
+        for (name, value, tolerance) in dimensions {
+            let tolerance = 1e-3 * tolerance;
+            text += &format!("{name} = {{ value = {value:?}, tol = {tolerance:?} }}\n");
+        }
+        std::fs::write(&path, text).unwrap();
+        let line = "tau check DIR/measured --model four_belts --variant Full --json -";
+        let ran = tau_in(folder.path(), line);
+        let found: Value = serde_json::from_str(&ran.out).unwrap();
+        let mistakes = found["mistakes"].as_array().unwrap();
+        assert_eq!(mistakes.len(), 1, "{seed}: {mistakes:?}");
+        assert_eq!(mistakes[0]["kind"], "tolerances", "{seed}: {mistakes:?}");
+    }
+}

@@ -54,7 +54,8 @@ pub(super) fn run(
     let said = report::terminal::evaluation(
         &found,
         &verdict.outliers,
-        (basis, widening),
+        basis,
+        widening,
         architecture,
         width,
     ) + &report::trust::terminal::verdict(&verdict, width);

@@ -160,8 +160,7 @@ impl Probes {
         let joint = if base.eliminated.is_empty() {
             Joint::new(machine, &nominal, samples, noise)?
         } else {
-            let groups = (&base.eliminated[..], &[][..]);
-            Joint::of_unknown_poses(machine, &nominal, samples, noise, groups)?
+            Joint::of_unknown_poses(machine, &nominal, samples, noise, &base.eliminated, &[])?
         };
         let factors = vec![1.0; joint.rows.len()];
         let linear = joint.linearize(&joint.fitted(&joint.machine.values), &factors);

@@ -172,7 +172,7 @@ pub fn analyse(
     let links = parallel::map(&closures, |closure| {
         let parameters = parallel::map(&ROWS, |&(name, quantity, component)| {
             let parameter = find(machine, closure, quantity, component)?;
-            Some(row(machine, name, parameter, (&places, turn), step))
+            Some(row(machine, name, parameter, &places, turn, step))
         });
         let parameters = parameters.into_iter().flatten();
         Ok(LinkSensitivity {
@@ -257,7 +257,8 @@ fn row(
     machine: &Machine,
     name: &str,
     parameter: usize,
-    (places, turn): (&[Place<'_>], Turn),
+    places: &[Place<'_>],
+    turn: Turn,
     step: f64,
 ) -> Result<ParameterSensitivity, Error> {
     let with = |change: f64| {

@@ -163,7 +163,8 @@ pub fn variant(
         &mut screen,
         result.position_um,
         result.orientation_rad_max_abs,
-        (result.pose_errors.len(), basis),
+        result.pose_errors.len(),
+        basis,
         of,
     );
     expected(
@@ -200,7 +201,8 @@ fn geometry(screen: &mut Screen, result: &VariantResult, of: Architecture) {
 pub fn evaluation(
     evaluation: &Evaluation,
     outliers: &[Outlier],
-    (basis, widening): (Basis, f64),
+    basis: Basis,
+    widening: f64,
     of: Architecture,
     width: usize,
 ) -> String {
@@ -209,7 +211,8 @@ pub fn evaluation(
         &mut screen,
         evaluation.position_um,
         evaluation.orientation_rad_max_abs,
-        (evaluation.errors.len(), basis),
+        evaluation.errors.len(),
+        basis,
         of,
     );
     expected(&mut screen, evaluation.expected_rms_um, widening);
@@ -270,7 +273,8 @@ fn position_and_orientation(
     screen: &mut Screen,
     position_um: Summary,
     orientation_rad: Option<[f64; 3]>,
-    (poses, basis): (usize, Basis),
+    poses: usize,
+    basis: Basis,
     of: Architecture,
 ) {
     let poses = match basis {

@@ -28,8 +28,10 @@ pub(super) fn check(machine: &Machine) -> Result<(), InputError> {
 /// Measures tensions at stops with their true states: once at each, with noise of a standard deviation (N).
 pub(super) fn measure(
     machine: &Machine,
-    (stops, states): (&mut [Stop], &[State]),
-    (noise, sigma_n): (&Noise, f64),
+    stops: &mut [Stop],
+    states: &[State],
+    noise: &Noise,
+    sigma_n: f64,
     seed: u64,
 ) {
     let mut random = Random::new(seed, "forces");

@@ -137,6 +137,12 @@ pub(super) struct Stops {
     pub(super) left_out: usize,
 }
 
+/// Places that the machine can take, and how many it can't.
+struct Reached {
+    stops: Vec<Commanded>,
+    left_out: usize,
+}
+
 /// Input of a plan.
 pub(super) struct Planner<'a> {
     /// The machine of the drawings.
@@ -152,7 +158,7 @@ pub(super) struct Planner<'a> {
 impl Planner<'_> {
     /// Set 1.
     pub(super) fn tcp_poses(&self, poses: &Poses, tilt_rad: f64, random: &mut Random) -> Stops {
-        let mut stops = match poses {
+        let mut reached = match poses {
             Poses::Grid { counts, limit, .. } if !self.home.places_tcp(self.nominal) => {
                 let points = grid_points(*counts, self.nominal.plate);
                 self.random(points.min(limit.unwrap_or(usize::MAX)), random)
@@ -165,9 +171,9 @@ impl Planner<'_> {
             } => {
                 let steps = step_m.unwrap_or_else(|| self.default_steps());
                 let points = self.grid(*counts, steps, *jitter, random);
-                let mut stops = self.visit(&points);
-                stops.0.truncate(limit.unwrap_or(usize::MAX));
-                stops
+                let mut reached = self.visit(&points);
+                reached.stops.truncate(limit.unwrap_or(usize::MAX));
+                reached
             }
             Poses::Random { count } => self.random(*count, random),
             Poses::Positions(points) => {
@@ -175,15 +181,15 @@ impl Planner<'_> {
             }
         };
         if tilt_rad > 0.0 {
-            stops = self.tilted(stops, tilt_rad, random);
+            reached = self.tilted(reached, tilt_rad, random);
         }
-        self.schedule(stops, 0.0, SECONDS[0], true, random)
+        self.schedule(reached, 0.0, SECONDS[0], true, random)
     }
 
     /// Set 3: random poses.
     pub(super) fn random_poses(&self, count: usize, random: &mut Random) -> Stops {
-        let stops = self.random(count, random);
-        self.schedule(stops, SECONDS[2], SECONDS[2], false, random)
+        let reached = self.random(count, random);
+        self.schedule(reached, SECONDS[2], SECONDS[2], false, random)
     }
 
     /// Set 2: commands of all carts and sides of approach, in order.
@@ -265,7 +271,7 @@ impl Planner<'_> {
         stop.pose.rotation.angle_to(&home) <= FARTHEST_TURN
     }
 
-    fn visit(&self, points: &[Vector3<f64>]) -> (Vec<Commanded>, usize) {
+    fn visit(&self, points: &[Vector3<f64>]) -> Reached {
         let mut here = self.home.clone();
         let mut stops = Vec::new();
         for point in points.iter().map(|&point| self.within(point)) {
@@ -280,7 +286,7 @@ impl Planner<'_> {
             }
         }
         let left_out = points.len() - stops.len();
-        (stops, left_out)
+        Reached { stops, left_out }
     }
 
     /// Steps of a grid in proportion to those given, by tenths and in two digits of which the second is rounded down, at which
@@ -329,12 +335,7 @@ impl Planner<'_> {
 
     /// Stops with the plate turned at random, up to an angle (rad) from where it is; those at which it can't be are left
     /// out.
-    fn tilted(
-        &self,
-        (stops, left_out): (Vec<Commanded>, usize),
-        tilt_rad: f64,
-        random: &mut Random,
-    ) -> (Vec<Commanded>, usize) {
+    fn tilted(&self, reached: Reached, tilt_rad: f64, random: &mut Random) -> Reached {
         let freedoms = self.nominal.plate.freedoms();
         let mut turn = || {
             let turn = loop {
@@ -351,18 +352,18 @@ impl Planner<'_> {
                 }
             })
         };
-        let count = stops.len();
-        let stops: Vec<Commanded> = (stops.into_iter())
+        let count = reached.stops.len();
+        let stops: Vec<Commanded> = (reached.stops.into_iter())
             .filter_map(|stop| stop.turned(self.nominal, turn()))
             .filter(|stop| self.is_within_joints(stop))
             .collect();
-        let left_out = left_out + count - stops.len();
-        (stops, left_out)
+        let left_out = reached.left_out + count - stops.len();
+        Reached { stops, left_out }
     }
 
     /// At random: the TCP in the box that the prototype's grid fills; or, where the drives do not place it, the drives, as
     /// far to both sides of home.
-    fn random(&self, count: usize, random: &mut Random) -> (Vec<Commanded>, usize) {
+    fn random(&self, count: usize, random: &mut Random) -> Reached {
         let (axes, steps) = (self.axes(), self.default_steps());
         let half = [0, 1, 2].map(|axis| (GRID[axis] as f64 - 1.0) / 2.0 * steps[axis]);
         let (low, high) = self.range_m;
@@ -391,12 +392,12 @@ impl Planner<'_> {
             stops.extend(stop.filter(carts));
         }
         let left_out = count - stops.len();
-        (stops, left_out)
+        Reached { stops, left_out }
     }
 
     fn schedule(
         &self,
-        (stops, left_out): (Vec<Commanded>, usize),
+        Reached { stops, left_out }: Reached,
         start_s: f64,
         step_s: f64,
         warming: bool,

@@ -281,8 +281,8 @@ impl<'a> Session<'a> {
         }
         let (mut visited, states) = self.reached_by_drives(planned, errors);
         if let Some(sigma_n) = self.simulation.noise_force_n {
-            let stops = (&mut visited.stops[..], &states[..]);
-            forces::measure(&self.machine, stops, (noise, sigma_n), *seed);
+            let stops = &mut visited.stops;
+            forces::measure(&self.machine, stops, &states, noise, sigma_n, *seed);
         }
         (visited, states)
     }

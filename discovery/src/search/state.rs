@@ -242,8 +242,8 @@ impl State {
         let variant = match members.split_last() {
             Some((newest, others)) if others == self.members => {
                 let place = set.candidates[newest.candidate].place;
-                let at = (place, input.poses());
-                free_turning_from(&model, base, &self.fit.joint.machine.variant, at)
+                let known = &self.fit.joint.machine.variant;
+                free_turning_from(&model, base, known, place, input.poses())
             }
             _ => free_turning(&model, base, None, input.poses()),
         };

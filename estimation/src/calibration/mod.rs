@@ -301,8 +301,9 @@ fn from_prepared(
                 information: &[f64]|
      -> Result<_, Error> {
         let identifiability = tau_solver::identifiability(problem, at).map_err(failed)?;
-        let unknown = (file.noise, &prepared.track_scales[..]);
-        let factor = factor_with_shared_noise(&inverse, &residuals, unknown, at, information);
+        let scales = &prepared.track_scales;
+        let factor =
+            factor_with_shared_noise(&inverse, &residuals, file.noise, scales, at, information);
         Ok((identifiability, inverse, factor))
     };
     // Where poses count as they are, which most do, nothing waits for their weights.
@@ -399,7 +400,8 @@ pub(crate) fn finish(
         &machine,
         &prepared.nominal,
         &fitted.used,
-        (&fitted.covariance, &fitted.second_order),
+        &fitted.covariance,
+        &fitted.second_order,
     );
     let name = |place: usize| estimates[place].name.clone();
     let mut sigmas = vec![0.0; machine.values.len()];
@@ -485,19 +487,12 @@ pub fn check_poses(setup: Setup<'_>, poses: &[usize]) -> Result<(), InputError> 
         file,
         folder,
     } = setup;
-    let (needed, of) = poses_needed(variant, robot.plate.is_in_plane());
-    let commands = poses.iter().map(|&pose| &folder.tcp_poses[pose].commands_m);
-    let places: BTreeSet<Vec<u64>> = commands
-        .map(|commands| commands.iter().map(|own| own.to_bits()).collect())
-        .collect();
-    folder.check_pose_count(places.len(), needed, &of)?;
-    folder.check_reach(poses, robot, file)?;
     let moves = |pose: &usize| {
         let (pose, first) = (&folder.tcp_poses[*pose], &folder.tcp_poses[poses[0]]);
         let differ = |a: &[f64], b: &[f64]| a.iter().zip(b).any(|(a, b)| (a - b).abs() > 1e-6);
         differ(&pose.position_m, &first.position_m)
     };
-    if !poses.iter().any(moves) {
+    if poses.len() > 1 && !poses.iter().any(moves) {
         return Err(InputError::whole(
             &folder.name,
             format!(
@@ -506,7 +501,13 @@ pub fn check_poses(setup: Setup<'_>, poses: &[usize]) -> Result<(), InputError> 
             ),
         ));
     }
-    Ok(())
+    let (needed, of) = poses_needed(variant, robot.plate.is_in_plane());
+    let commands = poses.iter().map(|&pose| &folder.tcp_poses[pose].commands_m);
+    let places: BTreeSet<Vec<u64>> = commands
+        .map(|commands| commands.iter().map(|own| own.to_bits()).collect())
+        .collect();
+    folder.check_pose_count(places.len(), needed, &of)?;
+    folder.check_reach(poses, robot, file)
 }
 
 /// True of components along z, on which closures of a plate in the plane depend by their squares alone.

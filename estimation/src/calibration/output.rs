@@ -116,7 +116,8 @@ pub(super) fn estimates(
     machine: &Machine,
     nominal: &[Nominal],
     used: &[usize],
-    (covariance, second_order): (&[Vec<f64>], &[f64]),
+    covariance: &[Vec<f64>],
+    second_order: &[f64],
 ) -> Vec<ParameterEstimate> {
     used.iter()
         .enumerate()

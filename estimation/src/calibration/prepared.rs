@@ -56,7 +56,7 @@ impl Prepared {
             rotation: registered.map_or(found.rotation, xyz),
             ..found
         });
-        Self::registered(robot, variant, file, (Some(&own), registration), poses)
+        Self::registered(robot, variant, file, Some(&own), registration, poses)
     }
 
     /// From a robot file, completed from the description; folder and poses as for [`super::machine_from_file`].
@@ -72,7 +72,7 @@ impl Prepared {
     ) -> Result<Self, InputError> {
         let file = &paths::without_foreign_rotations(robot, file, folder);
         let registration = folder.and_then(|folder| Registration::of_set_2(robot, file, folder));
-        Self::registered(robot, variant, file, (folder, registration), poses)
+        Self::registered(robot, variant, file, folder, registration, poses)
     }
 
     /// Sets a parameter of the variant free, and returns what was stated of it; `None` where that has no tolerance. A
@@ -93,7 +93,8 @@ impl Prepared {
         robot: &Robot,
         variant: &Variant,
         file: &RobotFile,
-        (folder, registration): (Option<&Folder>, Option<Registration>),
+        folder: Option<&Folder>,
+        registration: Option<Registration>,
         poses: &[usize],
     ) -> Result<Self, InputError> {
         // Where no rotation was measured, the plate turns about that at its reference.

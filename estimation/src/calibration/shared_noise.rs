@@ -32,7 +32,8 @@ const CHUNK: usize = 256;
 pub(crate) fn factor_with_shared_noise(
     inverse: &DMatrix<f64>,
     residuals: &Residuals,
-    (noise, track_scales): (Noise, &[f64]),
+    noise: Noise,
+    track_scales: &[f64],
     fitted: &[f64],
     information: &[f64],
 ) -> Option<Vec<Vec<f64>>> {
@@ -185,8 +186,8 @@ mod tests {
         let inverse = problem::inverse_information(&problem, &at).unwrap();
         let even = vec![1.0; samples.len()];
         let scales = vec![1e-4; residuals.parts.len()];
-        let unknown = (noise, &scales[..]);
-        let factor = factor_with_shared_noise(&inverse, &residuals, unknown, &at, &even).unwrap();
+        let factor =
+            factor_with_shared_noise(&inverse, &residuals, noise, &scales, &at, &even).unwrap();
         let all = at.len() + scales.len();
         let factor = DMatrix::from_fn(all, all, |i, j| factor[i].get(j).copied().unwrap_or(0.0));
         let found = &factor * factor.transpose();

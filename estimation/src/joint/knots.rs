@@ -171,7 +171,7 @@ fn knots_of(
         .dense();
     let of_paths: Vec<Knots> = paths
         .into_iter()
-        .flat_map(|(track, path)| of_track(joint, samples, &by_parameter, (track, path), shapes))
+        .flat_map(|(track, path)| of_track(joint, samples, &by_parameter, track, path, shapes))
         .collect();
     let none = Knots::none(joint.rows.len());
     Some(of_paths.into_iter().fold(none, Knots::beside))
@@ -182,7 +182,8 @@ fn of_track(
     joint: &Joint,
     samples: &[Sample],
     by_parameter: &DMatrix<f64>,
-    (track, path): (usize, &Path),
+    track: usize,
+    path: &Path,
     shapes: fn(&[f64], bool) -> DMatrix<f64>,
 ) -> [Knots; 3] {
     let (first, last) = path.range();

@@ -129,7 +129,8 @@ impl Joint {
         nominal: &[Nominal],
         samples: &[Sample],
         noise: Noise,
-        (groups, objects): (&[Eliminated], &[Nominal]),
+        groups: &[Eliminated],
+        objects: &[Nominal],
     ) -> Result<Self, Error> {
         // In the order of their rows: groups of one shape follow each other.
         let mut groups = groups.to_vec();

@@ -60,13 +60,8 @@ pub fn fit(
     let mut rounds = 0;
     loop {
         let Placed { samples, groups } = placed;
-        let joint = Joint::of_unknown_poses(
-            machine.clone(),
-            nominal,
-            &samples,
-            noise,
-            (&groups, &objects),
-        )?;
+        let joint =
+            Joint::of_unknown_poses(machine.clone(), nominal, &samples, noise, &groups, &objects)?;
         let mut start = joint.fitted(&machine.values);
         let of_objects = start.len() - displaced.len();
         start[of_objects..].copy_from_slice(&displaced);
@@ -207,7 +202,8 @@ impl Fit {
             &nominal,
             &placed.samples,
             noise,
-            (&placed.groups, &objects),
+            &placed.groups,
+            &objects,
         )?;
         let mut at = joint.fitted(&joint.machine.values);
         let first = at.len() - displaced.len();

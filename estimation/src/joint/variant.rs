@@ -155,7 +155,8 @@ pub fn free_turning_from(
     model: &Model,
     variant: usize,
     before: &Variant,
-    (place, poses): (Place, PosesOf),
+    place: Place,
+    poses: PosesOf,
 ) -> Variant {
     let cluster_of = |closure: usize| match before.arm {
         Arm::Full => model.links[closure].cluster,
@@ -205,14 +206,15 @@ fn turning(model: &Model, variant: usize) -> Model {
     let turns = ROTATIONS.map(|target| (target, Some(TURN)));
     let drifts = [Target::Horizontal, Target::Vertical].map(|target| (target, Some(DRIFT)));
     let targets = [&turns[..], &drifts].concat();
-    on_carts(model, variant, (TURNING, &targets), model.guideways())
+    on_carts(model, variant, TURNING, &targets, model.guideways())
 }
 
 /// The model with an effect in proportion to the commands on the carts of some tracks in a variant.
 fn on_carts(
     model: &Model,
     variant: usize,
-    (name, targets): (&str, &[(Target, Option<f64>)]),
+    name: &str,
+    targets: &[(Target, Option<f64>)],
     tracks: impl IntoIterator<Item = usize>,
 ) -> Model {
     let mut model = model.clone();
@@ -254,7 +256,7 @@ fn stretching(model: &Model, variant: usize) -> Option<Model> {
         })
         .collect();
     let targets = [Target::Pitch, Target::Yaw].map(|target| (target, Some(TURN)));
-    (!tracks.is_empty()).then(|| on_carts(model, variant, (STRETCHING, &targets), tracks))
+    (!tracks.is_empty()).then(|| on_carts(model, variant, STRETCHING, &targets, tracks))
 }
 
 /// Takes over instances of another variant whose parameters are there by the same names.

@@ -236,7 +236,8 @@ impl Part {
     /// A family at some of the samples; data and weights are still to come.
     fn of(
         label: String,
-        (family, parameters): (Arc<dyn ResidualFamily>, Vec<usize>),
+        family: Arc<dyn ResidualFamily>,
+        parameters: Vec<usize>,
         (all, samples): (&[Sample], Vec<usize>),
         components: Vec<Component>,
     ) -> Self {
@@ -271,7 +272,8 @@ impl Part {
         let part = |closure: &Instance| {
             Self::of(
                 machine.closure_name(closure).to_owned(),
-                (Arc::clone(&closure.family), closure.parameters.clone()),
+                Arc::clone(&closure.family),
+                closure.parameters.clone(),
                 (samples, of_set.clone()),
                 vec![Component::Closure],
             )
@@ -344,7 +346,8 @@ impl Part {
         };
         let mut part = Self::of(
             "closures".to_owned(),
-            (Arc::new(family), parameters),
+            Arc::new(family),
+            parameters,
             (samples, indices(samples, 1, None)),
             of_closures(closures.len(), exact),
         );
@@ -388,7 +391,8 @@ impl Part {
                 let parameters = family.parameters().to_vec();
                 Self::of(
                     "closures".to_owned(),
-                    (Arc::new(family), parameters),
+                    Arc::new(family),
+                    parameters,
                     (samples, vec![]),
                     of_closures(rows, exact),
                 )
@@ -458,7 +462,8 @@ impl Part {
         }
         let mut part = Self::of(
             format!("set {set}, cart on {}", machine.robot.tracks[instance.of]),
-            (Arc::clone(&instance.family), instance.parameters.clone()),
+            Arc::clone(&instance.family),
+            instance.parameters.clone(),
             (samples, measured),
             of_sample.iter().map(|of| of.1).collect(),
         );

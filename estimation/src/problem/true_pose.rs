@@ -276,7 +276,7 @@ impl Part {
     }
 
     /// Takes the family's own data of a block of samples, of each of which `data` holds `width` numbers.
-    fn gather(&self, (data, width): (&[f64], usize), room: &mut Room) {
+    fn gather(&self, data: &[f64], width: usize, room: &mut Room) {
         room.data.clear();
         for data in data.chunks_exact(width.max(1)) {
             room.data.extend(self.data.iter().map(|&place| data[place]));
@@ -379,7 +379,7 @@ impl ResidualFamily for TruePose {
         let mut room = Room::default();
         self.each_block(prepared, own, |first, count, data| {
             for (k, closure) in self.closures.iter().enumerate() {
-                (closure.by_parameters).gather((data, width), &mut room);
+                (closure.by_parameters).gather(data, width, &mut room);
                 (closure.by_parameters).evaluate_block(shared, false, &mut room);
                 for lane in 0..count {
                     residuals[(first + lane) * rows + k] = room.residual[0][lane];
@@ -411,11 +411,11 @@ impl ResidualFamily for TruePose {
             let of_samples = &mut of_samples[..count];
             for (k, closure) in self.closures.iter().enumerate() {
                 let (one, other) = (&closure.by_parameters, &closure.by_pose);
-                one.gather((data, width), &mut by_parameters);
+                one.gather(data, width, &mut by_parameters);
                 if other.data == one.data {
                     by_pose.data.clone_from(&by_parameters.data);
                 } else {
-                    other.gather((data, width), &mut by_pose);
+                    other.gather(data, width, &mut by_pose);
                 }
                 one.evaluate_block(shared, true, &mut by_parameters);
                 other.evaluate_block(shared, true, &mut by_pose);

@@ -254,7 +254,8 @@ impl WhitenedPose {
         &self,
         prepared: &[f64],
         parameters: &[f64],
-        (residuals, jacobian): (&mut [f64], &mut [f64]),
+        residuals: &mut [f64],
+        jacobian: &mut [f64],
         room: &mut Room,
     ) {
         let (rows, closures) = (self.shape.residuals, self.closures.len());
@@ -387,7 +388,7 @@ impl ResidualFamily for WhitenedPose {
             // None where nothing is free.
             let count = residuals.len() / self.shape.residuals * self.pattern.len();
             let (own, rest) = entries.split_at_mut(count);
-            self.derivatives(prepared, parameters, (residuals, own), &mut room);
+            self.derivatives(prepared, parameters, residuals, own, &mut room);
             entries = rest;
         }
     }

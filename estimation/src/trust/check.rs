@@ -222,7 +222,8 @@ struct Row<'a> {
 
 /// A file with its kind; `None` where it has no rows. `columns` are those of commands, and, by place, of what is measured.
 fn facts<'a>(
-    (file, kind): (&'static str, &'static str),
+    file: &'static str,
+    kind: &'static str,
     (commands, measured): (&[String], &[(usize, &str)]),
     rows: impl Iterator<Item = Row<'a>>,
 ) -> Option<FileFacts> {
@@ -296,14 +297,16 @@ fn files(robot: &Robot, folder: &Folder) -> Vec<FileFacts> {
     });
     let (of_poses, of_track) = ((&commands[..], &position[..]), ["q_m".to_owned()]);
     let mut files = vec![
-        facts((TCP_POSES, "poses of the plate"), of_poses, poses),
+        facts(TCP_POSES, "poses of the plate", of_poses, poses),
         facts(
-            (CART_POSES, "poses of the carts along their tracks"),
+            CART_POSES,
+            "poses of the carts along their tracks",
             (&of_track, &position),
             along_tracks,
         ),
         facts(
-            (CART_POSITIONS, "positions of the carts at random poses"),
+            CART_POSITIONS,
+            "positions of the carts at random poses",
             of_poses,
             at_poses,
         ),
@@ -324,7 +327,7 @@ fn files(robot: &Robot, folder: &Folder) -> Vec<FileFacts> {
             conditions: row.conditions,
             has_direction: row.directions.is_some(),
         });
-        facts((kind.file(), of_kind), (&commands, &measured), rows)
+        facts(kind.file(), of_kind, (&commands, &measured), rows)
     }));
     let mut files: Vec<FileFacts> = files.into_iter().flatten().collect();
     if !folder.distances.is_empty() {
@@ -436,8 +439,8 @@ fn determine(checked: &mut Checked, setup: Setup<'_>, poses: &[usize]) -> Result
         check_poses(setup, poses)?;
         let inverse = problem::inverse_information(&problem, &at).map_err(failed)?;
         let even = vec![1.0; samples.len()];
-        let unknown = (file.noise, &prepared.track_scales[..]);
-        let known = factor_with_shared_noise(&inverse, &residuals, unknown, &at, &even);
+        let scales = &prepared.track_scales;
+        let known = factor_with_shared_noise(&inverse, &residuals, file.noise, scales, &at, &even);
         let known = known.map(|factor| {
             Uncertainty::new(variant, used, &factor)
                 .with_path_noise(file.noise.position_m)
@@ -446,8 +449,7 @@ fn determine(checked: &mut Checked, setup: Setup<'_>, poses: &[usize]) -> Result
         let measured: Vec<&TcpPose> = (poses.iter())
             .map(|&pose| &folder.tcp_poses[pose])
             .collect();
-        checked.reach =
-            known.and_then(|known| Reach::new((machine, &known), &measured, file.noise));
+        checked.reach = known.and_then(|known| Reach::new(machine, &known, &measured, file.noise));
     }
     Ok(())
 }

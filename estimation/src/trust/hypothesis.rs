@@ -97,11 +97,7 @@ impl Case<'_> {
         let folder = Some(&self.folder);
         let mut prepared = Prepared::new(self.robot, self.variant, &self.file, folder, &poses)?;
         if let Some(hypothesis) = &self.tolerances {
-            let parameters = self.variant.parameters.iter();
-            for (parameter, nominal) in parameters.zip(&mut prepared.nominal) {
-                let given = nominal.tolerance;
-                nominal.tolerance = given.map(|given| hypothesis.tolerance(parameter, given));
-            }
+            hypothesis.restate(&mut prepared);
         }
         Ok(prepared)
     }
@@ -332,6 +328,15 @@ pub(crate) fn about_axes(axes: [usize; 3], fixed: bool, angles: [f64; 3]) -> Rot
 }
 
 impl Hypothesis {
+    /// States the tolerances of a variant anew.
+    pub(crate) fn restate(&self, prepared: &mut Prepared) {
+        let parameters = prepared.machine.variant.parameters.iter();
+        for (parameter, nominal) in parameters.zip(&mut prepared.nominal) {
+            let given = nominal.tolerance;
+            nominal.tolerance = given.map(|given| self.tolerance(parameter, given));
+        }
+    }
+
     /// Tolerance of a parameter that has one as given: those of all sections of a robot file alike. No file states those of
     /// frames and of targets on carts.
     pub(crate) fn tolerance(&self, parameter: &Parameter, given: f64) -> f64 {

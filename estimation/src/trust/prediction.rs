@@ -93,7 +93,7 @@ pub fn of_prediction(
         let judged = tried::judged(&case, &prepared, &machine.values, ITERATIONS)?;
         let deviations = judged.deviations();
         let pulls = deviations.iter().map(|own| Pull::of(own, variant));
-        let own = tried::furthest(&judged, (&case, &prepared), None);
+        let own = tried::furthest(&judged, &case, &prepared, None);
         furthest = own.map(|own| Pull::of(&own, variant));
         let mut verdict = measured(&case, &judged, Pull::largest(pulls));
         verdict.know(&weighing, folder.poses_file());
@@ -124,6 +124,9 @@ pub fn of_prediction(
         verdict.why.push(words::changed(squares, degrees));
     }
     verdict.conclude(&case, others.is_some(), furthest.as_ref());
+    if !knows_parameters && verdict.status == Status::Consistent {
+        verdict.why.push(words::OF_DRAWING.to_owned());
+    }
     verdict.tell(&weighing);
     Ok(verdict)
 }
@@ -191,10 +194,7 @@ fn weigh_predicted(
     let deleted: Vec<Deleted> = (0..samples.len()).map(of_sample).collect();
     let machine = joint.machine.with_values(values.to_vec());
     Ok(Weighing::of_predicted(
-        (&joint, &machine),
-        &deleted,
-        samples,
-        treatment,
+        &joint, &machine, &deleted, samples, treatment,
     ))
 }
 

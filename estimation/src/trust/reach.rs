@@ -40,7 +40,8 @@ pub struct Reach {
 impl Reach {
     /// Of a machine with parameters so far known. `None` where the poses can't be predicted.
     pub(crate) fn new(
-        (machine, uncertainty): (&Machine, &Uncertainty),
+        machine: &Machine,
+        uncertainty: &Uncertainty,
         poses: &[&TcpPose],
         noise: Noise,
     ) -> Option<Self> {

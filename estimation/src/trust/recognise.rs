@@ -76,7 +76,7 @@ pub(crate) fn recognised(case: &Case<'_>, known: Option<&Judged>) -> Result<Reco
     let mut fit = match known {
         Some(judged) => {
             let prepared = thinned.prepared()?;
-            let given = Tried::of(None, judged, (&thinned, &prepared));
+            let given = Tried::of(None, judged, &thinned, &prepared);
             Some((given, Cow::Borrowed(judged)))
         }
         None => owned(fitted(&thinned, None, ITERATIONS)),
@@ -137,39 +137,9 @@ pub(crate) fn recognised(case: &Case<'_>, known: Option<&Judged>) -> Result<Reco
             .collect();
         all = closer(&thinned, &hypotheses, ITERATIONS);
     }
-    let scale = |all: &[Tried]| {
-        let ratios = all.iter().chain(&given).map(|t| t.misfit.ratio().powi(2));
-        ratios.fold(f64::INFINITY, f64::min).max(1.0)
-    };
-    let scale = scale(&all);
-    let penalty = |tried: &Tried| prior(&thinned, tried.hypothesis.as_ref());
-    let evidence = |tried: &Tried| tried.evidence(scale) + penalty(tried);
-    let of_given = given.as_ref().map_or(f64::INFINITY, &evidence);
-    all.retain(|tried| {
-        tried.is_plausible()
-            && tried.meets_its_tolerances(thinned.variant)
-            && given
-                .as_ref()
-                .is_none_or(|given| !given.is_plausible() || tried.is_much_nearer(given))
-    });
-    let within_tolerances = |tried: &&Tried| !tried.widens();
-    let ratios = all
-        .iter()
-        .filter(within_tolerances)
-        .map(|tried| tried.misfit.ratio());
-    let nearest = ratios.fold(f64::INFINITY, f64::min);
-    // Wider tolerances make room for what a model lacks as well: what explains about as much within the stated ones goes
-    // before them.
-    all.retain(|tried| !tried.widens() || NEARER * tried.misfit.ratio() < nearest);
-    let decisive = 2.0 * ODDS.ln();
-    all.retain(|tried| {
-        let is_likelier = of_given - evidence(tried) > decisive;
-        is_likelier && is_demanded(&thinned, tried, decisive + penalty(tried))
-    });
-    smallest_first(&mut all, evidence);
+    let all = believed(&thinned, given.as_ref(), all);
     if let Some(best) = all.first() {
-        let limit = evidence(best) + decisive;
-        let mut rivals: Vec<&Tried> = all.iter().filter(|t| evidence(t) < limit).collect();
+        let mut rivals: Vec<&Tried> = all.iter().collect();
         // A value of the drawing that does the same as a zero is looked up first.
         rivals.sort_by_key(|own| matches!(own.hypothesis, Some(Hypothesis::Zero { .. })));
         let mut mistake = described(&thinned, &rivals);
@@ -198,6 +168,43 @@ pub(crate) fn recognised(case: &Case<'_>, known: Option<&Judged>) -> Result<Reco
         is_without_fit: given.is_none(),
         ..by_noise(&thinned, given.as_ref(), judged.as_deref())
     })
+}
+
+/// Hypotheses that are believed, the likeliest first, and those that are about as likely.
+fn believed(case: &Case<'_>, given: Option<&Tried>, mut all: Vec<Tried>) -> Vec<Tried> {
+    let ratios = all
+        .iter()
+        .chain(given)
+        .map(|tried| tried.misfit.ratio().powi(2));
+    let scale = ratios.fold(f64::INFINITY, f64::min).max(1.0);
+    let penalty = |tried: &Tried| prior(case, tried.hypothesis.as_ref());
+    let evidence = |tried: &Tried| tried.evidence(scale) + penalty(tried);
+    let of_given = given.map_or(f64::INFINITY, &evidence);
+    all.retain(|tried| {
+        tried.is_plausible()
+            && tried.meets_its_tolerances(case.variant)
+            && given.is_none_or(|given| !given.is_plausible() || tried.is_much_nearer(given))
+    });
+    let within_tolerances = |tried: &&Tried| !tried.widens();
+    let ratios = all
+        .iter()
+        .filter(within_tolerances)
+        .map(|tried| tried.misfit.ratio());
+    let nearest = ratios.fold(f64::INFINITY, f64::min);
+    // Wider tolerances make room for what a model lacks as well: what explains about as much within the stated ones goes
+    // before them.
+    all.retain(|tried| !tried.widens() || NEARER * tried.misfit.ratio() < nearest);
+    let decisive = 2.0 * ODDS.ln();
+    all.retain(|tried| {
+        let is_likelier = of_given - evidence(tried) > decisive;
+        is_likelier && is_demanded(case, tried, decisive + penalty(tried))
+    });
+    smallest_first(&mut all, evidence);
+    if let Some(best) = all.first() {
+        let limit = evidence(best) + decisive;
+        all.retain(|tried| evidence(tried) < limit);
+    }
+    all
 }
 
 /// False of a dimension far off that noise as large as what it leaves would not ask for, at odds of −2 ln `decisive`: at

@@ -34,14 +34,15 @@ impl Tried {
     pub(super) fn of(
         hypothesis: Option<&Hypothesis>,
         judged: &Judged,
-        (case, prepared): (&Case<'_>, &Prepared),
+        case: &Case<'_>,
+        prepared: &Prepared,
     ) -> Self {
         let freed = match hypothesis {
             Some(Hypothesis::Dimension { parameter, .. }) => Some(*parameter),
             _ => None,
         };
         Self {
-            furthest: furthest(judged, (case, prepared), freed),
+            furthest: furthest(judged, case, prepared, freed),
             hypothesis: hypothesis.cloned(),
             total: judged.total(),
             volumes: judged.volumes(),
@@ -122,7 +123,8 @@ pub(crate) fn is_beyond_noise(misfit: &Misfit) -> bool {
 /// parameters follow them, it is that at the noise which residuals show: tolerances hold there what noise would drive.
 pub(crate) fn furthest(
     judged: &Judged,
-    (case, prepared): (&Case<'_>, &Prepared),
+    case: &Case<'_>,
+    prepared: &Prepared,
     freed: Option<usize>,
 ) -> Option<Deviation> {
     let furthest = |judged: &Judged| {
@@ -193,7 +195,7 @@ pub(super) fn fitted(
         start[parameter] = at;
     }
     let judged = judged(case, &prepared, &start, iterations).ok()?;
-    let tried = Tried::of(hypothesis, &judged, (case, &prepared));
+    let tried = Tried::of(hypothesis, &judged, case, &prepared);
     // A value within its tolerance is no mistake, however well all else fits; nor is a length below zero one.
     let is_off = |(parameter, stated): (usize, Nominal)| {
         let value = tried.values[parameter];

@@ -271,7 +271,7 @@ pub fn of_calibration_knowing(
     let reach = || {
         let measured: Vec<&TcpPose> = case.folder.tcp_poses.iter().collect();
         let known = Uncertainty::of_calibration(calibration)?;
-        Reach::new((machine, &known), &measured, file.noise)
+        Reach::new(machine, &known, &measured, file.noise)
     };
     let (found, reach) = parallel::both(found, reach);
     *known = found?;
@@ -284,7 +284,7 @@ pub fn of_calibration_knowing(
         verdict.blame(numbering::mistake(machine, folder).into_iter().collect());
     }
     let furthest = || {
-        let own = tried::furthest(judged, (&case, &case.prepared().ok()?), None)?;
+        let own = tried::furthest(judged, &case, &case.prepared().ok()?, None)?;
         Some(Pull::of(&own, &machine.variant))
     };
     verdict.conclude(&case, false, furthest().as_ref());

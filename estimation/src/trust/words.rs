@@ -10,6 +10,9 @@ use crate::trust::hypothesis::{Case, Hypothesis, THOUSAND};
 use crate::trust::mistake::{Mistake, MistakeKind};
 use crate::trust::{ABSURD_TOLERANCES, general};
 
+/// Sentence on the verdict on a drawing, whose parameters nobody has calibrated.
+pub(super) const OF_DRAWING: &str = "For that its dimensions move within their tolerances: how well the drawing predicts as it is, its errors say.";
+
 const ROBOT: &str = "robot.toml";
 const AXES: [&str; 3] = ["x", "y", "z"];
 const ANGLES: [&str; 3] = ["alpha_rad", "beta_rad", "gamma_rad"];
@@ -145,6 +148,18 @@ pub(crate) fn of_noise(whose: &str, factor: f64) -> Mistake {
         file: ROBOT,
         what: format!("the stated noise {whose} is a thousand times {size}"),
         mend: format!("write metres and radians: {mend} {THOUSAND}"),
+        is_absurd: true,
+    }
+}
+
+/// Tolerances that are too small, all of them or those of lengths.
+pub(crate) fn of_small_tolerances(lengths_only: bool) -> Mistake {
+    let (kind, file, what, mend) = tolerances(THOUSAND, lengths_only, 0.0);
+    Mistake {
+        kind,
+        file,
+        what,
+        mend,
         is_absurd: true,
     }
 }

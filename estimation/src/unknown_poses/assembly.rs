@@ -372,7 +372,7 @@ impl<'a> Assembly<'a> {
             own.filter(|row| chosen.takes(&place_of(row)))
         };
         if let Some(kind) = self.kind(TCP_POSES) {
-            rows.extend(self.poses_measured(kind, (machine, tracker), chosen)?);
+            rows.extend(self.poses_measured(kind, machine, tracker, chosen)?);
         }
         for kind in [PlateKind::Position, PlateKind::Height, PlateKind::BallBar] {
             let Some(component) = self.kind(kind.file()) else {
@@ -506,7 +506,8 @@ impl<'a> Assembly<'a> {
     fn poses_measured(
         &self,
         kind: usize,
-        (machine, tracker): (&Machine, (Option<&Arc<TrackerErrors>>, &[usize])),
+        machine: &Machine,
+        tracker: (Option<&Arc<TrackerErrors>>, &[usize]),
         chosen: &Chosen<'_>,
     ) -> Result<Option<Rows>, Error> {
         let kinds = vec![kind, kind, kind, kind + 1, kind + 1, kind + 1];

@@ -145,17 +145,13 @@ fn joined(
     }
     fit.rebuild(&mut start)?;
     fit.start = start;
-    let settled = fit.settled_beside_carts(options, options.treatment.loss)?;
+    let mut settled = fit.settled_beside_carts(options, options.treatment.loss)?;
     let values = &settled.solution.parameters;
     let (covariance, _) = fit.determined(&settled.reduced.triangle, 1.0);
     let leverages = fit.elimination(values).leverages(&covariance);
-    let joined = fit.finish(
-        values,
-        (&settled.reduced, &leverages),
-        plate.rank.clone(),
-        (&settled.solution, near.iterations + settled.iterations),
-        options,
-    )?;
+    settled.leverages = leverages;
+    settled.iterations += near.iterations;
+    let joined = fit.finish(&settled, plate.rank.clone(), options)?;
     Ok(UnknownPoses {
         loss: plate.loss,
         ..joined

@@ -127,23 +127,19 @@ impl<'a> Elimination<'a> {
         own: &'a [f64],
     ) -> Self {
         let clusters = Clusters::new(blocks, own.len() / POSE_UNKNOWNS, assembly.free);
-        Self::of_clusters(blocks, &assembly.kinds, (shared, own), Arc::new(clusters))
+        Self::of_clusters(blocks, &assembly.kinds, shared, own, Arc::new(clusters))
     }
 
     /// The same rows at other values.
     pub(super) fn moved<'b>(&'b self, shared: &'b [f64], own: &'b [f64]) -> Elimination<'b> {
-        Elimination::of_clusters(
-            self.blocks,
-            self.kinds,
-            (shared, own),
-            self.clusters.clone(),
-        )
+        Elimination::of_clusters(self.blocks, self.kinds, shared, own, self.clusters.clone())
     }
 
     fn of_clusters(
         blocks: &'a [Rows],
         kinds: &'a [Kind],
-        (shared, own): (&'a [f64], &[f64]),
+        shared: &'a [f64],
+        own: &[f64],
         clusters: Arc<Clusters>,
     ) -> Self {
         let linearized = blocks.iter().map(|rows| Linearized::new(rows, shared, own));

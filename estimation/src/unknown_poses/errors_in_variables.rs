@@ -60,11 +60,7 @@ pub fn calibrate(
     let measured: Vec<&TcpPose> = poses.iter().map(|&pose| &folder.tcp_poses[pose]).collect();
     // Measured poses leave no motion open along which parameters would curve.
     let covariance = fit.covariance(&settled.reduced.triangle, 1.0);
-    let fitted = fit.fitted(
-        (&settled.solution, settled.iterations),
-        &settled.reduced,
-        (&covariance, &DVector::zeros(fit.shared())),
-    )?;
+    let fitted = fit.fitted(&settled, &covariance, &DVector::zeros(fit.shared()))?;
     Ok(ErrorsInVariables {
         calibration: Calibration {
             weighing,

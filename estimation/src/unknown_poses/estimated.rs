@@ -334,9 +334,9 @@ impl Grouped<'_> {
                 (basis, owners.collect(), if are_exact { rest } else { 0 })
             });
         let shares = self.closure_shares(machine, samples, &own)?;
-        self.angles_to_lengths(machine, samples, (&own, &shares), &mut origins)?;
+        self.angles_to_lengths(machine, samples, &own, &shares, &mut origins)?;
         let (tracked, by_tracker, errors) =
-            self.tracked(machine, tracked, (samples, &of_samples), &origins);
+            self.tracked(machine, tracked, samples, &of_samples, &origins);
         let measured = DVector::from_fn(raw.rows.len(), |row, _| {
             if is_closure(row) {
                 0.0
@@ -399,7 +399,8 @@ impl Grouped<'_> {
         &self,
         machine: &Machine,
         samples: &[Sample],
-        (readings, shares): (&[usize], &DMatrix<f64>),
+        readings: &[usize],
+        shares: &DMatrix<f64>,
         origins: &mut [Origin],
     ) -> Result<(), Error> {
         let kinds = &self.blocks[0].kinds;

@@ -4,11 +4,10 @@ use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
 use tau_robot::robot_file::{RobotFile, Value};
-use tau_solver::{Problem, Solution};
+use tau_solver::Problem;
 
-use super::elimination::Reduced;
 use super::fit::Fit;
-use super::{KindFit, ObjectEstimate, Rank, UnknownPoses, heldout, quantity};
+use super::{KindFit, ObjectEstimate, Rank, Settled, UnknownPoses, heldout, quantity};
 use crate::calibration::{self, Calibration, Combination, Error, Fitted, combinations};
 use crate::numerics::order::extent;
 use crate::numerics::{number, triangle};
@@ -21,12 +20,14 @@ const WIDE_M: f64 = 1e3;
 impl Fit<'_> {
     pub(super) fn finish(
         &self,
-        values: &[f64],
-        (reduced, leverages): (&Reduced, &[Vec<f64>]),
+        settled: &Settled,
         rank: Rank,
-        (solution, iterations): (&Solution, usize),
         options: &calibration::Options,
     ) -> Result<UnknownPoses, Error> {
+        let Settled {
+            reduced, leverages, ..
+        } = settled;
+        let values = &settled.solution.parameters;
         let shared = self.shared();
         let variance = self.loss_variance(reduced, leverages);
         let covariance = self.covariance(&reduced.triangle, variance);
@@ -41,8 +42,7 @@ impl Fit<'_> {
             kind.repeats = repeats;
         }
         let machine = self.machine_at(values);
-        let told = (&covariance, &second_order);
-        let fitted = self.fitted((solution, iterations), reduced, told)?;
+        let fitted = self.fitted(settled, &covariance, &second_order)?;
         let objects: Vec<ObjectEstimate> = (self.assembly.object_unknowns().enumerate())
             .map(|(index, unknown)| ObjectEstimate {
                 name: unknown.name.clone(),
@@ -99,13 +99,16 @@ impl Fit<'_> {
     }
 
     /// Parameters of the variant as described: carts beside the plate have more. Of all shared unknowns, the covariance and
-    /// mean squares of second order are as told.
+    /// mean squares of second order are as given.
     pub(super) fn fitted(
         &self,
-        (solution, iterations): (&Solution, usize),
-        reduced: &Reduced,
-        (all, second_order): (&DMatrix<f64>, &DVector<f64>),
+        settled: &Settled,
+        all: &DMatrix<f64>,
+        second_order: &DVector<f64>,
     ) -> Result<Fitted, Error> {
+        let Settled {
+            solution, reduced, ..
+        } = settled;
         let values = &solution.parameters;
         let machine = &self.prepared.machine;
         let name = |index: usize| self.machine.variant.parameters[index].name.as_str();
@@ -135,7 +138,7 @@ impl Fit<'_> {
             undetermined,
             used,
             cost: solution.cost,
-            iterations,
+            iterations: settled.iterations,
             termination: solution.termination.to_string(),
         })
     }

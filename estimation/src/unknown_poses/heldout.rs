@@ -61,10 +61,10 @@ impl HeldOut {
         if new.calibration.is_empty() && new.distances.is_empty() {
             return Ok(None);
         }
-        let of = |left_out: &BTreeSet<RowPlace>| figures(machine, fit, shared, (&new, left_out));
+        let of = |left_out: &BTreeSet<RowPlace>| figures(machine, fit, shared, &new, left_out);
         let (all, [poses, rows]) = of(&BTreeSet::new())?;
         // Where poses can't follow what was measured, figures are all that is known.
-        let gross = gross_rows(machine, fit, (shared, factor), &new, options).unwrap_or_default();
+        let gross = gross_rows(machine, fit, shared, factor, &new, options).unwrap_or_default();
         let left_out: BTreeSet<RowPlace> = gross.iter().map(|row| row.place).collect();
         Ok(Some(Self {
             poses,
@@ -85,7 +85,8 @@ fn figures(
     machine: &Machine,
     fit: &Fit<'_>,
     shared: &[f64],
-    (new, left_out): (&RowDivision, &BTreeSet<RowPlace>),
+    new: &RowDivision,
+    left_out: &BTreeSet<RowPlace>,
 ) -> Result<(HeldOutFit, [usize; 2]), Error> {
     // Where a drive was misread, what the drives predict is wrong.
     let misread = left_out.iter().filter(|place| place.drive.is_some());
@@ -121,7 +122,8 @@ fn figures(
 fn gross_rows(
     machine: &Machine,
     fit: &Fit<'_>,
-    (shared, factor): (&[f64], DMatrix<f64>),
+    shared: &[f64],
+    factor: DMatrix<f64>,
     new: &RowDivision,
     options: &calibration::Options,
 ) -> Result<Vec<GrossRow>, Error> {

@@ -122,7 +122,8 @@ impl Stated<'_> {
 
     fn kind(
         &self,
-        (file, quantity): (&'static str, &'static str),
+        file: &'static str,
+        quantity: &'static str,
         unit: &'static str,
         stated: StatedNoise,
     ) -> Kind {
@@ -153,7 +154,7 @@ impl Stated<'_> {
             return Err(self.unstated(TCP_POSES, keys));
         }
         Ok(of.map(|(quantity, unit, sigma)| {
-            self.kind((TCP_POSES, quantity), unit, StatedNoise::Known(sigma))
+            self.kind(TCP_POSES, quantity, unit, StatedNoise::Known(sigma))
         }))
     }
 
@@ -166,7 +167,7 @@ impl Stated<'_> {
         let section = file.trim_end_matches(".csv");
         let missing = || self.unstated(file, &format!("`[noise.{section}]` with `{key}`"));
         let stated = self.0.noise_of(file).ok_or_else(missing)?;
-        Ok(self.kind((file, quantity), "m", stated))
+        Ok(self.kind(file, quantity, "m", stated))
     }
 
     /// Of positions, axis by axis; of one that no row measures any will do.
@@ -183,7 +184,7 @@ impl Stated<'_> {
             let stated = axes[k].or(any.filter(|_| !is_measured));
             let key = || format!("`{column}` to `[noise.tcp_positions]`");
             let stated = stated.ok_or_else(|| self.unstated(of.file(), &key()))?;
-            Ok(self.kind((of.file(), axis), "m", stated))
+            Ok(self.kind(of.file(), axis, "m", stated))
         });
         kinds.collect()
     }
@@ -203,7 +204,7 @@ impl Stated<'_> {
                     "keep the one that scatters more",
                 ));
             }
-            return Ok(self.kind((LINKS, "length"), "m", stated));
+            return Ok(self.kind(LINKS, "length", "m", stated));
         }
         if others.is_empty() && are_exact {
             return Err(self.refused(

@@ -188,6 +188,7 @@ fn of_plate(
         setup,
         division,
         options,
+        tolerances: None,
     };
     let sight = (options.recognises_mistakes).then(|| case.at_first_sight());
     let (found, mistakes) = recognising(&case, None, sight)?;
@@ -208,6 +209,7 @@ fn recognising<'a>(
         setup,
         division,
         options,
+        tolerances,
     } = *case;
     let file = &setup.file.completed(setup.robot);
     let folder = setup.folder;
@@ -216,6 +218,9 @@ fn recognising<'a>(
     let sketch_m = starts::sketched(&prepared);
     if let Some((parameter, length_m)) = freed {
         prepared.free(parameter, length_m);
+    }
+    if let Some(hypothesis) = tolerances {
+        hypothesis.restate(&mut prepared);
     }
     let without = |gross: &[GrossRow], machine: Machine, division: &RowDivision, search: Search| {
         let options = calibration::Options {
@@ -307,13 +312,7 @@ fn fitted(mut fit: Fit<'_>, options: &calibration::Options) -> Result<UnknownPos
     fit.restate_gross(&settled.solution.parameters)?;
     let machine = fit.machine_at(&settled.solution.parameters);
     let rank = fit.rank(&settled.reduced, &machine);
-    let found = fit.finish(
-        &settled.solution.parameters,
-        (&settled.reduced, &settled.leverages),
-        rank,
-        (&settled.solution, settled.iterations),
-        options,
-    )?;
+    let found = fit.finish(&settled, rank, options)?;
     // About a rough drawing, what bends more than the noise looks like a mistake to first order: the fit decides.
     let is_met = found.gross.is_empty() && recognised::is_met(&found);
     Ok(UnknownPoses {

@@ -105,6 +105,7 @@ pub fn recognised(setup: Setup<'_>, division: &RowDivision) -> Result<Recognised
         setup,
         division,
         options: &calibration::Options::default(),
+        tolerances: None,
     };
     let completed = &file.completed(setup.robot);
     match Fit::new(
@@ -282,8 +283,10 @@ impl<'a> Case<'a> {
             .then(|| case.fitted(self.setup.file, self.setup.folder, None));
         let same_rows = of_few.as_ref().map_or(given, |found| found.as_ref().ok());
         let of_rows = (!is_met).then(|| case.of_rows(same_rows, look)).flatten();
+        let of_tolerances = || given.and_then(|given| self.small_tolerances(given));
         let of_noise = || given.and_then(|given| self.wrong_noise(given));
-        of_rows.or_else(of_noise).into_iter().collect()
+        let found = of_rows.or_else(of_tolerances).or_else(of_noise);
+        found.into_iter().collect()
     }
 
     /// The mistake that brings residuals nearest to the noise.

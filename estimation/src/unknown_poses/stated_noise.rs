@@ -1,4 +1,4 @@
-//! Noise that is stated a thousand times too large or too small, where poses are unknown.
+//! Noise that is stated a thousand times too large or too small, and tolerances that are too small, where poses are unknown.
 //!
 //! More noise makes any residuals fit. That they are noise shows in each kind of them for itself, and in most as in all; and
 //! a dimension without which they are the stated noise goes before, for it leaves less room.
@@ -12,7 +12,7 @@ use super::rows::KindFit;
 use super::trials::Case;
 use crate::numerics::distribution::chi2_survival;
 use crate::numerics::parallel;
-use crate::trust::hypothesis::THOUSAND;
+use crate::trust::hypothesis::{Hypothesis, LENGTH, THOUSAND, small_tolerances};
 use crate::trust::recognise::POSES;
 use crate::trust::tried::STATED;
 use crate::trust::{LEVEL, Mistake, NEARER, ODDS, words};
@@ -63,6 +63,47 @@ impl Case<'_> {
             Whose::Drives => "of the drives (`[drives]`)",
         };
         Some(words::of_noise(whose, factor))
+    }
+
+    /// Tolerances that are stated a thousand times too small, all or those of lengths: with wider ones residuals are the stated
+    /// noise, no parameter is off beyond chance, and most of those that measurements tell are off by what the wider ones let
+    /// expect rather than the stated ones.
+    pub(super) fn small_tolerances(&self, given: &UnknownPoses) -> Option<Mistake> {
+        let by_chance = chi2_survival(given.chi2, given.dof);
+        if given.residual_over_noise() < NEARER || by_chance > LEVEL {
+            return None;
+        }
+        let thinned = self.division.thinned(self.setup.folder, POSES);
+        small_tolerances().into_iter().find_map(|hypothesis| {
+            let case = Case {
+                division: thinned.as_ref().unwrap_or(self.division),
+                tolerances: Some(&hypothesis),
+                ..*self
+            };
+            let found = case.fitted(self.setup.file, self.setup.folder, None).ok()?;
+            let Hypothesis::Tolerances {
+                factor,
+                lengths_only,
+                ..
+            } = hypothesis
+            else {
+                return None;
+            };
+            // Of what data hardly tell, departures say nothing of tolerances.
+            let told = (found.calibration.parameters.iter()).filter_map(|own| {
+                let tolerance = own.tolerance?;
+                let is_told = own.sigma.powi(2) < 0.5 * tolerance.powi(2);
+                let counts = is_told && (!lengths_only || own.unit == LENGTH);
+                counts.then(|| factor * ((own.value - own.nominal) / tolerance).powi(2) > 1.0)
+            });
+            let told: Vec<bool> = told.collect();
+            let wide = told.iter().filter(|is_wide| **is_wide).count();
+            let is_right = found.is_consistent()
+                && !found.has_far_pull()
+                && !told.is_empty()
+                && 2 * wide >= told.len();
+            is_right.then(|| words::of_small_tolerances(lengths_only))
+        })
     }
 
     /// Gain in 2 ln of the evidence by a factor on noise, if it is decisive and no factor between gains more. With

@@ -41,7 +41,8 @@ impl Grouped<'_> {
         &self,
         machine: &Machine,
         known: &BTreeMap<RowPlace, Sample>,
-        (samples, own): (&[Sample], &[usize]),
+        samples: &[Sample],
+        own: &[usize],
         origins: &[Origin],
     ) -> (Vec<Tracked>, DMatrix<f64>, DVector<f64>) {
         let rows = &self.raw.rows;

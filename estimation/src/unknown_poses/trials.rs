@@ -23,6 +23,8 @@ pub(super) struct Case<'a> {
     pub(super) setup: Setup<'a>,
     pub(super) division: &'a RowDivision,
     pub(super) options: &'a calibration::Options,
+    /// Tolerances, where they are not as stated.
+    pub(super) tolerances: Option<&'a Hypothesis>,
 }
 
 /// Parameters that may be far off, of a machine with links of some length.

@@ -24,7 +24,8 @@ pub struct Misread {
 impl Misread {
     /// The commands that explain poses, by their indices, at the machine of a fit.
     pub(super) fn of_all<'a>(
-        (joint, machine): (&Joint, &Machine),
+        joint: &Joint,
+        machine: &Machine,
         samples: &[Sample],
         poses: impl Iterator<Item = (usize, &'a Deleted)>,
         far: Far,
@@ -96,6 +97,6 @@ impl Robust {
         let far = (0..samples.len()).filter(|&index| is_outlier[index]);
         let deleted = errors(&self.descent, &self.factor, far.clone(), |deleted| deleted);
         let machine = joint.machine.with_values(joint.values(fitted));
-        Misread::of_all((joint, &machine), samples, far.zip(&deleted), self.far)
+        Misread::of_all(joint, &machine, samples, far.zip(&deleted), self.far)
     }
 }

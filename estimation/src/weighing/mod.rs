@@ -157,7 +157,8 @@ impl Weighing {
 
     /// Of poses that took no part in a fit, by their residuals at a machine.
     pub(crate) fn of_predicted(
-        (joint, machine): (&Joint, &Machine),
+        joint: &Joint,
+        machine: &Machine,
         deleted: &[Deleted],
         samples: &[Sample],
         treatment: Treatment,
@@ -179,7 +180,7 @@ impl Weighing {
             .iter()
             .enumerate()
             .filter(|(index, _)| is_outlier[*index]);
-        let misread = Misread::of_all((joint, machine), samples, outliers, far);
+        let misread = Misread::of_all(joint, machine, samples, outliers, far);
         weighing.list(&sums, &is_outlier, misread, samples);
         weighing
     }
@@ -229,13 +230,7 @@ pub(crate) fn weighed(
     // Nothing is to be gone where values are those of the fit; [`weighed_from`] goes on from there.
     let even = (vec![1.0; of_few.len()], 0);
     let descent = exact::descent(prepared, values, &of_few, noise, even)?;
-    weighed_from(
-        descent,
-        (prepared, noise),
-        samples,
-        (&few, &of_few),
-        treatment,
-    )
+    weighed_from(descent, prepared, noise, samples, &few, &of_few, treatment)
 }
 
 /// The same from a fit to all of the poses, which are no more than [`MOST_POSES`].
@@ -250,22 +245,17 @@ pub(crate) fn weigh_fitted(
 ) -> Result<Weighing, Error> {
     let all: Vec<usize> = (0..samples.len()).collect();
     let (descent, treatment) = (fit.into_descent(), Treatment::default());
-    Ok(weighed_from(
-        descent,
-        (prepared, noise),
-        samples,
-        (&all, samples),
-        treatment,
-    )?
-    .0)
+    Ok(weighed_from(descent, prepared, noise, samples, &all, samples, treatment)?.0)
 }
 
 /// From a start of the fit to some of the poses, given by index and as samples.
 fn weighed_from(
     descent: Descent,
-    (prepared, noise): (&Prepared, Noise),
+    prepared: &Prepared,
+    noise: Noise,
     samples: &[Sample],
-    (few, of_few): (&[usize], &[Sample]),
+    few: &[usize],
+    of_few: &[Sample],
     treatment: Treatment,
 ) -> Result<(Weighing, Option<Judged>), Error> {
     let mut fit = Robust::of(descent.converged()?, samples)?;
@@ -580,7 +570,8 @@ impl Robust {
         let found = visits.found(
             &plain,
             shared,
-            (degrees(&self, &visits), plain_degrees),
+            degrees(&self, &visits),
+            plain_degrees,
             repeats::repeatability(samples, kept, plate),
         );
         Ok((found, move |count| visits.inflation(shared, count)))

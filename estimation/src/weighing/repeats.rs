@@ -122,7 +122,8 @@ impl ByVisit {
         &self,
         plain: &Self,
         shared: f64,
-        (degrees, plain_degrees): (f64, f64),
+        degrees: f64,
+        plain_degrees: f64,
         (position_m, rotation_rad): (f64, Option<f64>),
     ) -> Repeats {
         let within_degrees = (self.readings - self.means.len()) as f64 * self.residuals;

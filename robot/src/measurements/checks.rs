@@ -315,14 +315,14 @@ mod tests {
     }
 
     #[test]
-    fn as_many_poses_as_parameters_suffice() {
+    fn one_pose_more_than_parameters_suffices() {
         let folder = prototype::folder().unwrap();
         folder.check_pose_count(11, 10, "link `l1`").unwrap();
         let error = folder.check_pose_count(10, 10, "link `l1`").unwrap_err();
         assert!(
             error
                 .to_string()
-                .contains("9 of 176 poses calibrate, expected at least 10")
+                .contains("10 of 176 poses calibrate, expected at least 11")
         );
     }
 }
