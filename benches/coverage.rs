@@ -265,16 +265,7 @@ fn counted(robot: &Robot, file: &RobotFile, case: &Case, arguments: &Arguments) 
             treatment: case.treatment,
             ..Options::default()
         };
-        let found = match calibrate(
-            Setup {
-                robot,
-                variant,
-                file,
-                folder,
-            },
-            &poses,
-            &options,
-        ) {
+        let found = match calibrate(Setup::new(robot, variant, file, folder), &poses, &options) {
             Ok(found) => found,
             Err(error) => {
                 eprintln!("{}, {seed}: {error}", case.name);

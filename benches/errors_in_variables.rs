@@ -98,23 +98,13 @@ impl Case {
         let options = calibration::Options::default();
         let few = &poses[..START.min(poses.len())];
         let start = calibrate(
-            Setup {
-                robot: &self.robot,
-                variant: self.variant(),
-                file: &self.file,
-                folder: &self.folder,
-            },
+            Setup::new(&self.robot, self.variant(), &self.file, &self.folder),
             few,
             &options,
         )
         .expect("a calibration");
         Unsolved::of_all_sets(
-            Setup {
-                robot: &self.robot,
-                variant: self.variant(),
-                file: &self.file,
-                folder: &self.folder,
-            },
+            Setup::new(&self.robot, self.variant(), &self.file, &self.folder),
             &self.division,
             &start,
         )

@@ -174,12 +174,7 @@ fn calibration_of_five_variants(bencher: Bencher) {
             let poses = &poses.division.calibration;
             let options = calibration::Options::default();
             let done = calibration::calibrate(
-                Setup {
-                    robot: &robot,
-                    variant,
-                    file: &file,
-                    folder: &folder,
-                },
+                Setup::new(&robot, variant, &file, &folder),
                 poses,
                 &options,
             );

@@ -94,12 +94,7 @@ fn one(count: usize) {
         for _ in 0..turns {
             let (started, before) = (Instant::now(), processor_seconds());
             let found = calibrate(
-                Setup {
-                    robot: &readings.robot,
-                    variant: readings.variant(),
-                    file: &file,
-                    folder: &readings.folder,
-                },
+                Setup::new(&readings.robot, readings.variant(), &file, &readings.folder),
                 &readings.division,
                 &Options::default(),
             );
@@ -131,12 +126,7 @@ fn one(count: usize) {
 fn beside_peers(readings: &Readings, turns: usize) {
     let file = readings.sketch(1);
     let unsolved = Unsolved::new(
-        Setup {
-            robot: &readings.robot,
-            variant: readings.variant(),
-            file: &file,
-            folder: &readings.folder,
-        },
+        Setup::new(&readings.robot, readings.variant(), &file, &readings.folder),
         &readings.division,
     )
     .expect("a problem");

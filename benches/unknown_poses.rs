@@ -314,12 +314,7 @@ impl Case {
         let start = Instant::now();
         let options = Options::default();
         let found = calibrate(
-            Setup {
-                robot,
-                variant,
-                file,
-                folder: &simulated.folder,
-            },
+            Setup::new(robot, variant, file, &simulated.folder),
             &division,
             &options,
         );

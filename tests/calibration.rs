@@ -45,12 +45,7 @@ impl Case {
         let variant = self.robot.variant(variant).expect("a variant of the robot");
         let poses = &self.poses.division.calibration;
         calibrate(
-            Setup {
-                robot: &self.robot,
-                variant,
-                file: &self.file,
-                folder: &self.folder,
-            },
+            Setup::new(&self.robot, variant, &self.file, &self.folder),
             poses,
             options,
         )
@@ -330,12 +325,7 @@ fn a_searched_period_is_found_from_the_description_alone() {
         let variant = robot.variant(variant).unwrap();
         let options = Options::default();
         let calibration = calibrate(
-            Setup {
-                robot: &robot,
-                variant,
-                file: &file,
-                folder: &measured,
-            },
+            Setup::new(&robot, variant, &file, &measured),
             &poses.division.calibration,
             &options,
         )

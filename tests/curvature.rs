@@ -26,12 +26,7 @@ fn a_tilt_shortens_what_is_upright() {
     let variant = robot.variant("Nominal").unwrap();
     let options = Options::default();
     let found = calibrate(
-        Setup {
-            robot: &robot,
-            variant,
-            file: &file,
-            folder: &folder,
-        },
+        Setup::new(&robot, variant, &file, &folder),
         &division,
         &options,
     )

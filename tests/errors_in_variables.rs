@@ -107,12 +107,7 @@ fn fit(file: &RobotFile, folder: &Folder) -> ErrorsInVariables {
     let robot = gantry_tau();
     let poses: Vec<usize> = (0..folder.tcp_poses.len()).collect();
     errors_in_variables::calibrate(
-        Setup {
-            robot: &robot,
-            variant: robot.variant(VARIANT).unwrap(),
-            file,
-            folder,
-        },
+        Setup::new(&robot, robot.variant(VARIANT).unwrap(), file, folder),
         &poses,
         &Options::default(),
     )
@@ -393,28 +388,14 @@ fn every_method_and_number_of_threads_gives_the_same() {
     let variant = robot.variant(VARIANT).unwrap();
     let poses: Vec<usize> = (0..folder.tcp_poses.len()).collect();
     let start = calibrate(
-        Setup {
-            robot: &robot,
-            variant,
-            file,
-            folder,
-        },
+        Setup::new(&robot, variant, file, folder),
         &poses[..40],
         &Options::default(),
     );
     let start = start.unwrap();
     let division = RowDivision::of_poses(folder, &poses);
-    let sets = Unsolved::of_all_sets(
-        Setup {
-            robot: &robot,
-            variant,
-            file,
-            folder,
-        },
-        &division,
-        &start,
-    )
-    .unwrap();
+    let sets = Unsolved::of_all_sets(Setup::new(&robot, variant, file, folder), &division, &start)
+        .unwrap();
     let problem = sets.problem();
     let run = |method: Method, threads: usize| {
         let options = tau_solver::Options {
@@ -448,28 +429,10 @@ fn too_few_poses_are_refused_as_by_the_ordinary_calibration() {
     let options = Options::default();
     let (file, folder) = (&drawn.file, &drawn.folder);
     let few = [0, 1, 2];
-    let ordinary = calibrate(
-        Setup {
-            robot: &robot,
-            variant,
-            file,
-            folder,
-        },
-        &few,
-        &options,
-    )
-    .err();
-    let found = errors_in_variables::calibrate(
-        Setup {
-            robot: &robot,
-            variant,
-            file,
-            folder,
-        },
-        &few,
-        &options,
-    )
-    .err();
+    let ordinary = calibrate(Setup::new(&robot, variant, file, folder), &few, &options).err();
+    let found =
+        errors_in_variables::calibrate(Setup::new(&robot, variant, file, folder), &few, &options)
+            .err();
     assert!(matches!(found, Some(Error::Input(_))));
     assert_eq!(found, ordinary);
 }

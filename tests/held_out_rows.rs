@@ -34,12 +34,7 @@ fn held_out(
     let variant = robot.variant(variant).unwrap();
     let options = Options::default();
     let found = calibrate(
-        Setup {
-            robot: &robot,
-            variant,
-            file: &file,
-            folder: &folder,
-        },
+        Setup::new(&robot, variant, &file, &folder),
         &division,
         &options,
     )

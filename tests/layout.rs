@@ -89,17 +89,7 @@ fn a_calibrated_machine_is_drawn_as_it_was_measured() {
     for name in ["Nominal", "Full", "FullPiecewise"] {
         let variant = robot.variant(name).unwrap();
         let options = calibration::Options::default();
-        let found = calibrate(
-            Setup {
-                robot: &robot,
-                variant,
-                file: &file,
-                folder: &folder,
-            },
-            used,
-            &options,
-        )
-        .unwrap();
+        let found = calibrate(Setup::new(&robot, variant, &file, &folder), used, &options).unwrap();
         let layout = study::layout(&found, &folder).unwrap();
         let reference = found.file.reference.as_ref().unwrap();
         // The reference is rounded to a tenth of a millimetre and of a milliradian.

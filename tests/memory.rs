@@ -38,12 +38,7 @@ fn peak_bytes(poses: usize) -> f64 {
     let all: Vec<usize> = (0..poses).collect();
     let options = calibration::Options::default();
     let start = calibrate(
-        Setup {
-            robot: &robot,
-            variant,
-            file,
-            folder,
-        },
+        Setup::new(&robot, variant, file, folder),
         &all[..START],
         &options,
     )
@@ -52,17 +47,8 @@ fn peak_bytes(poses: usize) -> f64 {
     let before = ALLOCATOR.current_usage();
     ALLOCATOR.reset_peak_usage();
     let division = RowDivision::of_poses(folder, &all);
-    let sets = Unsolved::of_all_sets(
-        Setup {
-            robot: &robot,
-            variant,
-            file,
-            folder,
-        },
-        &division,
-        &start,
-    )
-    .unwrap();
+    let sets = Unsolved::of_all_sets(Setup::new(&robot, variant, file, folder), &division, &start)
+        .unwrap();
     let problem = sets.problem();
     let solution = solve(&problem, &Options::default()).unwrap();
     assert!(solution.converged());

@@ -34,12 +34,7 @@ fn fit(variant: &str, file: &RobotFile, folder: &Folder) -> UnknownPoses {
         ..Options::default()
     };
     calibrate(
-        Setup {
-            robot: &robot,
-            variant,
-            file,
-            folder,
-        },
+        Setup::new(&robot, variant, file, folder),
         &division,
         &options,
     )

@@ -70,12 +70,7 @@ fn steps_and_implicit_differentiation_agree_in_every_variant() {
         .filter(|variant| variant.effects.is_empty())
     {
         let calibration = calibrate(
-            Setup {
-                robot: &robot,
-                variant,
-                file: &file,
-                folder: &folder,
-            },
+            Setup::new(&robot, variant, &file, &folder),
             &poses.division.calibration,
             &Options::default(),
         )

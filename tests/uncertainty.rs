@@ -188,12 +188,7 @@ fn a_file_holds_the_covariance() {
         let variant = robot.variant(name).unwrap();
         let options = calibration::Options::default();
         let found = calibration::calibrate(
-            Setup {
-                robot: &robot,
-                variant,
-                file: &file,
-                folder: &folder,
-            },
+            Setup::new(&robot, variant, &file, &folder),
             &poses,
             &options,
         )
@@ -244,12 +239,7 @@ fn coverage((name, variant): (&str, &str), machines: u64) -> [(f64, f64); 2] {
         let poses: Vec<usize> = (0..folder.tcp_poses.len()).collect();
         let options = calibration::Options::default();
         let found = calibration::calibrate(
-            Setup {
-                robot: &robot,
-                variant,
-                file: &simulated.file,
-                folder,
-            },
+            Setup::new(&robot, variant, &simulated.file, folder),
             &poses,
             &options,
         )
@@ -369,17 +359,8 @@ fn many_poses_do_not_draw_joints_towards_the_tool() {
     let (folder, file) = (&simulated.folder, &simulated.file);
     let poses: Vec<usize> = (0..folder.tcp_poses.len()).collect();
     let options = calibration::Options::default();
-    let found = calibration::calibrate(
-        Setup {
-            robot: &robot,
-            variant,
-            file,
-            folder,
-        },
-        &poses,
-        &options,
-    )
-    .unwrap();
+    let found = calibration::calibrate(Setup::new(&robot, variant, file, folder), &poses, &options)
+        .unwrap();
     // χ² of eighteen at one in a thousand; they are hardly correlated, since tolerances decide on them.
     let chi2 = |values: &[f64]| -> f64 {
         let mut chi2 = 0.0;
@@ -401,17 +382,8 @@ fn many_poses_do_not_draw_joints_towards_the_tool() {
         start: Some(found.machine.values.clone()),
         ..options
     };
-    let again = calibration::calibrate(
-        Setup {
-            robot: &robot,
-            variant,
-            file,
-            folder,
-        },
-        &poses,
-        &options,
-    )
-    .unwrap();
+    let again = calibration::calibrate(Setup::new(&robot, variant, file, folder), &poses, &options)
+        .unwrap();
     for (one, other) in found.parameters.iter().zip(&again.parameters) {
         let apart = (one.value - other.value).abs() / one.sigma;
         assert!(apart < 1e-3, "{}: {apart} standard deviations", one.name);

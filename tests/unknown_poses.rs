@@ -28,16 +28,8 @@ pub(crate) fn robot(name: &str, more: &str) -> (Robot, RobotFile) {
 fn fit(robot: &Robot, variant: &str, file: &RobotFile, folder: &Folder) -> UnknownPoses {
     let division = RowDivision::of(folder, Split::All);
     let variant = robot.variant(variant).unwrap();
-    let found = tau::unknown_poses::calibrate(
-        Setup {
-            robot,
-            variant,
-            file,
-            folder,
-        },
-        &division,
-        &Options::default(),
-    );
+    let setup = Setup::new(robot, variant, file, folder);
+    let found = tau::unknown_poses::calibrate(setup, &division, &Options::default());
     found.unwrap_or_else(|error| panic!("{error}"))
 }
 
@@ -170,12 +162,7 @@ fn the_42_parameters_of_a_hexapod_follow_from_18_exact_poses() {
     let poses: Vec<usize> = (0..18).collect();
     let variant = robot.variant("Full").unwrap();
     let closures = calibration::calibrate(
-        Setup {
-            robot: &robot,
-            variant,
-            file: &file,
-            folder: &folder,
-        },
+        Setup::new(&robot, variant, &file, &folder),
         &poses,
         &Options::default(),
     )
@@ -195,12 +182,7 @@ fn fully_measured_poses_tell_no_less_than_their_closures() {
     let variant = robot.variant("Full").unwrap();
     let options = Options::default();
     let closures = calibration::calibrate(
-        Setup {
-            robot: &robot,
-            variant,
-            file: &file,
-            folder: &folder,
-        },
+        Setup::new(&robot, variant, &file, &folder),
         &poses,
         &options,
     )
@@ -323,12 +305,7 @@ fn a_scale_that_nothing_determines_is_refused_unless_asked_for() {
         };
         let (file, folder) = (&simulated.file, &simulated.folder);
         tau::unknown_poses::calibrate(
-            Setup {
-                robot: &robot,
-                variant,
-                file,
-                folder,
-            },
+            Setup::new(&robot, variant, file, folder),
             &division,
             &options,
         )
@@ -605,14 +582,15 @@ fn positions_of_a_hexapod_lead_to_the_machine() {
 fn lead_to_the_machine(drives: &str, seeds: &[u64]) {
     let (robot, file) = robot("stewart", drives);
     let positions = [Measure::Rows(PlateKind::Position)];
-    let (links, tracks) = (1.0, 1.0);
+    let [links, tracks] = [1.0; 2];
     for &seed in seeds {
+        let build = Build::Drawn { links, tracks };
         let simulated = simulate(&Simulation {
-            build: Build::Drawn { links, tracks },
+            build,
             seed,
             ..simulation(&robot, &file, "Full", &positions, 40)
-        });
-        let simulated = simulated.unwrap();
+        })
+        .unwrap();
         let found = fit(&robot, "Full", &file, &simulated.folder);
         assert!(found.is_consistent(), "{seed}: {}", found.chi2);
         let off = deviations(&found, &simulated.truth.machine);

@@ -45,17 +45,7 @@ fn calibrated(folder: &Folder, poses: &[usize], treatment: Treatment) -> Calibra
         ..Options::default()
     };
     let variant = robot.variant("Full").unwrap();
-    calibrate(
-        Setup {
-            robot: &robot,
-            variant,
-            file: &file,
-            folder,
-        },
-        poses,
-        &options,
-    )
-    .unwrap()
+    calibrate(Setup::new(&robot, variant, &file, folder), poses, &options).unwrap()
 }
 
 fn all(folder: &Folder) -> Vec<usize> {
@@ -251,17 +241,8 @@ fn what_all_poses_share_is_no_outlier() {
     ] {
         let (variant, options) = (robot.variant(name).unwrap(), Options::default());
         let poses = &poses.division.calibration;
-        let found = calibrate(
-            Setup {
-                robot: &robot,
-                variant,
-                file: &file,
-                folder: &folder,
-            },
-            poses,
-            &options,
-        )
-        .unwrap();
+        let found =
+            calibrate(Setup::new(&robot, variant, &file, &folder), poses, &options).unwrap();
         assert_eq!(found.weighing.outliers, [], "{name}");
     }
 }

@@ -318,12 +318,7 @@ impl<'a> Bench<'a> {
         let variant = self.robot.variant(BASE)?;
         let (file, folder) = (&measured.file, &measured.folder);
         let found = calibrate(
-            Setup {
-                robot: &self.robot,
-                variant,
-                file,
-                folder,
-            },
+            Setup::new(&self.robot, variant, file, folder),
             &division,
             &options,
         );

@@ -195,12 +195,7 @@ pub(crate) fn print(ceres: Option<&Path>) {
         let variant = robot.variant(name).expect("a variant");
         let calibrated = |variant: &Variant| {
             calibrate(
-                Setup {
-                    robot: &robot,
-                    variant,
-                    file: &file,
-                    folder: &folder,
-                },
+                Setup::new(&robot, variant, &file, &folder),
                 &poses,
                 &options,
             )

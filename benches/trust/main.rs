@@ -163,27 +163,10 @@ fn judged(
     let poses = Poses::select(robot, file, folder, Split::Alternate).unwrap();
     let poses = &poses.division.calibration;
     let options = calibration::Options::default();
-    let verdict = calibrate(
-        Setup {
-            robot,
-            variant,
-            file,
-            folder,
-        },
-        poses,
-        &options,
-    )
-    .and_then(|calibration| of_calibration(&calibration, file, folder, poses));
+    let verdict = calibrate(Setup::new(robot, variant, file, folder), poses, &options)
+        .and_then(|calibration| of_calibration(&calibration, file, folder, poses));
     verdict.map_err(|error| {
-        let found = mistakes(
-            Setup {
-                robot,
-                variant,
-                file,
-                folder,
-            },
-            poses,
-        );
+        let found = mistakes(Setup::new(robot, variant, file, folder), poses);
         Box::new((error, found.unwrap_or_default()))
     })
 }
@@ -235,17 +218,8 @@ fn main() {
             let poses = Poses::select(&robot, &file, &folder, Split::Alternate).unwrap();
             let division = poses.division;
             let (poses, options) = (&division.calibration, calibration::Options::default());
-            let found = calibrate(
-                Setup {
-                    robot: &robot,
-                    variant,
-                    file: &file,
-                    folder: &folder,
-                },
-                poses,
-                &options,
-            )
-            .unwrap();
+            let found =
+                calibrate(Setup::new(&robot, variant, &file, &folder), poses, &options).unwrap();
             calibrated.add(&of_calibration(&found, &file, &folder, poses).unwrap());
             let after = of_prediction(
                 &found.machine,

@@ -103,16 +103,8 @@ pub(crate) fn print(machines: u64) {
                 change(&mut folder, &mut file);
                 let division = RowDivision::of(&folder, Split::Alternate);
                 let variant = robot.variant("Full").unwrap();
-                let found = mistakes(
-                    Setup {
-                        robot,
-                        variant,
-                        file: &file,
-                        folder: &folder,
-                    },
-                    &division,
-                )
-                .unwrap_or_default();
+                let found = mistakes(Setup::new(robot, variant, &file, &folder), &division)
+                    .unwrap_or_default();
                 let kinds: Vec<&str> = found.iter().map(|mistake| mistake.kind.name()).collect();
                 let is_right = kinds == Vec::from_iter(kind);
                 if !is_right {

@@ -64,12 +64,7 @@ pub(super) fn base_fit(
     let (values, mut weights) = Fit::of_set_1(&alone, &of_set_1)?;
     let machine = prepared.machine.with_values(values.clone());
     let frames = Frames::of(&machine, folder);
-    let setup = Setup {
-        robot: &machine.robot,
-        variant: &machine.variant,
-        file,
-        folder,
-    };
+    let setup = Setup::new(&machine.robot, &machine.variant, file, folder);
     trust::refuse(setup, &division.calibration)?;
     let mut samples = samples_in(&frames);
     place_plates(&machine, file, &mut samples);

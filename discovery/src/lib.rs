@@ -331,12 +331,7 @@ fn discovered(
         return unknown_poses::search(described, &completed, &folder, options, progress);
     }
     let Poses { mut division, .. } = Poses::select(robot, file, folder, options.split)?;
-    let setup = Setup {
-        robot,
-        variant,
-        file: &completed,
-        folder,
-    };
+    let setup = Setup::new(robot, variant, &completed, folder);
     check_poses(setup, &division.calibration)?;
     let all = division.calibration.len();
     let taken = spread(all, constants::count(options.constants.most_poses));

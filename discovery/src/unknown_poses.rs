@@ -69,12 +69,7 @@ pub(super) fn search(
     let (counts, rows) = (all.counts(), thinned.unwrap_or(all));
     let fit = calibration::Options::default();
     let variant = variant_of(robot, base)?;
-    let setup = Setup {
-        robot,
-        variant,
-        file,
-        folder,
-    };
+    let setup = Setup::new(robot, variant, file, folder);
     let of_base = unknown_poses::calibrate(setup, &rows, &fit)?;
     if let Some(mistake) = of_base.mistakes.first() {
         return Err(mistake.clone().into());
@@ -256,12 +251,7 @@ impl Outcome {
         let mut wide = file.clone();
         wide.effects.extend(effects);
         let options = calibration::Options::default();
-        let setup = Setup {
-            robot: &robot,
-            variant,
-            file: &wide,
-            folder,
-        };
+        let setup = Setup::new(&robot, variant, &wide, folder);
         let mut fitted = unknown_poses::calibrate(setup, rows, &options)?;
         let effects = &mut fitted.calibration.file.effects;
         for (key, quantity, tol) in tolerances {

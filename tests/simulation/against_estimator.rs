@@ -227,12 +227,7 @@ fn validation_error(simulation: &Simulation, variant: &str) -> f64 {
     let variant = robot.variant(variant).unwrap();
     let options = Options::default();
     let calibrated = calibrate(
-        Setup {
-            robot,
-            variant,
-            file: &file,
-            folder: &folder,
-        },
+        Setup::new(robot, variant, &file, &folder),
         &poses.division.calibration,
         &options,
     )

@@ -313,15 +313,7 @@ fn from_prepared(
     );
     let (mut weighing, judged) = weighed_poses?;
     let left: Vec<usize> = weighing.taking_part(poses).collect();
-    if let Err(error) = check_poses(
-        Setup {
-            robot,
-            variant,
-            file,
-            folder,
-        },
-        &left,
-    ) {
+    if let Err(error) = check_poses(Setup::new(robot, variant, file, folder), &left) {
         weighing = weighing.keeping_outliers(format!("Outliers are kept: without them, {error}."));
     }
     let (identifiability, covariance, factor) = if weighing.is_even() {

@@ -15,6 +15,32 @@ use super::nominal::{self, Nominal};
 use super::paths;
 use super::registration::Registration;
 use super::track_scale;
+use crate::setup::Setup;
+
+impl Setup<'_> {
+    /// The variant at its nominal values, by the given poses of set 1; the robot file must be complete.
+    ///
+    /// # Errors
+    /// As [`Prepared::new`].
+    pub(crate) fn prepared(self, poses: &[usize]) -> Result<Prepared, InputError> {
+        Prepared::new(
+            self.robot,
+            self.variant,
+            self.file,
+            Some(self.folder),
+            poses,
+        )
+    }
+
+    /// The same by all poses of set 1.
+    ///
+    /// # Errors
+    /// As [`Prepared::new`].
+    pub(crate) fn prepared_by_all(self) -> Result<Prepared, InputError> {
+        let all: Vec<usize> = (0..self.folder.tcp_poses.len()).collect();
+        self.prepared(&all)
+    }
+}
 
 /// A variant at its nominal values.
 #[derive(Debug, Clone)]

@@ -128,12 +128,7 @@ pub fn check(
     let effects = observabilities(robot, file, folder, catalogue);
     let poses = &division.calibration;
     let setups: Vec<Setup<'_>> = (variants.iter())
-        .map(|variant| Setup {
-            robot,
-            variant,
-            file,
-            folder,
-        })
+        .map(|variant| Setup::new(robot, variant, file, folder))
         .collect();
     let has_scale = |setup: &&Setup<'_>| unknown_poses::has_scale(**setup, rows);
     let told = setups.iter().find(|setup| !has_scale(setup));

@@ -54,12 +54,7 @@ pub fn of_prediction(
     if let Some(problem) = problem {
         return Err(InputError::whole(&folder.name, problem).into());
     }
-    let setup = Setup {
-        robot,
-        variant,
-        file,
-        folder,
-    };
+    let setup = Setup::new(robot, variant, file, folder);
     let all = case(setup, &division.validation).thinned(MOST_POSES);
     let samples = all.samples();
     let noise = all.file.noise;
@@ -147,12 +142,7 @@ pub fn outliers_of_validation(
     }
     let machine = &calibration.machine;
     let (robot, variant) = (&machine.robot, &machine.variant);
-    let setup = Setup {
-        robot,
-        variant,
-        file,
-        folder,
-    };
+    let setup = Setup::new(robot, variant, file, folder);
     let case = case(setup, &division.validation).thinned(MOST_POSES);
     let Some(known) = Uncertainty::of_calibration(calibration) else {
         return Ok(vec![]);

@@ -217,12 +217,7 @@ pub fn of_calibration_knowing(
     let poses = kept.as_slice();
     let spread = spread(poses.len(), MOST_POSES);
     let some: Vec<usize> = spread.iter().map(|&k| poses[k]).collect();
-    let setup = Setup {
-        robot,
-        variant: &machine.variant,
-        file,
-        folder,
-    };
+    let setup = Setup::new(robot, &machine.variant, file, folder);
     let case = of_folder::case(setup, &some);
     let own;
     let judged = match calibration.judged() {

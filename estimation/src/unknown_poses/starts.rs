@@ -199,7 +199,7 @@ pub(super) fn sketched(prepared: &Prepared) -> Option<f64> {
     let sample = Sample::new(Pose::from(stated), &stated.commands_m);
     let length_m = machine.mean_length_m(&sample).ok()?;
     let described = machine.variant.parameters.iter().zip(&prepared.nominal);
-    // What an effect may be says nothing of the drawing.
+    // The tolerance of an effect says nothing of the drawing.
     let is_drawn = |parameter: &Parameter| !matches!(parameter.owner, Owner::Effect(_));
     let is_wide = |(parameter, nominal): (&Parameter, &Nominal)| {
         parameter.unit == "m"
@@ -345,12 +345,7 @@ mod tests {
         let variant = robot.variant("Full").unwrap();
         let options = Options::default();
         calibrate(
-            Setup {
-                robot,
-                variant,
-                file: &file,
-                folder,
-            },
+            Setup::new(robot, variant, &file, folder),
             &division,
             &options,
         )

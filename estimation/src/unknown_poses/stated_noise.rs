@@ -46,15 +46,7 @@ impl Case<'_> {
         let tried = all.into_iter().take(1 + usize::from(has_drives));
         let gains = tried.filter_map(|whose| Some((self.gain(whose, factor)?, whose)));
         let (_, whose) = gains.max_by(|a, b| a.0.total_cmp(&b.0))?;
-        // Where a tracker measured places, these tell noise from dimensions.
-        let has_places = !self.setup.folder.tcp_poses.is_empty()
-            || self
-                .setup
-                .folder
-                .rows_of(PlateKind::Position)
-                .next()
-                .is_some();
-        let dimension = (factor > 1.0 && !has_places).then(|| self.dimension_instead(given));
+        let dimension = (factor > 1.0 && !self.has_places()).then(|| self.dimension_instead(given));
         if let Some(dimension) = dimension.flatten() {
             return Some(dimension);
         }
@@ -65,12 +57,19 @@ impl Case<'_> {
         Some(words::of_noise(whose, factor))
     }
 
+    /// True if a tracker measured places, which tell noise from dimensions.
+    fn has_places(&self) -> bool {
+        let folder = self.setup.folder;
+        let mut positions = folder.rows_of(PlateKind::Position);
+        !folder.tcp_poses.is_empty() || positions.next().is_some()
+    }
+
     /// Tolerances that are stated a thousand times too small, all or those of lengths: with wider ones residuals are the stated
     /// noise, no parameter is off beyond chance, and most of those that measurements tell are off by what the wider ones let
     /// expect rather than the stated ones.
     pub(super) fn small_tolerances(&self, given: &UnknownPoses) -> Option<Mistake> {
         let by_chance = chi2_survival(given.chi2, given.dof);
-        if given.residual_over_noise() < NEARER || by_chance > LEVEL {
+        if given.residual_over_noise() < NEARER || by_chance > LEVEL || !self.has_places() {
             return None;
         }
         let thinned = self.division.thinned(self.setup.folder, POSES);

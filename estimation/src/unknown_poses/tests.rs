@@ -88,16 +88,7 @@ fn treatments_of_readings_that_can_not_be_told_are_refused() {
     };
     for (folder, is_told) in [(&readings, false), (&measured, true)] {
         let division = RowDivision::of(folder, Split::All);
-        let fit = Fit::new(
-            Setup {
-                robot: &robot,
-                variant,
-                file: &file,
-                folder,
-            },
-            &division,
-        )
-        .unwrap();
+        let fit = Fit::new(Setup::new(&robot, variant, &file, folder), &division).unwrap();
         assert!(fit.refuse_treatment(Treatment::default()).is_ok());
         for treatment in [kept, bounded] {
             match fit.refuse_treatment(treatment) {
@@ -120,16 +111,7 @@ fn elimination_gives_the_covariance_of_the_dense_normal_equations() {
     let folder = folder();
     let division = RowDivision::of(&folder, Split::All);
     let variant = robot.variant("Full").unwrap();
-    let fit = Fit::new(
-        Setup {
-            robot: &robot,
-            variant,
-            file: &file,
-            folder: &folder,
-        },
-        &division,
-    )
-    .unwrap();
+    let fit = Fit::new(Setup::new(&robot, variant, &file, &folder), &division).unwrap();
     let reduced = fit.elimination(&fit.start).reduce();
     assert_eq!(fit.assembly.poses.len(), 20);
     assert_eq!(reduced.rows(), 20 * (6 + 2 + 1) + 6);
@@ -183,16 +165,7 @@ fn exchanged_distances_leave_what_all_rows_leave_when_exchanged() {
     let variant = robot.variant("Full").unwrap();
     let left = |folder: &Folder| {
         let division = RowDivision::of(folder, Split::All);
-        let fit = Fit::new(
-            Setup {
-                robot: &robot,
-                variant,
-                file: &file,
-                folder,
-            },
-            &division,
-        )
-        .unwrap();
+        let fit = Fit::new(Setup::new(&robot, variant, &file, folder), &division).unwrap();
         let block = (fit.blocks.iter()).position(|rows| rows.label == "distances.csv");
         let reduced = fit.elimination(&fit.start).reduce();
         let found = fit.left_by_all(block.unwrap(), &reduced);
@@ -239,12 +212,7 @@ fn residuals_without_poses_have_the_derivatives_of_their_closures() {
     let division = RowDivision::of(&folder, Split::All);
     let options = Options::default();
     let found = calibrate(
-        Setup {
-            robot: &robot,
-            variant,
-            file: &file,
-            folder: &folder,
-        },
+        Setup::new(&robot, variant, &file, &folder),
         &division,
         &options,
     )
@@ -321,12 +289,7 @@ fn errors_of_a_tracker_act_on_what_it_measured() {
     let division = RowDivision::of(&folder, Split::All);
     let options = Options::default();
     let found = calibrate(
-        Setup {
-            robot: &robot,
-            variant,
-            file: &file,
-            folder: &folder,
-        },
+        Setup::new(&robot, variant, &file, &folder),
         &division,
         &options,
     )
@@ -433,16 +396,7 @@ fn repeats_are_those_of_the_dense_hat_matrix() {
     let folder = with_repeats(folder());
     let division = RowDivision::of(&folder, Split::All);
     let variant = robot.variant("Full").unwrap();
-    let fit = Fit::new(
-        Setup {
-            robot: &robot,
-            variant,
-            file: &file,
-            folder: &folder,
-        },
-        &division,
-    )
-    .unwrap();
+    let fit = Fit::new(Setup::new(&robot, variant, &file, &folder), &division).unwrap();
     let elimination = fit.elimination(&fit.start);
     let reduced = elimination.reduce();
     let found = fit.repeats(&fit.start, &reduced);

@@ -270,14 +270,9 @@ impl<R> Session<R> {
         Ok(Uncertainty::of_prepared(&prepared, file))
     }
 
-    /// What a variant is calibrated by.
+    /// A variant with the session's robot file and folder.
     pub(crate) fn setup<'a>(&'a self, variant: &'a Variant) -> Setup<'a> {
-        Setup {
-            robot: &self.robot,
-            variant,
-            file: &self.robot_file,
-            folder: &self.folder,
-        }
+        Setup::new(&self.robot, variant, &self.robot_file, &self.folder)
     }
 
     /// Calibrates a variant on the poses for it: see [`calibrate`](calibration::calibrate). Where the session
