@@ -374,6 +374,41 @@ mod tests {
     use super::*;
     use crate::numerics::distribution::Random;
 
+    /// Rows of Table II widen as parameters do: to the prior's deviation at most, and never below their own.
+    #[test]
+    fn noise_widens_no_row_beyond_its_prior() {
+        let sigma = LinkSigma {
+            length_m: 1e-4,
+            plate_joint_m: [1e-4, 2e-4, 5e-4],
+            ..LinkSigma::default()
+        };
+        let tolerance = LinkSigma {
+            length_m: 3e-4,
+            plate_joint_m: [f64::INFINITY, 1e-3, 4e-4],
+            ..LinkSigma::default()
+        };
+        let link = LinkResult {
+            name: "l1".to_owned(),
+            length_m: 1.0,
+            plate_joint_m: None,
+            track_offset_m: [0.0; 3],
+            track_direction: None,
+            track_rotation_rad: None,
+            cost_m4: 0.0,
+            sigma,
+            tolerance,
+        };
+        let expected = LinkSigma {
+            length_m: 3e-4,
+            plate_joint_m: [6e-4, 1e-3, 5e-4],
+            ..LinkSigma::default()
+        };
+        let found = link.sigma_widened(6.0);
+        assert!((found.plate_joint_m[0] - expected.plate_joint_m[0]).abs() < 1e-15);
+        assert_eq!(found.length_m, expected.length_m);
+        assert_eq!(found.plate_joint_m[1..], expected.plate_joint_m[1..]);
+    }
+
     #[test]
     fn values_are_rounded_as_their_text_is() {
         let by_text = |value: f64| format!("{value:.7e}").parse::<f64>().unwrap();
