@@ -21,6 +21,8 @@ const SMALLEST_CORRECTION: f64 = 1e-6;
 /// Shortest step, as a share of the whole way: below it the way ends at a singular pose. Close to one, as where a link is
 /// nearly at right angles to its track, steps go with the distance to it.
 const SHORTEST: f64 = 1.0 / 16_777_216.0;
+/// The same of a sketch, of which a singular pose is as rough as all else.
+const SHORTEST_OF_SKETCH: f64 = 1.0 / 64.0;
 /// Most steps of a way, those that were too long among them. One that ends at a singular pose halves its step 24 times, with a
 /// step or two between; where redundant
 /// links contradict each other, a way may have a corner at which steps stay short for good.
@@ -174,6 +176,11 @@ impl Machine {
     ) -> Result<Standing, Error> {
         let mut here = start;
         let (mut done, mut step) = (0.0, 1.0_f64);
+        let shortest = if self.surroundings.is_sketch {
+            SHORTEST_OF_SKETCH
+        } else {
+            SHORTEST
+        };
         for _ in 0..MOST_STEPS {
             let rest = 1.0 - done;
             let share = (step / rest).min(1.0);
@@ -189,7 +196,7 @@ impl Machine {
                 Err(Error::Missing { closure, what }) => {
                     return Err(Error::Missing { closure, what });
                 }
-                Err(_) if step > SHORTEST => step /= 2.0,
+                Err(_) if step > shortest => step /= 2.0,
                 Err(_) => break,
             }
         }

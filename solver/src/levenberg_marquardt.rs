@@ -1,5 +1,6 @@
 //! Levenberg-Marquardt with a trust region, on each independent part of a problem.
 
+use crate::curvature::Curvature;
 use crate::jacobian::{dot, norm, sum, sum_of_differences};
 use crate::linear::{LinearSolver, Method, new_solver};
 use crate::linearization::Linearization;
@@ -118,6 +119,7 @@ struct Minimizer<'p> {
     is_curved: bool,
     /// Residuals at the trial point less those of the linear model.
     missed: Vec<f64>,
+    curvature: Curvature,
     initial_cost: f64,
     iterations: usize,
     trials: usize,
@@ -195,6 +197,7 @@ impl<'p> Minimizer<'p> {
             likely_taken: true,
             is_curved: false,
             missed: vec![],
+            curvature: Curvature::default(),
             initial_cost: cost,
             iterations: 0,
             trials: 0,
@@ -322,6 +325,12 @@ impl<'p> Minimizer<'p> {
             );
             self.subproblem
                 .subtract_model(jacobian, residuals, &mut self.missed);
+            if let Some(system) = self.linearization.stored() {
+                let beyond = |j: usize| {
+                    (self.trial[j] - self.x[j]) * self.divisors[j] - self.subproblem.step[j]
+                };
+                self.curvature.missed(system, &mut self.missed, beyond);
+            }
             let missed = 0.5 * dot(&self.missed, &self.missed);
             if missed <= (1.0 - GOOD) * self.subproblem.predicted {
                 break;
@@ -396,6 +405,7 @@ impl<'p> Minimizer<'p> {
     /// Derivatives at the point where we stay, which were overwritten.
     fn restore(&mut self) -> Result<(), NonFinite> {
         self.linearization.linearize(&self.x)?;
+        self.curve();
         self.rescale();
         Ok(())
     }
@@ -427,6 +437,13 @@ impl<'p> Minimizer<'p> {
             self.subproblem.lower[j] = (self.lower[j] - self.x[j]) * scale;
             self.subproblem.upper[j] = (self.upper[j] - self.x[j]) * scale;
         }
+        if self.is_curved
+            && self.linearization.is_of_squares()
+            && let Some(system) = self.linearization.stored_mut()
+        {
+            (self.curvature).find(system, &mut self.x, &self.norms, &self.scale);
+            self.curve();
+        }
         self.rescale();
         self.subproblem.load(
             self.linearization.jacobian(),
@@ -443,6 +460,13 @@ impl<'p> Minimizer<'p> {
             },
             gradient_norm: self.subproblem.gradient_norm(),
             size: size.sqrt(),
+        }
+    }
+
+    /// Adds the curvature that the linear model lacks.
+    fn curve(&mut self) {
+        if let Some(system) = self.linearization.stored_mut() {
+            self.curvature.add_to(system);
         }
     }
 

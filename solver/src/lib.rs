@@ -59,6 +59,7 @@
 //! ```
 
 mod covariance;
+mod curvature;
 mod error;
 mod fused;
 mod identifiability;

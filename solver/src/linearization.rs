@@ -33,6 +33,22 @@ impl<'p> Linearization<'p> {
         matches!(self, Self::Fused(fused) if !fused.is_by_qr())
     }
 
+    /// One row per residual, where these are stored.
+    pub(crate) fn stored(&self) -> Option<&System<'p>> {
+        match self {
+            Self::Stored(system) => Some(system),
+            Self::Fused(_) => None,
+        }
+    }
+
+    /// The same, for curvature to be added.
+    pub(crate) fn stored_mut(&mut self) -> Option<&mut System<'p>> {
+        match self {
+            Self::Stored(system) => Some(system),
+            Self::Fused(_) => None,
+        }
+    }
+
     /// The matrix of the linear model, of the pattern that it had at first.
     pub(crate) fn jacobian(&self) -> &Jacobian {
         match self {

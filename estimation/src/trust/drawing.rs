@@ -2,7 +2,7 @@
 //! measured, and the zeros from which commands count.
 
 use nalgebra::Matrix3;
-use tau_kinematics::{Machine, Pose};
+use tau_kinematics::{self as kinematics, Machine, Pose};
 use tau_robot::robot::Plate;
 use tau_robot::robot_file::RobotFile;
 
@@ -36,11 +36,11 @@ const STEPS: usize = 8;
 /// how the arm is assembled, or no pose is reached.
 pub(super) fn frame(case: &Case<'_>) -> Option<Hypothesis> {
     let machine = case.prepared().ok()?.machine;
-    let places: Vec<Place> = of_poses(case, &machine, 0, 0.0)
-        .into_iter()
-        .flatten()
-        .collect();
-    carrying(&places, case.robot.plate)
+    let samples = case.samples();
+    let drawn = samples.iter().map(|sample| as_drawn(&machine, sample));
+    let places = samples.iter().zip(drawn);
+    let places = places.filter_map(|(sample, drawn)| Some(place(case, &machine, sample, drawn?)));
+    carrying(&places.collect::<Vec<_>>(), case.robot.plate)
 }
 
 /// The zero of each command with which the machine as drawn comes nearest to the measured poses.
@@ -49,8 +49,31 @@ pub(super) fn zeros(case: &Case<'_>) -> Vec<Hypothesis> {
         return vec![];
     };
     let machine = &prepared.machine;
-    let zero = |command| zero(command, |by| of_poses(case, machine, command, by));
+    let samples = case.samples();
+    let drawn: Vec<_> = (samples.iter().map(|sample| as_drawn(machine, sample))).collect();
+    let moved = |command: usize, by: f64| {
+        let all = samples.iter().zip(&drawn);
+        let places = all.map(|(sample, drawn)| {
+            let moved = moved(machine, sample, (*drawn)?, command, by)?;
+            Some(place(case, machine, sample, moved))
+        });
+        places.map(|place| place.into_iter().collect()).collect()
+    };
+    let zero = |command| zero(command, |by| moved(command, by));
     (0..case.robot.commands).filter_map(zero).collect()
+}
+
+/// A measured pose, and where the drawing takes the plate.
+fn place(case: &Case<'_>, machine: &Machine, sample: &Sample, drawn: Pose) -> Place {
+    Place {
+        measured: sample.view().pose,
+        drawn,
+        lever_m: if machine.turns() {
+            case.mean_length_m()
+        } else {
+            0.0
+        },
+    }
 }
 
 /// False of a zero or a frame that tolerances of the drawing make by chance; true of other hypotheses.
@@ -105,35 +128,32 @@ pub(crate) fn is_another(zero: &Hypothesis, sigmas: Option<&[f64]>) -> bool {
     is_beyond_chance(by / sigmas[command], sigmas.len())
 }
 
-/// Measured poses, and where the drawing takes the plate with a command moved.
-fn of_poses(case: &Case<'_>, machine: &Machine, command: usize, by: f64) -> Vec<Vec<Place>> {
-    let lever_m = if machine.turns() {
-        case.mean_length_m()
-    } else {
-        0.0
-    };
-    let place = |mut sample: Sample| {
-        sample.commands_m[command] += by;
-        let drawn = as_drawn(machine, &sample).map(|drawn| Place {
-            measured: sample.view().pose,
-            drawn,
-            lever_m,
-        });
-        drawn.into_iter().collect()
-    };
-    case.samples().into_iter().map(place).collect()
-}
-
 /// Where the machine as drawn takes the plate at the commands of a sample, from its reference on.
 pub(crate) fn as_drawn(machine: &Machine, sample: &Sample) -> Option<Pose> {
-    let sample = sample.view();
-    let start = machine.at_reference(&sample).ok()?;
-    let from = sample.at(start.pose);
+    let start = machine.at_reference(&sample.view()).ok()?;
+    beside(machine, &start.commands_m, &sample.view().at(start.pose))
+}
+
+/// The same with a command moved, from where the machine as drawn takes the plate without.
+pub(crate) fn moved(
+    machine: &Machine,
+    sample: &Sample,
+    drawn: Pose,
+    command: usize,
+    by: f64,
+) -> Option<Pose> {
+    let mut moved = sample.clone();
+    moved.commands_m[command] += by;
+    beside(machine, &sample.commands_m, &moved.view().at(drawn))
+}
+
+/// Where the machine takes the plate at the commands of a sample, whose pose is that at the commands `from`.
+fn beside(machine: &Machine, from: &[f64], sample: &kinematics::Sample<'_>) -> Option<Pose> {
     // Redundant drives agree about the drawing roughly: there is no way along which all links keep their lengths.
     let reached = if machine.closure_count() > machine.pose_unknowns().len() {
-        machine.forward_fitted(&from)
+        machine.forward_fitted(sample)
     } else {
-        machine.forward_along(&start.commands_m, &from)
+        machine.forward_along(from, sample)
     };
     Some(reached.ok()?.pose)
 }

@@ -336,10 +336,14 @@ impl<'a> Assembly<'a> {
                 let reached = machine.forward_along(&known.commands_m, &view.at(known.pose));
                 reached.or_else(|_| machine.forward_fitted(&view.at(known.pose)))
             };
+            let along = |(commands, near): &(Vec<f64>, Pose)| {
+                machine.forward_along(commands, &view.at(*near))
+            };
             let reached = match &before {
-                Some((commands, near)) => (machine.forward_along(commands, &view.at(*near)))
-                    .or_else(|_| from_reference())
-                    .or_else(|_| machine.forward_fitted(&view.at(*near))),
+                // A pose that a sketch does not reach from one it hardly reaches from another.
+                Some(before) if machine.surroundings.is_sketch => along(before),
+                Some(before) => (along(before).or_else(|_| from_reference()))
+                    .or_else(|_| machine.forward_fitted(&view.at(before.1))),
                 None => from_reference(),
             };
             let failed = |error| pose.failed(machine.explained(error, &view));

@@ -8,6 +8,7 @@ use tau_robot::measurements::{Folder, PlateKind, PlateRow, TCP_POSES};
 use super::assembly::UnknownPose;
 use super::fit::Fit;
 use crate::numerics::spread::spread;
+use crate::samples::Sample;
 use crate::trust::LARGEST_MISFIT;
 use crate::trust::drawing::{self, Place, as_drawn, carrying};
 use crate::trust::hypothesis::Hypothesis;
@@ -22,8 +23,12 @@ impl Fit<'_> {
     /// The motion that carries what was measured, in a file or in all that hold places, to where the machine as drawn stands
     /// at its commands; `None` where it moves them by less than makes another machine, as other parameters would.
     pub(super) fn frame(&self, file: Option<&str>) -> Option<Hypothesis> {
-        let all = self.drawn(POSES, file, None);
-        let places: Vec<Place> = all.into_iter().flatten().collect();
+        let all = self.read(POSES);
+        let places = all.into_iter().filter_map(|(pose, sample)| {
+            let drawn = as_drawn(&self.machine, &sample)?;
+            Some(self.places(pose, drawn, file))
+        });
+        let places: Vec<Place> = places.flatten().collect();
         let found = carrying(&places, self.machine.robot.plate)?;
         let Hypothesis::Frame { rotation, shift } = &found else {
             return None;
@@ -38,11 +43,17 @@ impl Fit<'_> {
 
     /// The zero of each command with which the drawing comes nearest to the measured places, where that is another.
     pub(super) fn zeros(&self) -> Vec<Hypothesis> {
-        let zero = |command| {
-            drawing::zero(command, |by| {
-                self.drawn(FEW_POSES, None, Some((command, by)))
-            })
+        let all = self.read(FEW_POSES).into_iter();
+        let all = all.map(|(pose, sample)| (pose, as_drawn(&self.machine, &sample), sample));
+        let all: Vec<_> = all.collect();
+        let moved = |command: usize, by: f64| {
+            let places = all.iter().map(|(pose, drawn, sample)| {
+                let moved = drawing::moved(&self.machine, sample, (*drawn)?, command, by)?;
+                Some(self.places(pose, moved, None))
+            });
+            places.map(Option::unwrap_or_default).collect()
         };
+        let zero = |command| drawing::zero(command, |by| moved(command, by));
         let first = self.assembly.poses.first();
         let first = first.and_then(UnknownPose::first_sample);
         let sigmas = first.and_then(|first| drawing::sigmas(&self.prepared, self.file, &first));
@@ -52,26 +63,14 @@ impl Fit<'_> {
             .collect()
     }
 
-    /// Measured places of so many poses, each beside that which the drawing gives it with a command moved; none where it does
-    /// not reach them.
-    fn drawn(
-        &self,
-        poses: usize,
-        file: Option<&str>,
-        moved: Option<(usize, f64)>,
-    ) -> Vec<Vec<Place>> {
+    /// So many poses with readings of the drives.
+    fn read(&self, poses: usize) -> Vec<(&UnknownPose, Sample)> {
         let all = &self.assembly.poses;
-        let places = spread(all.len(), poses).into_iter().map(|index| {
-            let pose = &all[index];
-            let drawn = pose.first_sample().and_then(|mut sample| {
-                if let Some((command, by)) = moved {
-                    sample.commands_m[command] += by;
-                }
-                as_drawn(&self.machine, &sample)
-            });
-            drawn.map_or(vec![], |drawn| self.places(pose, drawn, file))
-        });
-        places.collect()
+        let chosen = spread(all.len(), poses)
+            .into_iter()
+            .map(|index| &all[index]);
+        let chosen = chosen.filter_map(|pose| Some((pose, pose.first_sample()?)));
+        chosen.collect()
     }
 
     /// Measured places of a pose, in a file or in all, beside those that the drawing gives it.

@@ -268,7 +268,7 @@ fn recognising<'a>(
         Some(length_m) => starts::best(&prepared, length_m, division, fitted, mirrored),
         None => fitted(nominal(), division, Search::Stated),
     };
-    let is_met = || first.as_ref().is_ok_and(recognised::is_met);
+    let is_met = || first.as_ref().is_ok_and(UnknownPoses::is_met);
     let mut mistakes = match at_sight {
         Some(mistake) if !is_met() => vec![mistake],
         _ if looks => case.explaining(first.as_ref(), look.as_ref()),
@@ -314,7 +314,7 @@ fn fitted(mut fit: Fit<'_>, options: &calibration::Options) -> Result<UnknownPos
     let rank = fit.rank(&settled.reduced, &machine);
     let found = fit.finish(&settled, rank, options)?;
     // About a rough drawing, what bends more than the noise looks like a mistake to first order: the fit decides.
-    let is_met = found.gross.is_empty() && recognised::is_met(&found);
+    let is_met = found.gross.is_empty() && found.is_met();
     Ok(UnknownPoses {
         mistakes: if is_met { vec![] } else { mistakes },
         loss,

@@ -25,7 +25,7 @@ const ROWS_EACH: usize = 6;
 /// Iterations after which a start is given up for the next. Of 409 descents of four belts drawn half of the machine off,
 /// 385 arrive within 25 iterations, 392 within 40, eight more within 400, and nine nowhere: from there on another start is
 /// the shorter way (M. Luby, A. Sinclair and D. Zuckerman, Inf. Process. Lett. 47, 1993).
-const DESCENT: usize = 40;
+pub(super) const DESCENT: usize = 40;
 /// Iterations after which a fit at the stated noise is given up: those that arrive take dozens, those of a model that misses
 /// far more than the noise creep along valleys in thousands.
 const CREEPING: usize = 300;

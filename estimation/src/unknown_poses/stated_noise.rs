@@ -7,7 +7,6 @@ use tau_robot::measurements::PlateKind;
 use tau_robot::robot_file::{RobotFile, StatedNoise};
 
 use super::UnknownPoses;
-use super::recognised::is_plausible;
 use super::rows::KindFit;
 use super::trials::Case;
 use crate::numerics::distribution::chi2_survival;
@@ -131,7 +130,7 @@ impl Case<'_> {
             let slope: f64 = own.clone().map(|fit| fit.chi2() - fit.dof()).sum();
             let is_right = found.residual_over_noise().ln().abs() < STATED.ln()
                 && own.into_iter().all(is_noise)
-                && is_plausible(&found);
+                && found.is_plausible();
             Some((2.0 * slope, is_right))
         });
         // Of noise that is far too small, there may be no fit.

@@ -8,7 +8,8 @@ use super::{ROUNDS, UnknownPoses};
 use crate::numerics::distribution::chi2_survival;
 use crate::trust::weighing_words::{deviation, repeat_to};
 use crate::trust::{
-    FileFit, LARGEST_MISFIT, LEVEL, LISTED, PoseFit, Pull, Status, Verdict, general,
+    ABSURD_TOLERANCES, FileFit, LARGEST_MISFIT, LEVEL, LISTED, PoseFit, Pull, Status, Verdict,
+    general,
 };
 
 /// A parameter that is pulled farther than this many tolerances has a wrong tolerance, or takes up what the model
@@ -139,6 +140,16 @@ impl UnknownPoses {
             }
         }
         causes
+    }
+
+    /// True if the rows are those of the machine.
+    pub(super) fn is_met(&self) -> bool {
+        self.is_consistent() && self.is_plausible()
+    }
+
+    /// True if no parameter is off by more than any machine.
+    pub(super) fn is_plausible(&self) -> bool {
+        (self.pulls()).all(|pull| pull.tolerances.abs() < ABSURD_TOLERANCES)
     }
 
     /// Parameters by how far they lie off their nominal values, in tolerances.
