@@ -94,3 +94,26 @@ fn residuals_of_drives_that_turn_are_angles() {
         assert!((1e-3..5e-3).contains(&rms), "{rms}");
     }
 }
+
+/// Beside the pose at which a crank and its rod lie in one line, the command changes without bound with the position.
+#[test]
+fn commands_stay_in_their_turn_beside_a_dead_centre() {
+    let folder = TempDir::new().unwrap();
+    // The first crank turns about a point 0.12 m from the axis and reaches 0.66 m with its rod.
+    let at = |index: usize, reach: f64| {
+        let (sine, cosine) = 230.0_f64.to_radians().sin_cos();
+        format!("{index},{},0,{}", 0.12 + reach * cosine, reach * sine)
+    };
+    for off_m in [1e-4, 1e-6, 1e-8] {
+        let reached = [0.5, 0.66 - off_m, 0.65, 0.5];
+        let rows = reached.iter().enumerate();
+        let rows: Vec<String> = rows.map(|(row, &reach)| at(row + 1, reach)).collect();
+        let text = format!("pose,x_m,y_m,z_m\n{}\n", rows.join("\n"));
+        fs::write(folder.path().join("poses.csv"), text).unwrap();
+        let line = "tau kinematics inverse --model rotary_delta --variant Full --poses DIR/poses.csv --json -";
+        let found = tau_in(folder.path(), line).json();
+        let commands = |row: usize| number(&found["poses"][row]["commands"][0]);
+        assert!((commands(3) - commands(0)).abs() < 1e-6, "{off_m}: {found}");
+        assert!((commands(2) - commands(1)).abs() < 0.5, "{off_m}: {found}");
+    }
+}

@@ -114,6 +114,54 @@ fn pulls_are_calibrated_with_the_stretch() {
     }
 }
 
+/// A camera on cables between towers, drawn to decimetres.
+const CAMERA: &str = "robot Camera {
+    plate point;
+    cluster lines on base {
+        link w0 actuated length { length = 12.688578 m tol 10 mm; track_offset = (-10, -6, 8) m tol 50 mm; }
+        link w1 actuated length { length = 13.388428 m tol 10 mm; track_offset = (10, -7, 8.5) m tol 50 mm; }
+        link w2 actuated length {
+            length = 12.257651 m tol 10 mm; track_offset = (9, 7, 7.5) m tol 50 mm; pulled = 300 N tol 30 N;
+        }
+        link w3 actuated length { length = 12.259282 m tol 10 mm; track_offset = (-9, 6.5, 8.2) m tol 50 mm; }
+    }
+    effect stretch on link { param k: 1/N tol 1e-6 1/N; length += length * k * tension; }
+    reference { position = (0, 0, 3) m; }
+    variant Full { }
+    variant Elastic = Full + stretch(all);
+}";
+
+/// Forces are those of the machine that is found, not of its drawing.
+#[test]
+fn forces_follow_the_dimensions_that_are_found() {
+    let work = TempDir::new().unwrap();
+    fs::write(work.path().join("camera.tau"), CAMERA).unwrap();
+    // Where the drives read little noise, poses are unknown; where they read none, closures are fitted.
+    for (seed, noise) in [
+        (2, "--noise-drives 1e-6"),
+        (4, "--noise-drives 1e-6"),
+        (4, ""),
+    ] {
+        fs::remove_dir_all(work.path().join("m")).ok();
+        let line = format!(
+            "tau simulate --model DIR/camera.tau --payload 60 --random --seed {seed} {noise} \
+             --out DIR/m --effect link_compliance(all):strain=2e-6"
+        );
+        tau_in(work.path(), &line).done();
+        let line =
+            "tau calibrate DIR/m --model DIR/camera.tau --variant Elastic --out DIR/c --json -";
+        let found = tau_in(work.path(), line).json();
+        let parameters = found["parameters"].as_array().unwrap();
+        let own = parameters
+            .iter()
+            .find(|own| own["name"] == "stretch(all).k");
+        let own = own.unwrap();
+        let off = (number(&own["value"]) - 2e-6) / number(&own["sigma"]);
+        assert!(off.abs() < 4.0, "{seed} {noise}: {off}");
+        assert_eq!(found["fit"]["status"], "consistent", "{seed} {noise}");
+    }
+}
+
 /// Errors of pulls are no errors of scale.
 #[test]
 fn stretch_at_rough_pulls_is_one_effect() {

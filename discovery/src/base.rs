@@ -53,7 +53,7 @@ pub(super) fn base_fit(
         samples
     };
     let mut of_set_1 = samples_in(&Frames::default());
-    place_plates(&prepared.machine, file, &mut of_set_1);
+    place_plates(&prepared.machine, &mut of_set_1);
     let alone = Joint::new(
         prepared.machine.clone(),
         &prepared.nominal,
@@ -67,7 +67,7 @@ pub(super) fn base_fit(
     let setup = Setup::new(&machine.robot, &machine.variant, file, folder);
     trust::refuse(setup, &division.calibration)?;
     let mut samples = samples_in(&frames);
-    place_plates(&machine, file, &mut samples);
+    place_plates(&machine, &mut samples);
     let about_lines = outliers::deviations(outliers::about_lines(&samples), &samples);
     weights.extend(outliers::weights(&about_lines).drain(weights.len()..));
     let robust = |joint| Fit::robust(joint, &values, weights.clone(), &samples, file.noise);
@@ -116,7 +116,7 @@ fn of_unknown_poses(
     let frames = Frames::of(&machine, folder);
     let mut samples = Sample::all(robot, folder, &division.calibration, &frames);
     Sample::sort_by_time(&mut samples);
-    place_plates(&machine, file, &mut samples);
+    place_plates(&machine, &mut samples);
     let start = Start {
         machine,
         nominal: &prepared.nominal,

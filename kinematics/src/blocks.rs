@@ -13,7 +13,7 @@ use tau_robot::robot::{Input, Instance};
 use tau_runtime::{BlockFamily, LANES, Lanes, vectorized};
 
 use super::forward::SINGULAR;
-use super::inputs::Sample;
+use super::inputs::{Sample, reads_forces};
 use super::inverse::Reached;
 use super::machine::Machine;
 use super::newton::{LEAST_FALL, LONGEST_STEP, ROUNDING_M, SETTLED};
@@ -326,8 +326,7 @@ impl<'m> Blocks<'m> {
 
 impl<'m> Closure<'m> {
     fn of(machine: &Machine, instance: &'m Instance, unknowns: &[usize]) -> Option<Self> {
-        let reads_forces = |input: &Input| matches!(input, Input::Load { .. } | Input::Tension(_));
-        if instance.inputs.iter().any(reads_forces) {
+        if reads_forces(instance) {
             return None;
         }
         let family = instance.family.blocks()?;

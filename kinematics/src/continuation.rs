@@ -8,7 +8,7 @@ use super::inputs::Sample;
 use super::inverse::{InverseOptions, Reached};
 use super::least_norm::least_norm;
 use super::machine::Machine;
-use super::newton::{self, Settled};
+use super::newton::{self, LONGEST_STEP, Settled};
 use super::pose::POSE_COLUMNS;
 use super::{Error, Pose};
 
@@ -168,6 +168,14 @@ impl Machine {
         !self.turns() || self.orientation_follows()
     }
 
+    /// True if an unknown is an angle: one of the plate, or that of a crank.
+    fn is_turn(&self, unknown: usize) -> bool {
+        match unknown.checked_sub(POSE_COLUMNS) {
+            Some(command) => command < self.robot.tracks.len() && self.robot.is_angle(command),
+            None => unknown >= 3,
+        }
+    }
+
     fn follow(
         &self,
         like: &Sample<'_>,
@@ -223,6 +231,13 @@ impl Machine {
         let columns = closures.jacobian.select_columns(unknowns);
         let right = nalgebra::DMatrix::from_column_slice(right.len(), 1, right.as_slice());
         let tangent = -least_norm(&columns, &right).ok_or(too_long.clone())?;
+        // Beyond it the tangent says nothing of an angle: beside a singular pose it leads some turns farther, where a crank
+        // stands as well.
+        let turns = unknowns.iter().zip(tangent.iter());
+        let mut turns = turns.filter(|(unknown, _)| self.is_turn(**unknown));
+        if turns.any(|(_, turn)| turn.abs() > LONGEST_STEP) {
+            return Err(too_long);
+        }
         let mut motion = DVector::zeros(count);
         for (&unknown, change) in unknowns.iter().zip(tangent.iter()) {
             motion[unknown] = *change;

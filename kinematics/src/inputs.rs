@@ -5,7 +5,7 @@ use std::fmt;
 
 use nalgebra::DMatrix;
 use tau_robot::measurements::{Conditions, TcpPose, force_name};
-use tau_robot::robot::{Input, Robot};
+use tau_robot::robot::{Input, Instance, Robot};
 use tau_robot::robot_file::Reference;
 
 use super::paths::{Path, Segment};
@@ -199,6 +199,12 @@ impl fmt::Display for Missing {
             Self::Path => "the path of the cart (set 2, `cart_poses.csv`)",
         })
     }
+}
+
+/// True if residuals depend on forces of the arm.
+pub(crate) fn reads_forces(instance: &Instance) -> bool {
+    let is_force = |input: &Input| matches!(input, Input::Load { .. } | Input::Tension(_));
+    instance.inputs.iter().any(is_force)
 }
 
 impl Surroundings {

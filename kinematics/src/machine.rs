@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 use tau_robot::robot::{Arm, Input, Instance, ResidualKind, Robot, TrackShape, Variant};
 
 use super::Error;
-use super::inputs::{Sample, Surroundings};
+use super::inputs::{Sample, Surroundings, reads_forces};
 use super::paths::Path;
 use super::pose::POSE_COLUMNS;
 
@@ -194,6 +194,11 @@ impl Machine {
             values,
             ..self.clone()
         }
+    }
+
+    /// True if closures depend on forces of the arm.
+    pub fn reads_forces(&self) -> bool {
+        self.closure_instances().any(reads_forces)
     }
 
     /// Appends the data that a closure takes of a sample.

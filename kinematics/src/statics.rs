@@ -7,8 +7,7 @@ use tau_robot::robot_file::{Dimensions, Payload, RobotFile};
 use super::Pose;
 use super::least_norm::least_norm;
 
-/// The arm as a framework of rods under its payload and pulls, with nominal dimensions: the forces change by
-/// parts in ten thousand with calibration.
+/// The arm as a framework of rods under its payload and pulls, with the dimensions of a file.
 #[derive(Debug, Clone)]
 pub struct Statics {
     payload: Option<Payload>,
@@ -71,6 +70,17 @@ impl Statics {
             links,
             tracks: robot.tracks.len(),
         })
+    }
+
+    /// How far joints of the links stand from those of another drawing of the same arm, at most (m): over links of a metre
+    /// forces differ by as large a share.
+    pub fn joints_apart_m(&self, other: &Self) -> f64 {
+        let pairs = self.links.iter().zip(&other.links);
+        let apart = pairs.map(|(own, other)| {
+            let on_plate = (own.plate_joint - other.plate_joint).norm();
+            on_plate.max((own.track_offset - other.track_offset).norm())
+        });
+        apart.fold(0.0, f64::max)
     }
 
     /// Forces that hold the plate in equilibrium in its freedoms at a pose; where more drives hold their position than

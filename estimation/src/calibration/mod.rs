@@ -15,7 +15,7 @@ pub(crate) mod track_scale;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use tau_kinematics::Machine;
+use tau_kinematics::{Machine, Statics};
 use tau_robot::fingerprint::of_numbers;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Folder, TcpPose};
@@ -37,6 +37,7 @@ use crate::weighing::{self, Treatment, Weighing};
 pub(crate) use cost::closure_cost;
 pub use error::Error;
 pub use nominal::Nominal;
+pub(crate) use output::statics;
 pub use output::{LinkResult, LinkSigma, ParameterEstimate};
 pub(crate) use output::{own_parameter, reference};
 pub use prepared::{Prepared, length_noise};
@@ -54,6 +55,9 @@ pub(crate) const EXACT_COST: f64 = 1e-12;
 /// Change of a parameter, as a share of the length of the links or of a direction, from which links go along other ways:
 /// noise that is weighed along the old ones is off by about as much, and a tenth of it would be seen in χ².
 const OTHER_WAY: f64 = 0.05;
+/// Distance of a joint from where forces of the arm take it to be, as a share of the length of the links, from which they
+/// are computed anew: they are off by as large a share, of what compliances move mostly less than a micrometre.
+const OTHER_FORCES: f64 = 1e-4;
 
 /// Options of a calibration.
 #[derive(Debug, Clone, Default)]
@@ -187,8 +191,16 @@ pub fn calibrate(
     check_poses(setup, poses)?;
     let mut prepared = setup.prepared(poses)?;
     let found = from_prepared(&prepared, file, folder, poses, options)?;
-    if !is_far(&prepared, &found, &measured_at(folder, poses)) {
+    let measured = measured_at(folder, poses);
+    let first = measured.first().map(|&pose| pose.into());
+    let length_m = first.and_then(|first| prepared.machine.mean_length_m(&first).ok());
+    let length_m = length_m.unwrap_or(f64::INFINITY);
+    let forces = forces_elsewhere(&prepared.machine, &found.machine, file, length_m);
+    if forces.is_none() && !is_far(&prepared, &found, length_m) {
         return Ok(found);
+    }
+    if forces.is_some() {
+        prepared.machine.surroundings.statics = forces;
     }
     let start = found.machine.values;
     prepared.machine = prepared.machine.with_values(start.clone());
@@ -212,21 +224,26 @@ fn measured_at<'a>(folder: &'a Folder, poses: &[usize]) -> Vec<&'a TcpPose> {
     poses.iter().map(|&pose| &folder.tcp_poses[pose]).collect()
 }
 
-/// True if links of the machine that was found go along other ways than those by which noise was weighed.
-fn is_far(prepared: &Prepared, found: &Calibration, measured: &[&TcpPose]) -> bool {
-    let Some(first) = measured.first() else {
-        return false;
-    };
+/// True if links of the machine that was found, of such a length, go along other ways than those by which noise was weighed.
+fn is_far(prepared: &Prepared, found: &Calibration, length_m: f64) -> bool {
     let machine = &prepared.machine;
-    let length_m = machine
-        .mean_length_m(&(*first).into())
-        .unwrap_or(f64::INFINITY);
     let values = machine.values.iter().zip(&found.machine.values);
     let moved = (machine.variant.parameters.iter().zip(values)).map(|(parameter, (from, to))| {
         let size = if parameter.unit == "m" { length_m } else { 1.0 };
         (to - from).abs() / size
     });
     moved.fold(0.0, f64::max) > OTHER_WAY
+}
+
+/// Forces of the arm as it was found, where they matter and joints do not stand where they were taken to be.
+fn forces_elsewhere(
+    before: &Machine,
+    found: &Machine,
+    file: &RobotFile,
+    length_m: f64,
+) -> Option<Statics> {
+    let taken = (before.surroundings.statics.as_ref()).filter(|_| before.reads_forces())?;
+    statics(found, file).filter(|after| after.joints_apart_m(taken) >= OTHER_FORCES * length_m)
 }
 
 /// The calibration from prepared values, at which the noise of closures is weighed.

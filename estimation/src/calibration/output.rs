@@ -1,6 +1,6 @@
 //! Output of a calibration: estimates, Table II, the calibrated robot file.
 
-use tau_kinematics::{Machine, Sample, xyz, xyz_angles};
+use tau_kinematics::{Machine, Sample, Statics, xyz, xyz_angles};
 use tau_robot::measurements::TcpPose;
 use tau_robot::robot::{Instance, Owner, Parameter, ResidualKind, Robot, Value as Geometry};
 use tau_robot::robot_file::keys::{WIDE, crank_key, effect_key, quantity_slot};
@@ -284,6 +284,17 @@ pub(super) fn file(
     file
 }
 
+/// Forces of the arm as the values of a machine draw it; `None` where the file does not tell them.
+pub(crate) fn statics(machine: &Machine, nominal: &RobotFile) -> Option<Statics> {
+    let mut file = nominal.clone();
+    for (parameter, &own) in machine.variant.parameters.iter().zip(&machine.values) {
+        if let Some(value) = slot(&mut file, &machine.robot, parameter) {
+            put(value, parameter.component, own);
+        }
+    }
+    Statics::new(&machine.robot, &file)
+}
+
 /// The place of a parameter in a file, which is made where it is not there.
 fn slot<'f>(
     file: &'f mut RobotFile,
@@ -310,11 +321,17 @@ fn slot<'f>(
     quantity_slot(values, &quantity).map(Option::get_or_insert_default)
 }
 
-fn set(value: &mut Value, component: Option<usize>, estimate: f64, sigma: f64, tolerance: f64) {
+/// Writes a number to its place, and returns that and the number of places.
+fn put(value: &mut Value, component: Option<usize>, number: f64) -> (usize, usize) {
     let place = component.unwrap_or(0);
     let size = if component.is_some() { 3 } else { 1 };
     value.value.resize(size, 0.0);
-    value.value[place] = estimate;
+    value.value[place] = number;
+    (place, size)
+}
+
+fn set(value: &mut Value, component: Option<usize>, estimate: f64, sigma: f64, tolerance: f64) {
+    let (place, size) = put(value, component, estimate);
     value.tol = tolerance;
     let sigmas = value.sigma.get_or_insert_with(|| vec![0.0; size]);
     sigmas.resize(size, 0.0);

@@ -2,21 +2,19 @@
 
 use std::collections::BTreeMap;
 
-use tau_kinematics::{self as kinematics, Machine, Pose, Statics};
-use tau_robot::robot_file::RobotFile;
+use tau_kinematics::{self as kinematics, Machine, Pose};
 
 use super::Sample;
 
 /// The plate's pose in sets 2 and 3, and the weight of the arm on its carts. In set 2 all carts move equally, which
 /// changes the load where their tracks are not parallel. The machine is followed from the nearest pose of set 1, or, where
 /// there is none, from its reference.
-pub fn place_plates(machine: &Machine, file: &RobotFile, samples: &mut [Sample]) {
+pub fn place_plates(machine: &Machine, samples: &mut [Sample]) {
     let known: Vec<(Vec<f64>, Pose)> = samples
         .iter()
         .filter(|sample| sample.set == 1)
         .map(|sample| (sample.commands_m.clone(), sample.pose))
         .collect();
-    let statics = Statics::new(&machine.robot, file);
     let pose_at = |sample: &Sample| {
         let distance = |commands: &[f64]| -> f64 {
             let differences = commands.iter().zip(&sample.commands_m);
@@ -49,7 +47,7 @@ pub fn place_plates(machine: &Machine, file: &RobotFile, samples: &mut [Sample])
             let plate = placed.entry(commands.collect());
             sample.plate = *plate.or_insert_with(|| pose_at(sample));
         }
-        if let Some(statics) = &statics {
+        if let Some(statics) = &machine.surroundings.statics {
             sample.load(statics);
         }
     }

@@ -6,10 +6,13 @@
 //! none from one to the other, since the way leads over a hill; wherever the machine is known better than before, the other
 //! is looked up.
 
+use std::sync::Arc;
+
 use nalgebra::{DMatrix, DVector};
 use tau_kinematics::Pose;
 
 use super::assembly::{Assembly, CHUNK};
+use super::clusters::Clusters;
 use super::elimination::{Elimination, OwnRows};
 use super::fit::Fit;
 use super::rows::Rows;
@@ -41,33 +44,49 @@ impl Fit<'_> {
     pub(super) fn other_sides(&self, values: &[f64]) -> Vec<Vec<f64>> {
         let (shared, own) = values.split_at(self.shared());
         let length_m = self.mean_length_m();
-        let about = Elimination::new(&self.blocks, &self.assembly, shared, own);
-        let Some(others) = about.other_minima(shared, own, length_m) else {
+        let sets = self.assembly.apart(&self.blocks, own);
+        let minima = sets.into_iter().flat_map(|set| {
+            let about = self.assembly.about(&self.blocks, set, shared, own);
+            about.other_minima(shared, own, length_m)
+        });
+        let minima: Vec<OtherMinimum> = minima.collect();
+        if minima.is_empty() {
             return vec![];
-        };
+        }
+        let mut other = own.to_vec();
+        for minimum in &minima {
+            minimum.take(&mut other);
+        }
         let mut upright = own.to_vec();
         if let Some(reference) = &self.machine.surroundings.reference {
             let rotation = Pose::from(reference).rotation;
             for (index, pose) in self.assembly.poses.iter().enumerate() {
                 let range = index * POSE_UNKNOWNS..(index + 1) * POSE_UNKNOWNS;
-                if others.own[range.clone()] != own[range.clone()] {
+                if other[range.clone()] != own[range.clone()] {
                     let turn = pose.base.turn_to(&rotation);
                     upright[range][3..].copy_from_slice(turn.as_slice());
                 }
             }
         }
         let with_shared = |own: Vec<f64>| [shared, &own].concat();
-        [others.own, upright].map(with_shared).into()
+        [other, upright].map(with_shared).into()
     }
 }
 
-/// Poses at the other minima of their squares.
-struct Others {
-    /// Unknowns of all poses; of those that have one minimum alone as they were.
-    own: Vec<f64>,
-    /// By groups of poses that rows couple: true where there is another, with the squares here and there.
-    has: Vec<bool>,
-    squares: [Vec<f64>; 2],
+/// A pose at the other minimum of its squares, those that it shares rows with as they were.
+struct OtherMinimum {
+    /// Indices and values of its unknowns.
+    own: Vec<(usize, f64)>,
+    /// Squares at the first minimum, and at this one.
+    squares: [f64; 2],
+}
+
+impl OtherMinimum {
+    fn take(&self, own: &mut [f64]) {
+        for &(index, value) in &self.own {
+            own[index] = value;
+        }
+    }
 }
 
 impl Assembly<'_> {
@@ -79,25 +98,41 @@ impl Assembly<'_> {
         own: &mut [f64],
         length_m: f64,
     ) -> bool {
-        let about = Elimination::new(blocks, self, shared, own);
-        let Some(others) = about.other_minima(shared, own, length_m) else {
-            return false;
-        };
-        let [first, other] = &others.squares;
         let mut has_moved = false;
-        for (index, rows) in about.own_rows().iter().enumerate() {
-            if others.has[index] && other[index] < (1.0 - GAIN) * first[index] {
-                (rows.own.iter()).for_each(|&own_index| own[own_index] = others.own[own_index]);
-                has_moved = true;
+        for set in self.apart(blocks, own) {
+            let minima = self
+                .about(blocks, set, shared, own)
+                .other_minima(shared, own, length_m);
+            for minimum in minima {
+                let [first, other] = minimum.squares;
+                if other < (1.0 - GAIN) * first {
+                    minimum.take(own);
+                    has_moved = true;
+                }
             }
         }
         has_moved
     }
+
+    /// Poses by themselves, in sets of which no two share a row.
+    fn apart(&self, blocks: &[Rows], own: &[f64]) -> Vec<Clusters> {
+        Clusters::apart(blocks, own.len() / POSE_UNKNOWNS, self.free)
+    }
+
+    fn about<'a>(
+        &'a self,
+        blocks: &'a [Rows],
+        poses: Clusters,
+        shared: &'a [f64],
+        own: &[f64],
+    ) -> Elimination<'a> {
+        Elimination::of_clusters(blocks, &self.kinds, shared, own, Arc::new(poses))
+    }
 }
 
 impl Elimination<'_> {
-    /// The other minima of poses, the shared unknowns as they are; `None` where none has one.
-    fn other_minima(&self, shared: &[f64], own: &[f64], length_m: f64) -> Option<Others> {
+    /// The other minima of poses that have one, the shared unknowns as they are.
+    fn other_minima(&self, shared: &[f64], own: &[f64], length_m: f64) -> Vec<OtherMinimum> {
         let here = self.own_rows();
         let rows_at = |own: &[f64]| self.moved(shared, own).own_rows();
         let chunks: Vec<&[OwnRows]> = here.chunks(CHUNK).collect();
@@ -125,16 +160,21 @@ impl Elimination<'_> {
             }
         }
         if !has.contains(&true) {
-            return None;
+            return vec![];
         }
         let there = descend(&mut other, &has, rows_at);
         // A pose that a loss or others hold off its own minimum is at the first all the same.
         let first = descend(&mut own.to_vec(), &has, rows_at);
-        Some(Others {
-            own: other,
-            has,
-            squares: [first, there],
-        })
+        let minima = here.iter().enumerate().filter(|(index, _)| has[*index]);
+        let minima = minima.map(|(index, rows)| OtherMinimum {
+            own: rows
+                .own
+                .iter()
+                .map(|&index| (index, other[index]))
+                .collect(),
+            squares: [first[index], there[index]],
+        });
+        minima.collect()
     }
 }
 

@@ -60,7 +60,7 @@ pub(super) fn all_sets<'a>(
     let described = setup.prepared(&poses)?;
     let variant = &*of_true_poses(setup)?;
     let prepared = if samples.len() > poses.len() {
-        place_plates(&near.machine, file, &mut samples);
+        place_plates(&near.machine, &mut samples);
         let free = turning_freely(robot, variant)?;
         Setup {
             variant: &free,

@@ -58,8 +58,8 @@ impl Dense {
 
 /// An orthonormal basis in front of the columns that it was made of.
 ///
-/// Poses that distances couple share few rows, so that most directions are zero in most. These are passed over, which
-/// changes no sum but by exact zeros: hundreds of poses would take seconds.
+/// Poses that distances couple share few rows, so that most directions are zero in most. These, and directions that share no
+/// row with a column, are passed over, which changes no sum but by exact zeros: hundreds of poses would take seconds.
 struct Basis {
     height: usize,
     rank: usize,
@@ -68,17 +68,21 @@ struct Basis {
     /// Rows in which directions are not zero, one direction after the other, and where each ends; none where all rows count.
     rows: Vec<usize>,
     ends: Vec<usize>,
+    /// Directions that are not zero in a row, by rows.
+    of_rows: Vec<Vec<usize>>,
 }
 
 impl Basis {
     /// An empty basis, for so many entries of columns of a height.
     fn new(height: usize, entries: usize) -> Self {
+        let is_sparse = entries > POSE_UNKNOWNS * height;
         Self {
             height,
             rank: 0,
-            is_sparse: entries > POSE_UNKNOWNS * height,
+            is_sparse,
             rows: vec![],
             ends: vec![],
+            of_rows: vec![vec![]; if is_sparse { height } else { 0 }],
         }
     }
 
@@ -99,8 +103,10 @@ impl Basis {
                     *entry /= left;
                 }
                 if self.is_sparse {
-                    let rows = own.iter().enumerate().filter(|(_, entry)| **entry != 0.0);
-                    self.rows.extend(rows.map(|(row, _)| row));
+                    for (row, _) in own.iter().enumerate().filter(|(_, entry)| **entry != 0.0) {
+                        self.rows.push(row);
+                        self.of_rows[row].push(self.rank);
+                    }
                     self.ends.push(self.rows.len());
                 }
                 columns.copy_within(start..start + height, self.rank * height);
@@ -114,22 +120,47 @@ impl Basis {
         let directions = &directions[..self.rank * self.height];
         // Twice is enough (W. Kahan in B. N. Parlett, The Symmetric Eigenvalue Problem, 1980, section 6.9).
         for _ in 0..2 {
-            let mut start = 0;
-            for (index, direction) in directions.chunks_exact(self.height.max(1)).enumerate() {
-                if !self.is_sparse {
-                    let share = dot(direction, column);
-                    for (entry, direction) in column.iter_mut().zip(direction) {
-                        *entry -= share * direction;
-                    }
-                    continue;
+            if self.is_sparse {
+                self.take_out_sparse(directions, column);
+                continue;
+            }
+            for direction in directions.chunks_exact(self.height.max(1)) {
+                let share = dot(direction, column);
+                for (entry, direction) in column.iter_mut().zip(direction) {
+                    *entry -= share * direction;
                 }
-                let rows = &self.rows[start..self.ends[index]];
-                start = self.ends[index];
-                let share: f64 = rows.iter().map(|&row| direction[row] * column[row]).sum();
-                if share != 0.0 {
-                    for &row in rows {
-                        column[row] -= share * direction[row];
+            }
+        }
+    }
+
+    fn take_out_sparse(&self, directions: &[f64], column: &mut [f64]) {
+        let mut is_met = vec![false; self.rank];
+        let meet = |row: usize, is_met: &mut [bool]| {
+            for &index in &self.of_rows[row] {
+                is_met[index] = true;
+            }
+        };
+        for (row, _) in column
+            .iter()
+            .enumerate()
+            .filter(|(_, entry)| **entry != 0.0)
+        {
+            meet(row, &mut is_met);
+        }
+        let mut start = 0;
+        for (index, direction) in directions.chunks_exact(self.height).enumerate() {
+            let rows = &self.rows[start..self.ends[index]];
+            start = self.ends[index];
+            if !is_met[index] {
+                continue;
+            }
+            let share: f64 = rows.iter().map(|&row| direction[row] * column[row]).sum();
+            if share != 0.0 {
+                for &row in rows {
+                    if column[row] == 0.0 {
+                        meet(row, &mut is_met);
                     }
+                    column[row] -= share * direction[row];
                 }
             }
         }

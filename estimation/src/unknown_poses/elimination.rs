@@ -135,7 +135,7 @@ impl<'a> Elimination<'a> {
         Elimination::of_clusters(self.blocks, self.kinds, shared, own, self.clusters.clone())
     }
 
-    fn of_clusters(
+    pub(super) fn of_clusters(
         blocks: &'a [Rows],
         kinds: &'a [Kind],
         shared: &'a [f64],
@@ -331,7 +331,6 @@ impl<'a> Elimination<'a> {
         mut visit: impl FnMut(usize, Place, f64),
     ) {
         let mut at = 0;
-        let free = &self.clusters.own[cluster.own.clone()];
         for &(block, sample) in &self.clusters.samples[cluster.samples.clone()] {
             let of = &self.blocks[block];
             let (each, own) = (of.kinds.len(), of.own_of(sample));
@@ -347,10 +346,13 @@ impl<'a> Elimination<'a> {
                     let column = *column as usize;
                     let place = match of.shared.get(column) {
                         Some(&shared) => Place::Shared(shared),
-                        None => match free.binary_search(&own[column - of.shared.len()]) {
-                            Ok(place) => Place::Own(place),
-                            Err(_) => continue,
-                        },
+                        None => {
+                            let unknown = own[column - of.shared.len()];
+                            match self.clusters.place(cluster, unknown) {
+                                Some(place) => Place::Own(place),
+                                None => continue,
+                            }
+                        }
                     };
                     visit(at, place, weight * entry);
                 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use nalgebra::{DMatrix, DVector, Vector3};
-use tau_kinematics::Machine;
+use tau_kinematics::{Machine, Statics};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::Folder;
 use tau_robot::robot_file::RobotFile;
@@ -17,7 +17,7 @@ use super::kinds::{NoiseGroup, kinds_of_carts, moves_links_apart};
 use super::rows::{ABSORBED, RowPlace, Rows, noise_of_rows};
 use super::starts;
 use super::{GrossRow, KindFit, Rank, RowDivision};
-use crate::calibration::{Error, Nominal, Prepared};
+use crate::calibration::{Error, Nominal, Prepared, statics};
 use crate::numerics::singular;
 use crate::problem::used_by_plate;
 use crate::problem::{self, POSE_UNKNOWNS, Part};
@@ -412,17 +412,30 @@ impl<'a> Fit<'a> {
         self.blocks.iter().map(of_block).sum()
     }
 
-    /// Largest move of a pose from its base (m, rad).
+    /// Largest move of a pose from its base, or of a joint from where forces take it to be (m, rad).
     pub(super) fn largest_move(&self, values: &[f64]) -> f64 {
         let own = &values[self.shared()..];
-        own.iter()
-            .fold(0.0, |most: f64, value| most.max(value.abs()))
+        let of_poses = own.iter().map(|value| value.abs());
+        let statics = self.statics_at(&self.machine_at(values));
+        let before = self.machine.surroundings.statics.as_ref().zip(statics);
+        let of_joints = before.map(|(before, after)| after.joints_apart_m(before));
+        of_poses.chain(of_joints).fold(0.0, f64::max)
+    }
+
+    /// Forces of the arm as the values of a machine draw it, where they matter.
+    fn statics_at(&self, machine: &Machine) -> Option<Statics> {
+        let matter = machine.surroundings.statics.is_some() && machine.reads_forces();
+        matter.then(|| statics(machine, self.file))?
     }
 
     /// Takes the poses found for new bases, and weights from there.
     pub(super) fn rebuild(&mut self, values: &mut [f64]) -> Result<(), Error> {
         let shared = self.shared();
         self.machine = self.machine_at(values);
+        // Where dimensions were known roughly, so were forces.
+        if let Some(statics) = self.statics_at(&self.machine) {
+            self.machine.surroundings.statics = Some(statics);
+        }
         for (pose, own) in
             (self.assembly.poses.iter_mut()).zip(values[shared..].chunks_exact_mut(POSE_UNKNOWNS))
         {

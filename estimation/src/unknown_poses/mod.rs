@@ -369,10 +369,12 @@ impl Fit<'_> {
             iterations += solution.iterations;
 
             values.clone_from(&solution.parameters);
-            // A sketch has several starts.
+            // A sketch has several starts. Others are given up as soon as those of a sketch are.
             if rounds == 1 && !has_groups && !self.is_sketch {
+                let mut brief = options.clone();
+                brief.solver = Search::Descent.options(&options.solver, self.assembly.poses.len());
                 for other in self.other_sides(&values) {
-                    let found = self.solved(&other, tolerance, options);
+                    let found = self.solved(&other, tolerance, &brief);
                     let better = found.ok().filter(Solution::converged);
                     if let Some(better) = better.filter(|own| own.cost < solution.cost) {
                         iterations += better.iterations;
