@@ -2,7 +2,7 @@
 
 use super::variant::Context;
 use crate::diagnostics::{Diagnostics, Location};
-use crate::model::{Arm, CrankValue, Formula, Held, TrackModel, Value};
+use crate::model::{Arm, CrankValue, Formula, Held, Link, TrackModel, Value};
 use crate::names::suggest;
 use crate::syntax;
 
@@ -80,7 +80,7 @@ impl Context<'_> {
                 let (message, help) = match self.geometry.names.kind(&named.name) {
                     Some(kind) => (
                         format!("`{name}` is a {kind}, not a parameter"),
-                        format!("name one of its values: `{name}.length`"),
+                        self.values_help(&name),
                     ),
                     None => {
                         let names = parameters.iter().map(|own| own.name.as_str());
@@ -112,10 +112,21 @@ impl Context<'_> {
             }
             return held;
         }
-        let crank = tracks
-            .iter()
-            .position(|own| own.name == name && own.crank.is_some());
-        if let Some(crank) = crank {
+        let found = tracks.iter().position(|own| own.name == name);
+        let is_crank = found.is_some_and(|track| tracks[track].crank.is_some());
+        let of_links = Value::find(&value.to_string());
+        // Links on a crank have no track direction either.
+        let carried = of_links.filter(|value| !(is_crank && *value == Value::TrackDirection));
+        if let (Some(track), Some(value)) = (found, carried) {
+            let kind = self.geometry.names.kind(&named.name).unwrap_or("track");
+            let message = format!(
+                "`{}` is a value of links, and `{name}` a {kind}",
+                value.name()
+            );
+            diagnostics.error(named.location, message, self.carried_help(track, value));
+            return Vec::new();
+        }
+        if let Some(crank) = found.filter(|_| is_crank) {
             let written = value.to_string();
             let found = CrankValue::ALL
                 .into_iter()
@@ -130,21 +141,15 @@ impl Context<'_> {
                 .into_iter()
                 .collect();
         }
-        let Some(found) = Value::find(&value.to_string()) else {
+        let Some(found) = of_links else {
             let names = Value::ALL.into_iter().map(Value::name);
             let message = format!("a link has no value `{value}`");
             let help = suggest("value", &value.to_string(), names);
             diagnostics.error(value, message, help);
             return Vec::new();
         };
-        let clusters = &self.geometry.clusters;
-        let links = self.geometry.links.iter().enumerate();
-        let own = links.filter(|(_, link)| {
-            let of_cluster = clusters
-                .get(link.cluster)
-                .is_some_and(|own| own.name == name);
-            name == "all" || link.name == name || of_cluster
-        });
+        let all = self.geometry.links.iter().enumerate();
+        let own = all.filter(|(_, link)| name == "all" || self.is_of(link, &name));
         let held: Vec<Held> = own.map(|(index, _)| Held::Link(index, found)).collect();
         if held.is_empty() {
             let links = self.geometry.links.iter().map(|link| link.name.as_str());
@@ -152,6 +157,78 @@ impl Context<'_> {
             diagnostics.error(&named.name, message, suggest("link", &name, links));
         }
         held
+    }
+
+    /// True of a link by its own name or that of its cluster.
+    fn is_of(&self, link: &Link, name: &str) -> bool {
+        let cluster = self.geometry.clusters.get(link.cluster);
+        link.name == name || cluster.is_some_and(|own| own.name == name)
+    }
+
+    /// Names the values that a part has: a crank its own, a track those of the clusters that it carries.
+    fn values_help(&self, name: &str) -> String {
+        let track = self.geometry.tracks.iter().position(|own| own.name == name);
+        let crank = track.and_then(|track| self.geometry.tracks.get(track)?.crank.as_ref());
+        let (whose, values) = match (track, crank) {
+            (_, Some(crank)) => {
+                let own = CrankValue::ALL.into_iter();
+                let fitted = own.filter(|&value| crank.formula(value).is_none());
+                let values = fitted.map(|value| format!("`{name}.{}`", value.name()));
+                ("one of its values", values.collect())
+            }
+            (Some(_), None) => {
+                let clusters = self.geometry.clusters.iter();
+                let carried = clusters.filter(|own| own.track == track);
+                let values: Vec<String> = carried.flat_map(|own| self.values(&own.name)).collect();
+                ("values of what it carries", values)
+            }
+            (None, None) => ("one of its values", self.values(name)),
+        };
+        if values.is_empty() {
+            "hold the parameters that its values read".to_owned()
+        } else {
+            format!("name {whose}: {}", values.join(", "))
+        }
+    }
+
+    /// The values of a link or cluster that every variant with a full arm can hold.
+    fn values(&self, name: &str) -> Vec<String> {
+        let links = self.geometry.links.iter().enumerate();
+        let own = links.filter(|(_, link)| self.is_of(link, name));
+        let own: Vec<usize> = own.map(|(index, _)| index).collect();
+        let can_hold = |&value: &Value| {
+            let mut all = own.iter().map(|&link| Held::Link(link, value));
+            all.all(|held| self.cannot_hold(held, Arm::Full, &[]).is_none())
+        };
+        let values = Value::ALL.into_iter().filter(can_hold);
+        values
+            .map(|value| format!("`{name}.{}`", value.name()))
+            .collect()
+    }
+
+    /// Names a value of the clusters that a track or crank carries, and of their links.
+    fn carried_help(&self, track: usize, value: Value) -> String {
+        let mut names = Vec::new();
+        for (index, cluster) in self.geometry.clusters.iter().enumerate() {
+            if cluster.track == Some(track) {
+                let links = self
+                    .geometry
+                    .links
+                    .iter()
+                    .filter(|own| own.cluster == index);
+                names.push(&cluster.name);
+                names.extend(links.map(|own| &own.name));
+            }
+        }
+        let values = names
+            .iter()
+            .map(|name| format!("`{name}.{}`", value.name()));
+        let values: Vec<String> = values.collect();
+        if values.is_empty() {
+            "it carries no links: leave it out".to_owned()
+        } else {
+            format!("name what it carries: {}", values.join(", "))
+        }
     }
 
     /// Why a variant of such an arm and such tracks can't hold something, with the remedy.

@@ -306,3 +306,56 @@ fn all_of_a_value_holds_what_is_not_held_already() {
     assert_eq!(later.len(), anchors.len() + 3);
     assert!(lengths.chain(anchors).all(|one| later.contains(&one)));
 }
+
+/// Tracks have no values of their own: what the help names in their place can be held.
+#[test]
+fn what_a_track_carries_is_held() {
+    let slide = |held: &str| {
+        format!(
+            "robot Slide {{
+    track a, b;
+    crank c {{ axis = (0, 0, 1) exact; }}
+    param arm: length = 1 m;
+    cluster ca on a {{ link l1, l2; }}
+    cluster cb on b {{ link l3 {{ length = arm; }} link l4; }}
+    cluster cc on c {{ link l5, l6; }}
+    variant Full {{ arm full; tracks linear per link; }}
+    variant Part = Full hold {held};
+}}"
+        )
+    };
+    for (held, help) in [
+        (
+            "a",
+            "`a` is a track, not a parameter\n\
+             help: name values of what it carries: `ca.length`, `ca.plate_joint`, `ca.track_offset`",
+        ),
+        (
+            "b",
+            "help: name values of what it carries: `cb.plate_joint`, `cb.track_offset`",
+        ),
+        ("c", "help: name one of its values: `c.centre`\n"),
+        (
+            "l3",
+            "help: name one of its values: `l3.plate_joint`, `l3.track_offset`\n",
+        ),
+        (
+            "a.track_direction",
+            "`track_direction` is a value of links, and `a` a track\n\
+             help: name what it carries: `ca.track_direction`, `l1.track_direction`, `l2.track_direction`",
+        ),
+        (
+            "c.length",
+            "`length` is a value of links, and `c` a crank\n\
+             help: name what it carries: `cc.length`, `l5.length`, `l6.length`",
+        ),
+    ] {
+        let found = errors(&slide(held));
+        assert!(found.contains(help), "{found}");
+        let named = help.split("help: ").nth(1).unwrap();
+        for named in named.split('`').skip(1).step_by(2) {
+            model(&slide(named));
+        }
+    }
+    assert!(errors(&slide("c.track_direction")).contains("a crank has no value"));
+}
