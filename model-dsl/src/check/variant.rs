@@ -55,7 +55,7 @@ pub(super) fn variants(
     };
     if robot.variants.is_empty() && !robot.clusters.is_empty() {
         let message = format!("robot `{}` has no variants", robot.name);
-        let help = "declare one: `variant Full { arm full; tracks linear per link; }`";
+        let help = format!("declare one: `variant Full {}`", lines_of_full(geometry));
         diagnostics.error(&robot.name, message, help);
     }
     let mut names = Declared::default();
@@ -93,6 +93,15 @@ pub(super) fn variants(
         }
     }
     variants
+}
+
+/// The lines of a variant without effects that says most of a robot: links that meet in a point have no arm to choose,
+/// and only rails have a shape.
+fn lines_of_full(geometry: &Geometry) -> String {
+    let arm = (!geometry.plate.is_point()).then_some("arm full; ");
+    let mut tracks = geometry.tracks.iter();
+    let tracks = (tracks.any(|track| track.crank.is_none())).then_some("tracks linear per link; ");
+    format!("{{ {}{}}}", arm.unwrap_or(""), tracks.unwrap_or(""))
 }
 
 /// Variants become modules of generated code, whose names do not tell capitals and underscores apart.

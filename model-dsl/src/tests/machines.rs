@@ -359,3 +359,34 @@ fn what_a_track_carries_is_held() {
     }
     assert!(errors(&slide("c.track_direction")).contains("a crank has no value"));
 }
+
+/// The variant that a robot without any is advised to declare is one that it can have.
+#[test]
+fn the_variant_that_is_advised_compiles() {
+    for (parts, advised) in [
+        (
+            "track one; cluster arm on one { link a, b, c, d, e, f; }",
+            "variant Full { arm full; tracks linear per link; }",
+        ),
+        (
+            "cluster arm on base { link a, b, c, d, e, f actuated length; }",
+            "variant Full { arm full; }",
+        ),
+        (
+            "plate point; crank one; cluster arm on one { link a; } cluster rope on base { link b, c actuated length; }",
+            "variant Full { }",
+        ),
+        (
+            "plate point; track one; cluster arm on one { link a; } cluster rope on base { link b, c actuated length; }",
+            "variant Full { tracks linear per link; }",
+        ),
+    ] {
+        let robot = |variant: &str| format!("robot Any {{ {parts} {variant} }}");
+        let found = errors(&robot(""));
+        assert!(
+            found.contains(&format!("declare one: `{advised}`")),
+            "{found}"
+        );
+        model(&robot(advised));
+    }
+}
