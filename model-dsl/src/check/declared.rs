@@ -14,17 +14,17 @@ pub(super) struct Declared {
 }
 
 impl Declared {
-    /// Declares a name; a second declaration is an error.
+    /// Declares a name; a second declaration is an error, of which uses may mean either. True of the first.
     pub(super) fn declare(
         &mut self,
         name: &Ident,
         what: &'static str,
         diagnostics: &mut Diagnostics,
-    ) {
+    ) -> bool {
         let here = (what, name.span().start().line);
         let Some((first, line)) = self.names.get(&name.to_string()) else {
             self.names.insert(name.to_string(), here);
-            return;
+            return true;
         };
         let message = format!(
             "`{name}` is already declared as {} {first}, on line {line}",
@@ -36,6 +36,7 @@ impl Declared {
             "choose another name"
         };
         diagnostics.error(name, message, help);
+        false
     }
 
     pub(super) fn kind(&self, name: &Ident) -> Option<&'static str> {

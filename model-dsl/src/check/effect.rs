@@ -150,10 +150,11 @@ fn parameters<'a>(
     let search = search(declaration, dimension, &first, diagnostics);
     for given in &declaration.names {
         let name = given.name.to_string();
-        names.declare(&given.name, "parameter", diagnostics);
+        let mut is_sound = names.declare(&given.name, "parameter", diagnostics);
         if let Some(meaning) = meaning(&name) {
             let message = format!("`{name}` is {meaning} and cannot be a parameter");
             diagnostics.error(&given.name, message, "choose another name");
+            is_sound = false;
         }
         let components = match given.components {
             None => 1,
@@ -187,6 +188,9 @@ fn parameters<'a>(
             optional: declaration.optional,
         };
         scope.declare(&given.name, parameter, dimension.is_some());
+        if !is_sound {
+            scope.poison(&given.name);
+        }
     }
 }
 

@@ -32,6 +32,13 @@ pub(super) struct OfLink {
     pub(super) driven_by_angle: Option<bool>,
 }
 
+impl OfLink {
+    /// True of a link that a cart or a crank drives already: an error, so that its length may be meant either way.
+    pub(super) fn is_drive_refused(self) -> bool {
+        self.driven_by_angle.is_some() && self.carrier != Carrier::Base
+    }
+}
+
 /// The values that a link's declaration gives.
 pub(super) fn link(
     links: &syntax::Links,
@@ -83,7 +90,7 @@ pub(super) fn link(
         let is_ready = |value: &Value| {
             let read = given
                 .get(value)
-                .map_or_else(Vec::new, |one| read_values(one));
+                .map_or_else(Vec::new, |one| read_values(one, scope));
             read.iter().all(|other| !waiting.contains(other))
         };
         let Some(next) = waiting.iter().position(is_ready) else {
@@ -138,6 +145,7 @@ pub(super) fn link(
         }
     }
     if of.driven_by_angle == Some(true)
+        && !of.is_drive_refused()
         && !given.contains_key(&Value::Length)
         && let (Some((_, location)), Some(name)) = (links.actuated, links.names.first())
     {
@@ -151,6 +159,7 @@ pub(super) fn link(
 /// Meaning of reading a value before its formula is known.
 fn initial(value: Value, of: OfLink) -> Other {
     match value {
+        Value::Length if of.is_drive_refused() => Other::Poisoned,
         Value::Length if of.driven_by_angle.is_some() => {
             Other::Refused("the length of a driven link changes with its command")
         }
@@ -327,7 +336,8 @@ fn derived(
     diagnostics: &mut Diagnostics,
 ) -> Option<Formula> {
     let what = format!("`{}`", given.name);
-    let reads = names_of(expression).into_iter().any(is_variable);
+    let mut names = names_of(expression).into_iter();
+    let reads = names.any(|name| is_variable(name) || scope.parameter(name).is_some());
     match given.exact {
         Some(exact) if reads => {
             let message = format!("{what} is exact, but its formula reads names");
@@ -380,7 +390,7 @@ fn driven(
     of: OfLink,
     diagnostics: &mut Diagnostics,
 ) -> Quantity<1> {
-    let Some(by_angle) = of.driven_by_angle else {
+    let Some(by_angle) = of.driven_by_angle.filter(|_| !of.is_drive_refused()) else {
         return found;
     };
     let command = || Formula::Read(Readable::Command);
@@ -444,10 +454,11 @@ fn circle(
 }
 
 /// Values of the link that a value reads.
-fn read_values(given: &syntax::NamedValue) -> Vec<Value> {
+fn read_values(given: &syntax::NamedValue, scope: &Scope<'_>) -> Vec<Value> {
     match &given.value {
         Some(Given::Formula(expression)) => names_of(expression)
             .into_iter()
+            .filter(|name| scope.parameter(name).is_none())
             .filter_map(|name| Value::find(&name.to_string()))
             .collect(),
         _ => Vec::new(),

@@ -32,11 +32,12 @@ pub(super) fn parameters<'a>(
         let known = dimension(&declaration.dimension, diagnostics);
         for given in &declaration.names {
             let name = given.name.to_string();
-            names.declare(&given.name, "parameter", diagnostics);
+            let mut is_sound = names.declare(&given.name, "parameter", diagnostics);
             let taken = meaning(&name).or_else(|| Value::find(&name).map(|_| "a value of links"));
             if let Some(meaning) = taken {
                 let message = format!("`{name}` is {meaning} and cannot be a parameter");
                 diagnostics.error(&given.name, message, "choose another name");
+                is_sound = false;
             }
             let components = match given.components {
                 None => 1,
@@ -108,6 +109,9 @@ pub(super) fn parameters<'a>(
             let mut declared = EffectParameter::amplitude(&name, known.unwrap_or_default());
             declared.components = components;
             scope.declare_as(&given.name, declared, leaves, known.is_some());
+            if !is_sound {
+                scope.poison(&given.name);
+            }
             parameters.push(RobotParameter {
                 name,
                 components,

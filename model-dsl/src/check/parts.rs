@@ -11,8 +11,8 @@ use crate::names::suggest;
 pub(super) struct Geometry {
     pub(super) plate: Plate,
     pub(super) parameters: Vec<RobotParameter>,
-    /// Drive of each command.
-    pub(super) drives: Vec<Drive>,
+    /// Drive of each command; `None` after an error in what is driven.
+    pub(super) drives: Option<Vec<Drive>>,
     pub(super) tracks: Vec<Track>,
     pub(super) clusters: Vec<Cluster>,
     pub(super) links: Vec<Link>,

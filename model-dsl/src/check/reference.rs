@@ -22,7 +22,7 @@ pub(super) fn reference(
         diagnostics.error(second.location, message, "leave out one of them");
     }
     let mut reference = Reference {
-        commands: vec![0.0; geometry.drives.len()],
+        commands: vec![0.0; geometry.drives.as_ref().map_or(0, Vec::len)],
         position: [0.0; 3],
         orientation: [0.0; 3],
     };
@@ -119,7 +119,7 @@ fn commands(
     geometry: &Geometry,
     diagnostics: &mut Diagnostics,
 ) -> Option<Vec<f64>> {
-    let drives = &geometry.drives;
+    let drives = geometry.drives.as_ref()?;
     let found: usize = given.iter().map(|one| one.numbers.len()).sum();
     if found != drives.len() {
         let expected = drives.len();

@@ -27,7 +27,7 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
     let mut geometry = Geometry {
         plate,
         parameters,
-        drives: Vec::new(),
+        drives: None,
         tracks: tracks(robot, plate, &mut scope, diagnostics),
         clusters: Vec::new(),
         links: Vec::new(),
@@ -49,13 +49,14 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
             "write it in upper camel case: `GantryTau`",
         );
     }
+    let mut drives_known = true;
     for track in &robot.tracks {
         let what = if track.crank.is_some() {
             "crank"
         } else {
             "track"
         };
-        geometry.names.declare(&track.name, what, diagnostics);
+        drives_known &= geometry.names.declare(&track.name, what, diagnostics);
     }
     let mut places_known = true;
     let mut actuators = 0;
@@ -78,6 +79,7 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
         }
         for links in &cluster.links {
             if let Some((_, actuated)) = links.actuated.filter(|_| track.is_some()) {
+                drives_known = false;
                 let message = format!(
                     "the links of cluster `{}` are driven by its cart already",
                     cluster.name
@@ -91,9 +93,10 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
             let is_crank = |track: usize| geometry.tracks[track].crank.is_some();
             let of = OfLink {
                 carrier: match track {
-                    None => Carrier::Base,
+                    None if on_base => Carrier::Base,
                     Some(track) if is_crank(track) => Carrier::Crank,
-                    Some(_) => Carrier::Track,
+                    // In place of an unknown carrier, too: links have all values on a track only.
+                    None | Some(_) => Carrier::Track,
                 },
                 plate: geometry.plate,
                 driven_by_angle: links.actuated.map(|(by_angle, _)| by_angle),
@@ -102,7 +105,8 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
             finite::values(links, &defaults, &geometry.parameters, diagnostics);
             let pull = pull(links, diagnostics);
             for name in &links.names {
-                geometry.names.declare(name, "link", diagnostics);
+                let is_sound = geometry.names.declare(name, "link", diagnostics);
+                drives_known &= is_sound || links.actuated.is_none();
                 let actuated_by = links.actuated.map(|_| robot.tracks.len() + actuators);
                 actuators += usize::from(actuated_by.is_some());
                 geometry.links.push(Link {
@@ -137,7 +141,7 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
         name: link.name.clone(),
         is_angle: link.is_driven_by_angle,
     });
-    geometry.drives = carriers.chain(driven).collect();
+    geometry.drives = drives_known.then(|| carriers.chain(driven).collect());
     geometry
 }
 

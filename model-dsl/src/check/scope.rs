@@ -50,7 +50,7 @@ pub(super) enum Other {
 struct Declaration<'a> {
     name: &'a Ident,
     parameter: EffectParameter,
-    /// Meanings of its components.
+    /// Meanings of its components; none after an error in its name.
     leaves: Vec<Formula>,
     /// True if the dimension is known.
     sound: bool,
@@ -90,6 +90,13 @@ impl<'a> Scope<'a> {
             sound,
             used: false,
         });
+    }
+
+    /// Takes the meaning from a name that has another one already: its uses may mean either, and raise no errors.
+    pub(super) fn poison(&mut self, name: &Ident) {
+        for own in self.parameters.iter_mut().filter(|own| own.name == name) {
+            own.leaves.clear();
+        }
     }
 
     pub(super) fn unused(&self) -> impl Iterator<Item = (&'a Ident, &EffectParameter)> {
@@ -344,6 +351,9 @@ pub(super) fn component(
     };
     let own = &mut scope.parameters[index];
     own.used = true;
+    if own.leaves.is_empty() {
+        return None;
+    }
     if own.parameter.components == 1 {
         let message = format!("`{name}` is a scalar and has no components");
         let help = format!("write `{name}`, or declare it as `{name}[3]`");

@@ -283,7 +283,9 @@ impl Context<'_> {
                 return;
             }
         }
-        for (index, cluster) in self.geometry.clusters.iter().enumerate() {
+        // Links on a cart that are driven besides have been reported.
+        let clusters = self.geometry.clusters.iter().enumerate();
+        for (index, cluster) in clusters.filter(|(_, own)| own.track.is_none()) {
             let links = self
                 .geometry
                 .links

@@ -172,33 +172,6 @@ effect"
 }
 
 #[test]
-fn what_has_an_error_raises_no_second() {
-    // An unknown unit, dimension, track or variant poisons what depends on it, silently.
-    assert_snapshot!(errors(&robot(
-        "effect e on cart {
-        param a: lenght = 1 mm tol 1 mm;
-        search p: lenght in 4 mm ..= 50 mm;
-        along += a + q + 3 N * a / p;
-    }
-    variant A = Ful + e(one);
-    variant B = A + e(two);"
-    )), @r"
-    param a: lenght = 1 mm tol 1 mm;
-             ^^^^^^
-    unknown dimension or unit `lenght`
-    help: did you mean `length`?
-    search p: lenght in 4 mm ..= 50 mm;
-              ^^^^^^
-    unknown dimension or unit `lenght`
-    help: did you mean `length`?
-    variant A = Ful + e(one);
-                ^^^
-    cannot find variant `Ful`
-    help: a variant with a similar name exists: `Full`
-    ");
-}
-
-#[test]
 fn text_that_is_no_tokens() {
     assert_snapshot!(errors("robot Slide { track one;"), @r"
     robot Slide { track one;

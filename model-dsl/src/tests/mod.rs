@@ -5,6 +5,7 @@ mod errors;
 mod formulas;
 mod fuzz;
 mod machines;
+mod once;
 mod robots;
 
 use crate::{Diagnostic, Errors, Model, check_text};
