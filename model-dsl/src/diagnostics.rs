@@ -5,6 +5,8 @@ use std::ops::Range;
 
 use proc_macro2::{Ident, LexError, Span, TokenStream, TokenTree};
 
+pub(crate) const COMMENT_HELP: &str = "comments begin with `//`: `// …`";
+
 /// First and last token of the text that something concerns.
 ///
 /// Two spans, because stable Rust cannot join spans inside a macro.
@@ -129,6 +131,9 @@ impl Errors {
     /// A text that is not even a sequence of tokens.
     pub(crate) fn from_lexer(text: &str, error: &LexError) -> Self {
         let span = error.span();
+        let (before, _) = text
+            .split_at_checked(span.byte_range().start)
+            .unwrap_or((text, ""));
         let found = text
             .get(span.byte_range().start..)
             .and_then(|rest| rest.chars().next());
@@ -137,22 +142,18 @@ impl Errors {
                 Diagnostic::new(span, format!("`{bracket}` is never closed"))
                     .help("every bracket needs its partner")
             }
-            Some(bracket @ (')' | ']' | '}')) => {
-                match innermost_open(&text[..span.byte_range().start]) {
-                    Some((open, line, column)) => {
-                        let message = format!(
-                            "`{bracket}` does not close the `{open}` of line {line}, column {column}"
-                        );
-                        let partner = partner(open);
-                        Diagnostic::new(span, message)
-                            .help(format!("close that with `{partner}` before"))
-                    }
-                    None => {
-                        Diagnostic::new(span, format!("`{bracket}` closes nothing that is open"))
-                            .help("every bracket needs its partner")
-                    }
+            Some(bracket @ (')' | ']' | '}')) => match innermost_open(before) {
+                Some((open, line, column)) => {
+                    let message = format!(
+                        "`{bracket}` does not close the `{open}` of line {line}, column {column}"
+                    );
+                    let partner = partner(open);
+                    Diagnostic::new(span, message)
+                        .help(format!("close that with `{partner}` before"))
                 }
-            }
+                None => Diagnostic::new(span, format!("`{bracket}` closes nothing that is open"))
+                    .help("every bracket needs its partner"),
+            },
             Some('/') => {
                 Diagnostic::new(span, "this comment is never closed").help("end it with `*/`")
             }
@@ -166,6 +167,11 @@ impl Errors {
             )
             .help("a description consists of names, numbers, operators and brackets"),
             None => Diagnostic::new(span, "this is not a description"),
+        };
+        let diagnostic = if is_behind_hash(before) {
+            diagnostic.help(COMMENT_HELP)
+        } else {
+            diagnostic
         };
         Self {
             robot: None,
@@ -188,6 +194,14 @@ fn partner(open: char) -> char {
         '[' => ']',
         _ => '}',
     }
+}
+
+/// True where the last line of a text has a `#` that begins no attribute, as a comment does elsewhere.
+fn is_behind_hash(before: &str) -> bool {
+    let line = before.rsplit('\n').next().unwrap_or(before);
+    let code = line.rsplit("*/").next().unwrap_or(line);
+    code.split_once('#')
+        .is_some_and(|(_, behind)| !behind.starts_with(['[', '!']))
 }
 
 /// The last bracket that is open at the end of a text of tokens, with its line and column, from one.

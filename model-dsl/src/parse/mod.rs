@@ -2,6 +2,7 @@
 //!
 //! A mistake ends its item only: parsing goes on at the next item, so that all are reported at once.
 
+mod comments;
 mod cursor;
 mod effect;
 mod formula;
@@ -11,8 +12,9 @@ mod robot;
 use proc_macro2::{Delimiter, Group, TokenStream, TokenTree};
 use syn::buffer::TokenBuffer;
 
+use self::comments::without_hash_comments;
 use self::cursor::Parser;
-use crate::diagnostics::{Diagnostic, Diagnostics};
+use crate::diagnostics::{COMMENT_HELP, Diagnostic, Diagnostics};
 use crate::names::nearest;
 use crate::syntax::Description;
 
@@ -33,6 +35,10 @@ pub(crate) fn description(
         let message = format!("brackets nested more than {NESTING_LIMIT} deep");
         diagnostics.error(group.span_open(), message, "simplify the formula");
         return description;
+    }
+    let (tokens, hash) = without_hash_comments(tokens);
+    if let Some(hash) = hash {
+        diagnostics.error(hash, "`#` begins no comment", COMMENT_HELP);
     }
     let buffer = TokenBuffer::new2(tokens);
     let mut parser = Parser::new(&buffer);

@@ -3,6 +3,7 @@
 use insta::assert_snapshot;
 
 use super::{errors, robot};
+use crate::check_text;
 
 #[test]
 fn what_has_an_error_raises_no_second() {
@@ -124,4 +125,44 @@ fn commands_of_tracks_declared_twice() {
 fn values_on_an_unknown_carrier() {
     let text = robot("cluster more on tow { link m1 { track_direction = (1, 0, 0); } }");
     once(&text, "cannot find track `tow`");
+}
+
+/// Comments of other languages are told once, and their words are no declarations.
+#[test]
+fn comments_behind_a_hash() {
+    let text = "# a delta: its track, don't read this;
+robot R {
+    plate point; # = a printer's
+    # cluster old on base { link a, b, c; }
+    cluster belts on # the base
+        base {
+        link a, b, # two of
+            c actuated length; #!
+    }
+    /// A doc comment, # as it stands.
+    variant Full { } # all
+}
+#";
+    assert_snapshot!(errors(text), @r"
+    # a delta: its track, don't read this;
+    ^
+    `#` begins no comment
+    help: comments begin with `//`: `// …`
+    ");
+    // What is wrong besides is told, too.
+    let text = text.replace("plate point;", "plate pont;");
+    let found = check_text(&text).unwrap_err();
+    assert_eq!(found.diagnostics.len(), 2, "{found}");
+    assert!(
+        found.to_string().contains("did you mean `point`?"),
+        "{found}"
+    );
+    // What is no token can't be read past.
+    for text in ["# 20 °C", "robot R { # \"A\n}", "/* a */ # see (1\n"] {
+        once(text, "help: comments begin with `//`");
+    }
+    for text in ["/* # */ °", "// #\n °", "#[a] °"] {
+        let found = errors(text);
+        assert!(!found.contains("comments begin"), "{found}");
+    }
 }
