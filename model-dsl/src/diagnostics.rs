@@ -5,6 +5,8 @@ use std::ops::Range;
 
 use proc_macro2::{Ident, LexError, Span, TokenStream, TokenTree};
 
+pub(crate) const TOLERANCE_HELP: &str =
+    "a tolerance, one standard deviation, is written `tol 1 mm`";
 pub(crate) const COMMENT_HELP: &str = "comments begin with `//`: `// …`";
 
 /// First and last token of the text that something concerns.
@@ -160,6 +162,9 @@ impl Errors {
             Some('"' | '\'') => {
                 Diagnostic::new(span, "this quotation mark has no meaning in a model")
                     .help("names and numbers are written without quotation marks")
+            }
+            Some('±') => {
+                Diagnostic::new(span, "`±` has no meaning in a model").help(TOLERANCE_HELP)
             }
             Some(character) => Diagnostic::new(
                 span,

@@ -155,6 +155,11 @@ impl<'a> Parser<'a> {
             .ok_or_else(|| self.expected(&format!("`{operator}`")).help(help))
     }
 
+    /// True if a sign of other texts for what `tol` says comes next.
+    pub(super) fn at_plus_minus(&self) -> bool {
+        self.at("+-") || self.at("+/-")
+    }
+
     /// True if `tol` or `exact` comes next, which say how well a value is known.
     pub(super) fn at_certainty(&self) -> bool {
         self.at_any(&["tol", "exact"])

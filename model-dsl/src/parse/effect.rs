@@ -4,7 +4,7 @@ use proc_macro2::Delimiter;
 
 use super::cursor::Parser;
 use super::quantity::{quantity, unit, whole_number};
-use super::{Parse, formula, unknown_item};
+use super::{Parse, choice, formula, unknown_item};
 use crate::diagnostics::{Diagnostic, Diagnostics, Location};
 use crate::names::nearest;
 use crate::syntax::{Effect, ParameterName, Parameters, Term};
@@ -39,13 +39,12 @@ pub(super) fn effect(
     let kind = (parser.at_any(&["driven", "pulled"])).then(|| parser.eat_any_word());
     let subject = parser.name("`cart`, `link` or `tcp`")?;
     let actuated = match parser.at_word("actuated").then(|| parser.eat_any_word()) {
-        Some(Some(word)) if parser.eat_word("angle").is_some() => Some((word, true)),
-        Some(Some(word)) if parser.eat_word("length").is_some() => Some((word, false)),
-        Some(_) => {
+        Some(Some(word)) => {
             let help = "links are driven by a length or, through a drum, by an angle";
-            return Err(parser.expected("`length` or `angle`").help(help));
+            let by_angle = choice(parser, &[("length", false), ("angle", true)], help)?;
+            Some((word, by_angle))
         }
-        None => None,
+        _ => None,
     };
     let source = if parser.eat_word("from").is_some() {
         let help = "the other cart is called `source`: `on cart from source`";

@@ -1,6 +1,6 @@
 //! Formulas: precedence climbing over `+ -`, `* /`, unary `-`, `^`.
 
-use proc_macro2::Delimiter;
+use proc_macro2::{Delimiter, Ident};
 
 use super::cursor::Parser;
 use super::quantity::{exponent, number, unit_factor, whole_number};
@@ -169,7 +169,25 @@ fn primary(parser: &mut Parser<'_>) -> Parse<Node> {
         }
         return node(parser, ExpressionKind::Component(name, index), &start, 1);
     }
-    node(parser, ExpressionKind::Name(name), &start, 1)
+    match dotted(parser, &name) {
+        Some(diagnostic) => Err(diagnostic),
+        None => node(parser, ExpressionKind::Name(name), &start, 1),
+    }
+}
+
+/// Error of `v.x`, which is how other languages write `v[0]`.
+fn dotted(parser: &Parser<'_>, name: &Ident) -> Option<Diagnostic> {
+    let mut behind = parser.clone();
+    behind.eat(".")?;
+    let help = match behind.word().map(|word| word.to_string()).as_deref() {
+        Some("x") => format!("write `{name}[0]` for a component of a vector"),
+        Some("y") => format!("write `{name}[1]` for a component of a vector"),
+        Some("z") => format!("write `{name}[2]` for a component of a vector"),
+        _ => {
+            "components of vectors are `v[0]`, `v[1]`, `v[2]`; other names have no dots".to_owned()
+        }
+    };
+    Some(parser.expected("an operator").help(help))
 }
 
 /// Formulas with commas between them, to the end of the brackets.

@@ -98,19 +98,49 @@ pub(crate) fn description(
 
 /// Diagnostic of a token that stands where one of some keywords was expected.
 fn unknown_item(parser: &mut Parser<'_>, keywords: &[&str]) -> Diagnostic {
+    unknown_word(parser, keywords, &[])
+}
+
+/// The same where words of the field are known, each with the keyword that it means.
+fn unknown_word(
+    parser: &mut Parser<'_>,
+    keywords: &[&str],
+    synonyms: &[(&str, &str)],
+) -> Diagnostic {
     if let Some(rust) = parser.skip_rust() {
         return Diagnostic::new(rust, "this Rust code has no meaning in a model").help(
             "a model is declared, without control flow; formulas stand in the terms of effects",
         );
     }
-    let near = parser
-        .word()
-        .and_then(|word| nearest(&word.to_string(), keywords.iter().copied()));
+    let fitting = synonyms
+        .iter()
+        .filter(|(_, meant)| keywords.contains(meant));
+    let itself = keywords.iter().map(|word| (*word, *word));
+    let known: Vec<(&str, &str)> = itself.chain(fitting.copied()).collect();
+    let near = parser.word().and_then(|word| {
+        let near = nearest(&word.to_string(), known.iter().map(|(word, _)| *word))?;
+        known.iter().find(|(word, _)| *word == near)
+    });
     let help = match near {
-        Some(near) => format!("did you mean `{near}`?"),
+        Some((_, meant)) => format!("did you mean `{meant}`?"),
         None => "every declaration begins with its keyword".to_owned(),
     };
     parser.expected(&one_of(keywords)).help(help)
+}
+
+/// One of a few words, with a help for one that is near none of them.
+fn choice<T: Copy>(parser: &mut Parser<'_>, choices: &[(&str, T)], help: &str) -> Parse<T> {
+    for (word, value) in choices {
+        if parser.eat_word(word).is_some() {
+            return Ok(*value);
+        }
+    }
+    let words: Vec<_> = choices.iter().map(|(word, _)| *word).collect();
+    let near = parser
+        .word()
+        .and_then(|word| nearest(&word.to_string(), words.iter().copied()));
+    let help = near.map_or(help.to_owned(), |near| format!("did you mean `{near}`?"));
+    Err(parser.expected(&one_of(&words)).help(help))
 }
 
 /// `` `a`, `b` or `c` ``

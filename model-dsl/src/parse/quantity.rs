@@ -3,7 +3,7 @@
 use proc_macro2::{Delimiter, Span};
 
 use super::{Parse, cursor::Parser};
-use crate::diagnostics::{Diagnostic, Location};
+use crate::diagnostics::{Diagnostic, Location, TOLERANCE_HELP};
 use crate::syntax::{Quantity, UnitExpression, UnitFactor};
 use crate::units::find_unit;
 
@@ -21,6 +21,10 @@ pub(super) fn number(parser: &mut Parser<'_>) -> Parse<(f64, Span)> {
         return Err(parser.expected("a number").help(NUMBER_HELP));
     };
     parser.eat_literal();
+    if parser.at("%") {
+        let help = format!("write `{digits} percent`; a tolerance has the unit of what it is of");
+        return Err(parser.expected("a unit").help(help));
+    }
     if find_unit(suffix).is_some() {
         return Err(
             Diagnostic::new(span, format!("`{text}` lacks a space before its unit"))
@@ -176,6 +180,9 @@ fn with_unit(parser: &mut Parser<'_>, start: Span, numbers: Vec<f64>) -> Parse<Q
     } else {
         None
     };
+    if parser.at_plus_minus() {
+        return Err(parser.expected("`tol`").help(TOLERANCE_HELP));
+    }
     Ok(Quantity {
         numbers,
         unit,

@@ -6,8 +6,8 @@ use proc_macro2::{Delimiter, Ident};
 
 use super::cursor::Parser;
 use super::quantity::{list, quantity};
-use super::{Parse, effect, formula, unknown_item};
-use crate::diagnostics::{Diagnostics, Location};
+use super::{Parse, choice, effect, formula, unknown_item, unknown_word};
+use crate::diagnostics::{Diagnostic, Diagnostics, Location};
 use crate::model::{Arm, Plate, TrackShape};
 use crate::names::nearest;
 use crate::syntax::{
@@ -15,6 +15,17 @@ use crate::syntax::{
     VariantBody, VariantLine,
 };
 use crate::units::find_unit;
+
+const ONE_OF_THESE: &str = "write one of these words";
+
+/// Names elsewhere of a link's joint at the carrier.
+const SYNONYMS: [(&str, &str); 5] = [
+    ("base_joint", "track_offset"),
+    ("cart_joint", "track_offset"),
+    ("crank_joint", "track_offset"),
+    ("track_joint", "track_offset"),
+    ("anchor", "track_offset"),
+];
 
 /// `robot Name { … }` from the name on; into `slot`, or if that is taken, returns the name.
 pub(super) fn robot(
@@ -102,7 +113,7 @@ pub(super) fn robot(
 
 /// `plate point in plane;` from behind the word on.
 fn plate(parser: &mut Parser<'_>, word: Location) -> Parse<(Plate, Location)> {
-    let is_point = choice(parser, &[("body", false), ("point", true)])?;
+    let is_point = choice(parser, &[("body", false), ("point", true)], ONE_OF_THESE)?;
     let is_in_plane = parser.eat_word("in").is_some();
     if is_in_plane {
         parser.expect_word("plane", "the plane is z = 0: `in plane`")?;
@@ -172,7 +183,8 @@ fn cluster(parser: &mut Parser<'_>, diagnostics: &mut Diagnostics) -> Parse<Clus
             if parser.eat_word("link").is_none() {
                 return Err(unknown_item(parser, &["link"]));
             }
-            cluster.links.push(links(parser, diagnostics)?);
+            let on_base = cluster.place == "base";
+            cluster.links.push(links(parser, on_base, diagnostics)?);
             Ok(())
         },
     );
@@ -183,7 +195,9 @@ fn cluster(parser: &mut Parser<'_>, diagnostics: &mut Diagnostics) -> Parse<Clus
 fn cranks(parser: &mut Parser<'_>, diagnostics: &mut Diagnostics) -> Parse<Vec<Track>> {
     let names = parser.new_names("the crank's name")?;
     let help = "a crank ends with `;`, or with its values in braces";
-    let values = Rc::new(values(parser, &["centre", "axis"], help, diagnostics)?);
+    let keywords = ["centre", "axis"];
+    let values = values(parser, &keywords, &keywords, help, diagnostics)?;
+    let values = Rc::new(values);
     let crank = |name| Track {
         name,
         crank: Some(Rc::clone(&values)),
@@ -192,18 +206,16 @@ fn cranks(parser: &mut Parser<'_>, diagnostics: &mut Diagnostics) -> Parse<Vec<T
 }
 
 /// `link a, b actuated length { … }` from the first name on.
-fn links(parser: &mut Parser<'_>, diagnostics: &mut Diagnostics) -> Parse<Links> {
+fn links(parser: &mut Parser<'_>, on_base: bool, diagnostics: &mut Diagnostics) -> Parse<Links> {
     let names = parser.new_names("the link's name")?;
+    if let Some(diagnostic) = misnamed_drive(parser) {
+        return Err(diagnostic);
+    }
     let actuated = match parser.eat_word("actuated") {
         Some(start) => {
-            let by_angle = parser.eat_word("angle").is_some();
-            if !by_angle {
-                parser.expect_word(
-                    "length",
-                    "the length is what can be driven: by a length, `actuated length`, or through a drum, `actuated \
-                     angle`",
-                )?;
-            }
+            let help = "the length is what can be driven: by a length, `actuated length`, or through a drum, `actuated \
+                        angle`";
+            let by_angle = choice(parser, &[("length", false), ("angle", true)], help)?;
             Some((by_angle, parser.since(start)))
         }
         None => None,
@@ -216,7 +228,10 @@ fn links(parser: &mut Parser<'_>, diagnostics: &mut Diagnostics) -> Parse<Links>
         "pulled",
     ];
     let help = "a link ends with `;`, or with its values in braces";
-    let values = values(parser, &keywords, help, diagnostics)?;
+    let fitting: Vec<&str> = (keywords.into_iter())
+        .filter(|word| !(on_base && *word == "track_direction"))
+        .collect();
+    let values = values(parser, &keywords, &fitting, help, diagnostics)?;
     let (pulls, values) = values.into_iter().partition(|value| value.name == "pulled");
     Ok(Links {
         names,
@@ -226,10 +241,24 @@ fn links(parser: &mut Parser<'_>, diagnostics: &mut Diagnostics) -> Parse<Links>
     })
 }
 
-/// Values in braces, or none and `;`.
+/// Error of another word where `actuated` says what drives a link: `actuatd length`, `driven length`.
+fn misnamed_drive(parser: &Parser<'_>) -> Option<Diagnostic> {
+    let word = parser.word().filter(|word| word != "actuated")?;
+    let mut behind = parser.clone();
+    behind.eat_any_word();
+    let is_near = nearest(&word.to_string(), ["actuated", "driven"]).is_some();
+    (is_near || behind.at_any(&["length", "angle"])).then(|| {
+        let help =
+            "did you mean `actuated`? drives are said by `actuated length` or `actuated angle`";
+        parser.expected("`actuated`, `{` or `;`").help(help)
+    })
+}
+
+/// Values in braces, or none and `;`. Of the keywords that may begin them, some fit the place.
 fn values(
     parser: &mut Parser<'_>,
     keywords: &[&str],
+    fitting: &[&str],
     help: &str,
     diagnostics: &mut Diagnostics,
 ) -> Parse<Vec<NamedValue>> {
@@ -244,7 +273,7 @@ fn values(
         |parser, _| {
             parser.docs()?;
             if !parser.at_any(keywords) {
-                return Err(unknown_item(parser, keywords));
+                return Err(unknown_word(parser, fitting, &SYNONYMS));
             }
             values.push(value(parser)?);
             Ok(())
@@ -286,7 +315,8 @@ fn given(parser: &mut Parser<'_>) -> Parse<Given> {
     let ends = |parser: &Parser<'_>| parser.at(";") || parser.at_certainty();
     let mut as_quantity = parser.clone();
     let plain = quantity(&mut as_quantity);
-    if plain.is_ok() && ends(&as_quantity) {
+    // `2 m +- 1 mm` would be the formula of a difference.
+    if (plain.is_ok() && ends(&as_quantity)) || as_quantity.at_plus_minus() {
         *parser = as_quantity;
         return plain.map(Given::Quantity);
     }
@@ -428,7 +458,8 @@ fn effect_use(parser: &mut Parser<'_>) -> Parse<EffectUse> {
 fn variant_line(parser: &mut Parser<'_>) -> Parse<VariantLine> {
     let start = parser.here();
     if parser.eat_word("arm").is_some() {
-        let arm = choice(parser, &[("reduced", Arm::Reduced), ("full", Arm::Full)])?;
+        let arms = [("reduced", Arm::Reduced), ("full", Arm::Full)];
+        let arm = choice(parser, &arms, ONE_OF_THESE)?;
         let location = parser.since(start);
         parser.semicolon()?;
         return Ok(VariantLine::Arm { arm, location });
@@ -451,6 +482,7 @@ fn variant_line(parser: &mut Parser<'_>) -> Parse<VariantLine> {
             ("linear", TrackShape::Linear),
             ("piecewise", TrackShape::Piecewise),
         ],
+        ONE_OF_THESE,
     )?;
     let per_link: Option<Location> = match parser.eat_word("per") {
         Some(start) => {
@@ -467,21 +499,4 @@ fn variant_line(parser: &mut Parser<'_>) -> Parse<VariantLine> {
         per_link,
         location,
     })
-}
-
-/// One of a few words.
-fn choice<T: Copy>(parser: &mut Parser<'_>, choices: &[(&str, T)]) -> Parse<T> {
-    for (word, value) in choices {
-        if parser.eat_word(word).is_some() {
-            return Ok(*value);
-        }
-    }
-    let words: Vec<_> = choices.iter().map(|(word, _)| *word).collect();
-    let near = parser
-        .word()
-        .and_then(|word| nearest(&word.to_string(), words.iter().copied()));
-    let help = near.map_or("write one of these words".to_owned(), |near| {
-        format!("did you mean `{near}`?")
-    });
-    Err(parser.expected(&super::one_of(&words)).help(help))
 }

@@ -7,42 +7,6 @@ use super::{GANTRY_TAU, errors, excerpts, model, robot};
 use crate::diagnostics::{Diagnostic, Diagnostics};
 use crate::{check_text, effects_from_text};
 
-/// The mistake is said in the terms of what was probably meant.
-#[test]
-fn helps_name_the_mend() {
-    let in_robot = |link: &str, rest: &str| {
-        errors(&format!(
-            "robot Slide {{
-    track one, two, three;
-    cluster arm1 on one {{ link l1, l2 {{ {link} }} }}
-    cluster arm2 on two {{ link l3, l4; }}
-    cluster arm3 on three {{ link l5, l6; }}
-    variant Full {{ arm full; tracks linear; }}
-    {rest}
-}}"
-        ))
-    };
-    for (link, rest, message, help) in [
-        ("length = 41,2 mm;", "", "no decimal comma", "write a point"),
-        ("ofset = (0, 0, 0) m;", "", "`ofset`", "`track_offset`"),
-        (
-            "",
-            "variant Play = Full + backlash(one);",
-            "`backlash`",
-            "declare it with `effect backlash on … { … }`",
-        ),
-        (
-            "",
-            "reference { position = (0, 0, 0) m; position = (0, 0, 1) m; }",
-            "given twice",
-            "leave out one",
-        ),
-    ] {
-        let found = in_robot(link, rest);
-        assert!(found.contains(message) && found.contains(help), "{found}");
-    }
-}
-
 #[test]
 fn all_at_once() {
     assert_snapshot!(errors(

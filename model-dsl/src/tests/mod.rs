@@ -4,6 +4,7 @@ mod book;
 mod errors;
 mod formulas;
 mod fuzz;
+mod helps;
 mod machines;
 mod once;
 mod robots;
