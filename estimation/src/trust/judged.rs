@@ -60,6 +60,20 @@ pub(crate) struct Deviation {
 /// lies beyond is decided by how other parameters depart from their priors together.
 const LEAST_KNOWN: f64 = 0.1;
 
+impl Deviation {
+    /// Of an estimate that lies so many tolerances off nominal, and of its variance in squares of these.
+    pub(crate) fn new(parameter: usize, tolerances: f64, variance: f64) -> Self {
+        let known = (1.0 - variance).max(LEAST_KNOWN);
+        Self {
+            parameter,
+            tolerances,
+            deleted: tolerances / known.sqrt(),
+            freed: tolerances / known,
+            told: (1.0 - variance).max(0.0),
+        }
+    }
+}
+
 impl Judged {
     /// Descends from values of the variant in at most so many iterations; `inflation` is the variance of each sample over
     /// the stated one, for what it shares with others.
@@ -194,14 +208,7 @@ impl Judged {
             let tolerance = prior.sigma()?;
             let tolerances = (self.descent.fitted[column] - prior.value) / tolerance;
             let variance = self.factor.row(column).norm_squared() / tolerance.powi(2);
-            let known = (1.0 - variance).max(LEAST_KNOWN);
-            Some(Deviation {
-                parameter,
-                tolerances,
-                deleted: tolerances / known.sqrt(),
-                freed: tolerances / known,
-                told: (1.0 - variance).max(0.0),
-            })
+            Some(Deviation::new(parameter, tolerances, variance))
         };
         joint.used.iter().enumerate().filter_map(of).collect()
     }

@@ -11,6 +11,7 @@ mod branches;
 mod carts;
 mod closures;
 mod clusters;
+mod compared;
 mod coupled;
 mod curvature;
 mod dense;

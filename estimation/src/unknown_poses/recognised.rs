@@ -3,7 +3,8 @@
 //! Each hypothesis is fitted at a few poses first, and those that leave less there than the rows as given at more of them. One
 //! is believed where it brings the residuals to the noise or much nearer to it, as with measured poses
 //! (`trust/recognise.rs`): any change of rows lowers somewhat what a model lacks. A dimension set free pays for the room
-//! that it leaves.
+//! that it leaves. Where rows meet the noise as given, dimensions alone speak of a mistake, and it must leave none beyond its
+//! tolerance.
 
 use std::collections::BTreeSet;
 
@@ -11,11 +12,12 @@ use tau_kinematics::Machine;
 use tau_robot::measurements::{Folder, TCP_POSES};
 use tau_robot::robot_file::RobotFile;
 
+use super::compared::{has_estimated_noise, misfit, scale, total, total_beside};
 use super::fit::Fit;
 use super::starts;
 use super::tracker::of_true_poses;
 use super::trials::{Case, Dimensions, Trial};
-use super::{KindFit, ROUGH_COST, RowDivision, UnknownPoses, recognising};
+use super::{ROUGH_COST, RowDivision, UnknownPoses, recognising};
 use crate::calibration::{self, Error};
 use crate::numerics::distribution::chi2_survival;
 use crate::numerics::order::smallest_first;
@@ -283,7 +285,7 @@ impl<'a> Case<'a> {
             ..*self
         };
         let is_met = given.is_some_and(|given| {
-            given.is_met() && !given.has_far_pull() && !is_doubtful(given, look)
+            given.is_met() && given.beyond_tolerance().is_none() && !is_doubtful(given, look)
         });
         // Squares are compared with those of the same rows.
         let of_few = (thinned.is_some() && !is_met)
@@ -315,8 +317,18 @@ impl<'a> Case<'a> {
             (furthest.as_ref()).is_none_or(|(_, trial)| trial.freed() != own.1.freed())
         };
         let trials = look.ranked.iter().filter(is_other).chain(&furthest);
-        let fitted = self.closer(trials, look, given);
-        let mut found = self.likeliest(fitted, &look.dimensions)?;
+        let mut fitted = self.closer(trials, look, given);
+        // Where places were not measured, most dimensions do what some others do: those that are off tell whether to look.
+        let is_off = |given: &UnknownPoses| given.beyond_tolerance().is_some();
+        let drawing = (given.is_some_and(is_off) && !self.has_poses()).then(|| self.drawing());
+        let drawing = drawing.as_ref();
+        fitted.extend(drawing.into_iter().flat_map(|own| {
+            let mut fitted = self.closer(own.ranked.iter(), own, given);
+            fitted.retain(|(_, found, _)| found.is_consistent());
+            fitted
+        }));
+        let dimensions = drawing.map_or(&look.dimensions, |own| &own.dimensions);
+        let mut found = self.likeliest(fitted, dimensions)?;
         let is_missed = given.is_none_or(|given| given.missed_m().is_some());
         found.is_absurd |= found.kind == MistakeKind::CommandZero && is_missed;
         Some(found)
@@ -325,15 +337,10 @@ impl<'a> Case<'a> {
     /// The parameter that lies farthest from its nominal value where the rows meet the noise so, set free: a few steps from the
     /// drawing may lead elsewhere.
     fn furthest(&self, given: &UnknownPoses, look: &Look<'_>) -> Option<(Squares, Trial<'a>)> {
-        if !given.is_consistent() || given.is_plausible() {
-            return None;
-        }
-        let pulls = given.pulls();
-        let furthest = pulls.max_by(|a, b| a.tolerances.abs().total_cmp(&b.tolerances.abs()))?;
+        let furthest = given.is_consistent().then(|| given.beyond_tolerance())??;
+        let name = &given.calibration.parameters[furthest.parameter].name;
         let parameters = &given.calibration.machine.variant.parameters;
-        let own = parameters
-            .iter()
-            .position(|own| own.name == furthest.parameter)?;
+        let own = parameters.iter().position(|own| own.name == *name)?;
         let mut trials = look.dimensions.freed_of(self.setup.folder);
         let trial = trials.find(|trial| trial.freed() == Some(own))?;
         Some((Squares::NONE, trial))
@@ -374,7 +381,9 @@ impl<'a> Case<'a> {
             let is_met = matches!(trial.hypothesis, Hypothesis::Zero { .. })
                 && given.is_some_and(UnknownPoses::is_consistent);
             let is_told = is_near && is_likelier && !is_met && !look.is_chance(&found, given);
-            (is_told && found.is_plausible()).then_some((total, found, *trial))
+            let is_drawn = !given.is_some_and(UnknownPoses::is_consistent)
+                || found.beyond_tolerance().is_none();
+            (is_told && is_drawn && found.is_plausible()).then_some((total, found, *trial))
         });
         fitted.into_iter().flatten().collect()
     }
@@ -397,6 +406,18 @@ impl<'a> Case<'a> {
         words::beside(rivals)
     }
 
+    /// A look at all dimensions, each set free.
+    fn drawing(&self) -> Look<'a> {
+        let few = self.few();
+        let dimensions = self.seen(&few);
+        let trials = dimensions.freed_of(self.setup.folder).collect();
+        self.ranked(&few, Squares::NONE, dimensions, trials)
+    }
+
+    fn has_poses(&self) -> bool {
+        !self.setup.folder.tcp_poses.is_empty()
+    }
+
     /// One dimension far off with which the rows meet the stated noise, where no place was measured and a few of its kind do
     /// the same.
     pub(super) fn dimension_instead(&self, given: &UnknownPoses) -> Option<Mistake> {
@@ -405,10 +426,7 @@ impl<'a> Case<'a> {
             division: thinned.as_ref().unwrap_or(self.division),
             ..*self
         };
-        let few = case.few();
-        let dimensions = case.seen(&few);
-        let trials = dimensions.freed_of(self.setup.folder).collect();
-        let look = case.ranked(&few, Squares::NONE, dimensions, trials);
+        let look = case.drawing();
         let mut fitted = case.closer(look.ranked.iter(), &look, Some(given));
         fitted.retain(|(_, found, _)| found.is_consistent());
         case.likeliest(fitted, &look.dimensions)
@@ -416,10 +434,11 @@ impl<'a> Case<'a> {
 
     /// Parameters that some measured poses tell of, to first order. Where less was measured of them, others do the same.
     fn dimensions(&self, few: &RowDivision) -> Dimensions {
-        if self.setup.folder.tcp_poses.is_empty() {
-            return Dimensions::default();
+        if self.has_poses() {
+            self.seen(few)
+        } else {
+            Dimensions::default()
         }
-        self.seen(few)
     }
 
     /// Parameters that some rows tell of, to first order.
@@ -511,78 +530,6 @@ impl<'a> Case<'a> {
             words::of_measurements(self.setup.robot, &hypothesis, name)
         })
     }
-}
-
-impl Dimensions {
-    /// The parameter that a trial sets free, for links so long (m).
-    fn freed(&self, trial: &Trial<'_>) -> Option<(usize, f64)> {
-        trial.freed().map(|parameter| (parameter, self.length_m))
-    }
-
-    /// The price of a parameter's room: −2 ln of the evidence beside squares, in units of these, by Laplace's
-    /// approximation, the choice of one of so many parameters included. `None` where the fit as given is about as likely, or
-    /// the parameter keeps its tolerance.
-    fn room(
-        &self,
-        parameter: usize,
-        freed: &UnknownPoses,
-        given: Option<&UnknownPoses>,
-    ) -> Option<f64> {
-        let stated = &self.nominal[parameter];
-        let own = &freed.calibration;
-        let name = &own.machine.variant.parameters[parameter].name;
-        let estimate = own.parameters.iter().find(|own| own.name == *name)?;
-        let (tolerance, room) = (stated.sigma()?, estimate.tolerance?);
-        // Knowledge of it, freed and as stated.
-        let known = estimate.sigma.powi(-2);
-        let held = known - room.powi(-2) + tolerance.powi(-2);
-        let volumes = (room.powi(2) * known / (tolerance.powi(2) * held)).ln();
-        let choice = 2.0 * (self.nominal.len() as f64).ln();
-        let pays = scale(freed) * (volumes + choice);
-        let decisive = scale(freed) * 2.0 * ODDS.ln();
-        let is_likelier = given.is_none_or(|given| total(given) - total(freed) - pays > decisive);
-        (is_likelier && stated.tolerances_to(estimate.value).abs() > 1.0).then_some(pays)
-    }
-}
-
-/// Squares count by what a fit leaves of them.
-fn scale(found: &UnknownPoses) -> f64 {
-    found.residual_over_noise().max(1.0).powi(2)
-}
-
-/// The squares of residuals and tolerances.
-fn total(found: &UnknownPoses) -> f64 {
-    total_beside(found, found)
-}
-
-/// The same where noise that is estimated is that of another fit.
-fn total_beside(found: &UnknownPoses, other: &UnknownPoses) -> f64 {
-    let pulls = found.pulls().map(|pull| pull.tolerances.powi(2));
-    squares_beside(found, other) + pulls.sum::<f64>()
-}
-
-/// Residuals over the noise, that which is estimated being that of another fit: by its own, all fits are alike.
-fn misfit(found: &UnknownPoses, other: &UnknownPoses) -> f64 {
-    (squares_beside(found, other) / found.dof.max(1e-9)).sqrt()
-}
-
-fn squares_beside(found: &UnknownPoses, other: &UnknownPoses) -> f64 {
-    let pairs = found.kinds.iter().zip(&other.kinds);
-    let pairs = pairs.filter(|(own, _)| !own.kind.is_of_carts());
-    let ratio = |own: &KindFit, other: &KindFit| {
-        if own.kind.is_estimated() {
-            own.kind.sigma / other.kind.sigma
-        } else {
-            1.0
-        }
-    };
-    pairs
-        .map(|(own, other)| own.chi2() * ratio(own, other).powi(2))
-        .sum()
-}
-
-fn has_estimated_noise(found: &UnknownPoses) -> bool {
-    found.kinds.iter().any(|fit| fit.kind.is_estimated())
 }
 
 /// Noise that is estimated is met by any fit: then it tells something if a few rows are met far better without a mistake.

@@ -24,6 +24,7 @@ const STEPS: u32 = 6;
 enum Whose {
     Measurements,
     Drives,
+    All,
 }
 
 impl Case<'_> {
@@ -44,14 +45,22 @@ impl Case<'_> {
         let has_drives = !self.setup.file.measuring.drives.is_empty();
         let tried = all.into_iter().take(1 + usize::from(has_drives));
         let gains = tried.filter_map(|whose| Some((self.gain(whose, factor)?, whose)));
-        let (_, whose) = gains.max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let (gain, whose) = gains.max_by(|a, b| a.0.total_cmp(&b.0))?;
+        // Noise of one kind passes for that of the other: what all of them a few times larger explain is no mistake.
+        let of_all = has_drives.then(|| self.gains(Whose::All, factor)).flatten();
+        let of_all = of_all.map_or(0.0, |gains| {
+            gains.iter().fold(0.0, |most, own| own.0.max(most))
+        });
+        if gain < of_all + 2.0 * ODDS.ln() {
+            return None;
+        }
         let dimension = (factor > 1.0 && !self.has_places()).then(|| self.dimension_instead(given));
         if let Some(dimension) = dimension.flatten() {
             return Some(dimension);
         }
         let whose = match whose {
             Whose::Measurements => "of the measurements (`[noise]`)",
-            Whose::Drives => "of the drives (`[drives]`)",
+            _ => "of the drives (`[drives]`)",
         };
         Some(words::of_noise(whose, factor))
     }
@@ -97,17 +106,25 @@ impl Case<'_> {
             let told: Vec<bool> = told.collect();
             let wide = told.iter().filter(|is_wide| **is_wide).count();
             let is_right = found.is_consistent()
-                && !found.has_far_pull()
+                && found.beyond_tolerance().is_none()
                 && !told.is_empty()
                 && 2 * wide >= told.len();
             is_right.then(|| words::of_small_tolerances(lengths_only))
         })
     }
 
-    /// Gain in 2 ln of the evidence by a factor on noise, if it is decisive and no factor between gains more. With
+    /// Gain in 2 ln of the evidence by a factor on noise, if it is decisive and no factor between gains more.
+    fn gain(&self, whose: Whose, factor: f64) -> Option<f64> {
+        let gains = self.gains(whose, factor)?;
+        let (&(gain, is_right), before) = gains.split_last()?;
+        let largest = before.iter().fold(0.0, |most, own| own.0.max(most));
+        (is_right && gain > largest && gain > 2.0 * ODDS.ln()).then_some(gain)
+    }
+
+    /// Gains in 2 ln of the evidence by factors on noise up to this one, and true of each at which residuals are noise. With
     /// parameters integrated out it changes with ln of the noise by 2 (χ² − degrees of freedom), both of the residuals with this
     /// noise (D. J. C. MacKay, Neural Computation 4, 1992, equation 4.9).
-    fn gain(&self, whose: Whose, factor: f64) -> Option<f64> {
+    fn gains(&self, whose: Whose, factor: f64) -> Option<Vec<(f64, bool)>> {
         let thinned = self.division.thinned(self.setup.folder, POSES);
         // No row is left out: what noise is too small for would cost nothing.
         let mut options = self.options.clone();
@@ -136,16 +153,15 @@ impl Case<'_> {
         // Of noise that is far too small, there may be no fit.
         let slopes = slopes.into_iter().skip_while(Option::is_none);
         let slopes: Vec<(f64, bool)> = slopes.collect::<Option<_>>()?;
-        if !slopes.last()?.1 {
-            return None;
-        }
         let width = factor.ln() / f64::from(STEPS);
-        let (mut gain, mut largest) = (0.0, 0.0_f64);
-        for pair in slopes.windows(2) {
-            largest = largest.max(gain);
-            gain += 0.5 * width * (pair[0].0 + pair[1].0);
+        let (mut gains, mut gain) = (vec![], 0.0);
+        for (step, &(slope, is_right)) in slopes.iter().enumerate() {
+            if let Some(before) = step.checked_sub(1) {
+                gain += 0.5 * width * (slopes[before].0 + slope);
+            }
+            gains.push((gain, is_right));
         }
-        (gain > largest && gain > 2.0 * ODDS.ln()).then_some(gain)
+        Some(gains)
     }
 }
 
@@ -160,13 +176,19 @@ fn is_noise(fit: &KindFit) -> bool {
 impl Whose {
     fn is_of(self, fit: &KindFit) -> bool {
         let is_drives = fit.kind.quantity == "closure" && !fit.kind.is_exact();
-        !fit.kind.is_estimated() && is_drives == (self == Self::Drives)
+        let is_meant = match self {
+            Self::Measurements => !is_drives,
+            Self::Drives => is_drives,
+            Self::All => true,
+        };
+        !fit.kind.is_estimated() && is_meant
     }
 
     fn scaled(self, file: &RobotFile, factor: f64) -> RobotFile {
         match self {
             Self::Measurements => with_noise(file, factor),
             Self::Drives => with_drives(file, factor),
+            Self::All => with_drives(&with_noise(file, factor), factor),
         }
     }
 }

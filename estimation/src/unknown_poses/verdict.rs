@@ -6,15 +6,13 @@ use super::outcome::{GrossRow, SIGNIFICANT};
 use super::rows::{Kind, KindFit};
 use super::{ROUNDS, UnknownPoses};
 use crate::numerics::distribution::chi2_survival;
+use crate::trust::judged::Deviation;
+use crate::trust::tried::beyond_tolerance;
 use crate::trust::weighing_words::{deviation, repeat_to};
 use crate::trust::{
     ABSURD_TOLERANCES, FileFit, LARGEST_MISFIT, LEVEL, LISTED, PoseFit, Pull, Status, Verdict,
     general,
 };
-
-/// A parameter that is pulled farther than this many tolerances has a wrong tolerance, or takes up what the model
-/// lacks: of a hundred parameters, one in a hundred and fifty machines has one by chance.
-const FAR_PULL: f64 = 4.0;
 
 /// Noise that is estimated is as large as the residuals, whatever these hold.
 pub(super) const ESTIMATED_FROM_RESIDUALS: &str =
@@ -160,12 +158,25 @@ impl UnknownPoses {
     /// True if what the model lacks, in units of the stated noise, outweighs tolerances: it drives a parameter far off, and no
     /// mistake is known to be the reason.
     pub(super) fn outweighs_tolerances(&self) -> bool {
-        !self.is_consistent() && self.mistakes.is_empty() && self.has_far_pull()
+        !self.is_consistent()
+            && self.mistakes.is_empty()
+            && beyond_tolerance(&self.deviations(), 1.0).is_some()
     }
 
-    /// True if a parameter lies farther off than tolerances let expect.
-    pub(super) fn has_far_pull(&self) -> bool {
-        self.pulls().any(|pull| pull.tolerances.abs() > FAR_PULL)
+    /// The parameter farthest off, where chance does not let it be so.
+    pub(super) fn beyond_tolerance(&self) -> Option<Deviation> {
+        beyond_tolerance(&self.deviations(), self.residual_over_noise())
+    }
+
+    /// Parameters against their tolerances.
+    fn deviations(&self) -> Vec<Deviation> {
+        let estimates = self.calibration.parameters.iter().enumerate();
+        let of = estimates.filter_map(|(place, own)| {
+            let tolerance = own.tolerance?;
+            let off = (own.value - own.nominal) / tolerance;
+            Some(Deviation::new(place, off, (own.sigma / tolerance).powi(2)))
+        });
+        of.collect()
     }
 
     /// Residuals against noise and parameters against tolerances.
@@ -188,14 +199,13 @@ impl UnknownPoses {
             ));
         }
         let pulls = Pull::largest(self.pulls());
-        let far = pulls
-            .first()
-            .filter(|pull| pull.tolerances.abs() > FAR_PULL);
-        if let Some(pull) = far {
+        let far = self.beyond_tolerance();
+        if let Some(deviation) = far {
             why.push(format!(
-                "`{}` lies {} tolerances off its nominal value.",
-                pull.parameter,
-                general(pull.tolerances.abs(), 2)
+                "`{}` lies {} tolerances off its nominal value, {} where its own did not hold it back.",
+                self.calibration.parameters[deviation.parameter].name,
+                general(deviation.tolerances.abs(), 2),
+                general(deviation.freed.abs(), 2)
             ));
         }
         let status = if is_consistent && far.is_none() {
