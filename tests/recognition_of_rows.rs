@@ -296,3 +296,40 @@ fn what_no_mistake_explains_is_not_passed_over() {
     let misfit = checked(folder.path()).as_f64().unwrap();
     assert!(misfit > 10.0, "{misfit}");
 }
+
+/// Towers that are alike nearly stand as in the drawing when two commands are exchanged; a dimension that is off does the
+/// same alone, and is what an owner can measure again.
+#[test]
+fn a_drawing_that_is_off_is_no_exchange() {
+    for seed in [1, 2] {
+        let folder = simulated(&format!(
+            "--model linear_delta --measure heights,distances --random --poses 40 --noise-position 1e-4 --seed {seed}"
+        ));
+        let path = folder.path().join("measured/robot.toml");
+        let text = fs::read_to_string(&path).unwrap();
+        for (name, value, tolerance) in [
+            ("angle_b", 5.859_586_531, 8.7e-3),
+            ("endstop_b", 0.322, 2e-3),
+            ("arm_a", 0.341, 5e-4),
+        ] {
+            let own = format!("[parameters]\n{name} = {{ value = {value}, tol = {tolerance} }}\n");
+            fs::write(&path, format!("{text}\n{own}")).unwrap();
+            let words = format!("`{name}` is ");
+            all_name(folder.path(), "", ["dimension", "robot.toml", &words]);
+        }
+    }
+}
+
+/// Noise of positions that drives could have as well, were theirs a thousand times the stated one.
+#[test]
+fn noise_of_all_kinds_is_no_mistake_of_one() {
+    for seed in [51, 52] {
+        let folder = simulated(&format!(
+            "--model four_lines --measure positions --poses 60 --random --seed {seed} --noise-drives 5e-3 \
+             --noise-position 1e-3 --noise-scale 10,1,1"
+        ));
+        let (status, why) = verdict(folder.path());
+        assert_eq!(status, "inconsistent", "{why}");
+        assert!(!why.contains("thousand"), "{why}");
+    }
+}

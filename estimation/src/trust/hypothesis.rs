@@ -36,8 +36,8 @@ pub(crate) struct Case<'a> {
 pub(crate) enum Hypothesis {
     /// Columns of commands are exchanged: for each command, the column that holds it.
     Commands(Vec<usize>),
-    /// A command counts the other way.
-    Sign(usize),
+    /// Commands count the other way.
+    Signs(Vec<usize>),
     /// A command counts from another zero, so far (m or rad) from that of the drawing.
     Zero { command: usize, by: f64 },
     /// Commands of these drives, which turn, are in degrees.
@@ -87,8 +87,26 @@ pub(crate) enum Hypothesis {
 
 /// Of thousands, the factor between units of SI and those of drawings and trackers.
 pub(crate) const THOUSAND: f64 = 1e3;
-/// Units of a metre that lengths are written in by mistake: millimetres and centimetres.
-pub(crate) const UNITS: [Hypothesis; 2] = [Hypothesis::Unit(THOUSAND), Hypothesis::Unit(1e2)];
+/// An inch, in millimetres.
+pub(crate) const INCH_MM: f64 = 25.4;
+/// Units of a metre that lengths are written in by mistake: millimetres, centimetres, inches, and inches taken for
+/// millimetres.
+pub(crate) const UNITS: [Hypothesis; 4] = [
+    Hypothesis::Unit(THOUSAND),
+    Hypothesis::Unit(1e2),
+    Hypothesis::Unit(THOUSAND / INCH_MM),
+    Hypothesis::Unit(1.0 / INCH_MM),
+];
+
+/// Commands of drives that may count the other way: one of them, or all.
+pub(crate) fn signs(robot: &Robot, has_sign: impl Fn(usize) -> bool) -> Vec<Hypothesis> {
+    let told: Vec<usize> = (0..robot.commands)
+        .filter(|&command| has_sign(command))
+        .collect();
+    let all = (told.len() > 1).then(|| (0..robot.commands).collect());
+    let one = told.into_iter().map(|command| vec![command]);
+    one.chain(all).map(Hypothesis::Signs).collect()
+}
 
 impl Case<'_> {
     /// The variant with its nominal values.
@@ -224,7 +242,11 @@ impl Hypothesis {
                     *row = columns.iter().map(|&column| row[column]).collect();
                 }
             }
-            Self::Sign(command) => commands_m[*command] = -commands_m[*command],
+            Self::Signs(commands) => {
+                for &command in commands {
+                    commands_m[command] = -commands_m[command];
+                }
+            }
             Self::Zero { command, by } => commands_m[*command] += by,
             Self::CommandsInDegrees(commands) => {
                 for &command in commands {

@@ -61,6 +61,8 @@ pub enum MistakeKind {
     Millimetres,
     /// Lengths that were measured are in centimetres.
     Centimetres,
+    /// Lengths that were measured are in inches.
+    Inches,
     /// Angles are in degrees.
     Degrees,
     /// Stated noise is a thousand times off.
@@ -89,6 +91,7 @@ impl MistakeKind {
             Self::Frame => "frame",
             Self::Millimetres => "millimetres",
             Self::Centimetres => "centimetres",
+            Self::Inches => "inches",
             Self::Degrees => "degrees",
             Self::Noise => "noise",
             Self::Tolerances => "tolerances",

@@ -292,7 +292,7 @@ fn described(robot: &Robot, file: &'static str, reading: &Reading) -> Option<Mis
             .signs
             .iter()
             .position(|&sign| sign < 0.0)
-            .map(Hypothesis::Sign)
+            .map(|command| Hypothesis::Signs(vec![command]))
     } else {
         Some(Hypothesis::Commands(reading.columns.clone()))
     };

@@ -287,13 +287,12 @@ fn candidates(case: &Case<'_>, given: Option<&Judged>) -> Vec<Hypothesis> {
     let mut all = exchanged_commands(&few);
     all.extend(numbering::drawn(&few));
     let prepared = few.prepared();
-    let has_sign = |&command: &usize| {
+    let has_sign = |command: usize| {
         (prepared.as_ref()).map_or(true, |Prepared { machine, .. }| {
             has_sign(machine, few.samples(), command, few.mean_length_m())
         })
     };
-    let signs = (0..case.robot.commands).filter(has_sign);
-    all.extend(signs.map(Hypothesis::Sign));
+    all.extend(hypothesis::signs(case.robot, has_sign));
     all.extend(hypothesis::commands_in_degrees(case.robot));
     all.extend(hypothesis::axes(case.robot.plate));
     all.extend(hypothesis::angles(case.robot.plate));
@@ -344,7 +343,7 @@ pub(crate) fn has_sign(
 ) -> bool {
     let pairs = samples.into_iter().map(|given| {
         let mut mended = given.clone();
-        Hypothesis::Sign(command).mend_commands(&mut mended.commands_m, None);
+        Hypothesis::Signs(vec![command]).mend_commands(&mut mended.commands_m, None);
         (given, mended)
     });
     differ(machine, pairs, length_m)

@@ -6,7 +6,7 @@ use tau_robot::measurements::{Actuator, CART_POSES, DISTANCES, PlateKind, Shape,
 use tau_robot::robot::{Parameter, Plate, Robot};
 
 use crate::calibration::Nominal;
-use crate::trust::hypothesis::{Case, Hypothesis, THOUSAND};
+use crate::trust::hypothesis::{Case, Hypothesis, INCH_MM, THOUSAND};
 use crate::trust::mistake::{Mistake, MistakeKind};
 use crate::trust::{ABSURD_TOLERANCES, general};
 
@@ -51,7 +51,7 @@ pub(crate) fn of_measurements(
 ) -> Option<Mistake> {
     let (kind, _, what, mend) = match hypothesis {
         Hypothesis::Commands(columns) => commands(robot, columns),
-        Hypothesis::Sign(command) => sign(robot, *command),
+        Hypothesis::Signs(commands) => signs(robot, commands),
         Hypothesis::Zero { command, by } => zero(robot, *command, *by),
         Hypothesis::CommandsInDegrees(commands) => {
             let columns: Vec<String> = commands.iter().map(|&k| robot.command_column(k)).collect();
@@ -215,7 +215,11 @@ fn frame(rotation: &Rotation3<f64>, shift: &Vector3<f64>, of_poses: bool) -> Wor
 }
 
 fn unit(of_metre: f64, file: &str) -> Words {
-    let (kind, name) = if of_metre < THOUSAND {
+    let (kind, name) = if of_metre < 1.0 {
+        (MistakeKind::Inches, "inches taken for millimetres")
+    } else if of_metre < 1e2 {
+        (MistakeKind::Inches, "inches")
+    } else if of_metre < THOUSAND {
         (MistakeKind::Centimetres, "centimetres")
     } else {
         (MistakeKind::Millimetres, "millimetres")
@@ -231,7 +235,11 @@ fn unit(of_metre: f64, file: &str) -> Words {
         kind,
         TCP_POSES,
         format!("the {what} are in {name}"),
-        format!("divide {columns} by {of_metre}"),
+        if of_metre < 1.0 {
+            format!("multiply {columns} by {INCH_MM}")
+        } else {
+            format!("divide {columns} by {}", general(of_metre, 6))
+        },
     )
 }
 
@@ -298,7 +306,15 @@ fn commands(robot: &Robot, columns: &[usize]) -> Words {
     (MistakeKind::Commands, TCP_POSES, what, mend)
 }
 
-fn sign(robot: &Robot, command: usize) -> Words {
+fn signs(robot: &Robot, commands: &[usize]) -> Words {
+    let &[command] = commands else {
+        return (
+            MistakeKind::CommandSign,
+            TCP_POSES,
+            "all commands count the other way".to_owned(),
+            "change their signs, or those of what they drive in the description".to_owned(),
+        );
+    };
     let column = robot.command_column(command);
     let drives = Shape::from(robot).drives;
     let driven = match drives.get(command) {

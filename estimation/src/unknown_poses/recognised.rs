@@ -526,7 +526,7 @@ impl<'a> Case<'a> {
         names.into_iter().find_map(|name| {
             let own = files.iter().filter(|own| own.0 == name);
             let command = negative_length(machine, own.map(|own| own.1))?;
-            let hypothesis = Hypothesis::Sign(command);
+            let hypothesis = Hypothesis::Signs(vec![command]);
             words::of_measurements(self.setup.robot, &hypothesis, name)
         })
     }

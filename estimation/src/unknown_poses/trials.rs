@@ -14,7 +14,9 @@ use crate::samples::Sample;
 use crate::samples::frames::Frames;
 use crate::setup::Setup;
 use crate::trust::exchanged::orders;
-use crate::trust::hypothesis::{Hypothesis, UNITS, angles, axes, commands_in_degrees, neighbour};
+use crate::trust::hypothesis::{
+    Hypothesis, UNITS, angles, axes, commands_in_degrees, neighbour, signs,
+};
 use crate::trust::recognise::{differ, has_sign};
 
 /// Measurements and the robot that they are of.
@@ -75,7 +77,7 @@ impl<'a> Case<'a> {
         let commands = orders(robot.commands).into_iter().map(Hypothesis::Commands);
         let file = &self.setup.file.completed(robot);
         let fit = Fit::new(Setup { file, ..self.setup }, self.division);
-        let signs = (0..robot.commands).filter(|&command| {
+        let signs = signs(robot, |command| {
             // Poses that the drawing can't take say nothing against it.
             fit.as_ref().map_or(true, |fit| {
                 let (samples, length_m) = (fit.assembly.samples(), fit.mean_length_m());
@@ -83,7 +85,7 @@ impl<'a> Case<'a> {
             })
         });
         let of_commands: Vec<Hypothesis> = commands
-            .chain(signs.map(Hypothesis::Sign))
+            .chain(signs)
             .chain(commands_in_degrees(robot))
             .collect();
         let turns_in_degrees = fit.as_ref().map_or(true, |fit| {
