@@ -1,4 +1,4 @@
-//! Linear algebra, distributions and parallel loops of the joint fit and of discovery.
+//! Linear algebra, distributions and parallel loops.
 
 pub mod distribution;
 pub(crate) mod factor;

@@ -111,11 +111,10 @@ impl Check {
 const WITHOUT_FIT: &str = "no calibration from these values converges, and no mistake that was tried explains it: look for columns, \
     units or dimensions that are far off";
 
-/// Looks at the measurements of a robot: `variants` are those that are asked for, `catalogue` holds effects in the
-/// language. The poses of `division` calibrate, or, where poses are unknown, the rows of the other.
+/// Looks at the measurements of a robot: `variants` are those that are asked for. The poses of `division` calibrate, or, where poses are unknown, the rows of the other.
 ///
 /// # Errors
-/// A catalogue that can't be read; columns or values that all variants need are missing.
+/// Columns or values that all variants need are missing.
 pub fn check(
     robot: &Robot,
     variants: &[&Variant],
@@ -123,9 +122,8 @@ pub fn check(
     folder: &Folder,
     division: &Division,
     rows: Option<&RowDivision>,
-    catalogue: &str,
 ) -> Result<Check, Error> {
-    let effects = observabilities(robot, file, folder, catalogue);
+    let effects = observabilities(robot, file, folder);
     let poses = &division.calibration;
     let setups: Vec<Setup<'_>> = (variants.iter())
         .map(|variant| Setup::new(robot, variant, file, folder))

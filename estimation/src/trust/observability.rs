@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use tau_codegen::language::model::{Effect, Link, Readable, Subject, Target};
 use tau_codegen::language::{self, Model};
+use tau_robot::effects::CATALOGUE;
 use tau_robot::measurements::{CART_POSES, CART_POSITIONS, Folder, PlateKind, Shape};
 use tau_robot::robot::{Robot, TrackShape, Variant};
 use tau_robot::robot_file::RobotFile;
@@ -41,12 +42,12 @@ pub(super) fn observabilities(
     robot: &Robot,
     file: &RobotFile,
     folder: &Folder,
-    catalogue: &str,
 ) -> Vec<Observability> {
     let Some(model) = &robot.model else {
         return vec![];
     };
-    let extended = language::effects_from_text(catalogue, model);
+    // The shipped catalogue compiles beside any description; its own effects go before.
+    let extended = language::effects_from_text(CATALOGUE, model);
     let model = extended.as_ref().unwrap_or(model);
     let of = |effect: &Effect| Observability {
         name: effect.name.clone(),

@@ -279,7 +279,6 @@ impl<'a> Assembly<'a> {
         Ok(())
     }
 
-    /// Mean length of the links at the first reading (m), 0 where there is none.
     /// True if a pose takes part.
     pub(super) fn has_pose(&self, number: u32) -> bool {
         self.index.contains_key(&number)
@@ -300,6 +299,7 @@ impl<'a> Assembly<'a> {
             .collect()
     }
 
+    /// Mean length of the links at the first reading (m), 0 where there is none.
     pub(super) fn mean_length_m(&self, machine: &Machine) -> f64 {
         let first = self.poses.first().and_then(UnknownPose::first_sample);
         let length_m = first.and_then(|sample| machine.mean_length_m(&sample.view()).ok());

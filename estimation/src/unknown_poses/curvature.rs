@@ -27,6 +27,7 @@ use crate::problem::POSE_UNKNOWNS;
 const STEP: f64 = 1e-2;
 /// Knowledge of a combination, in units of that of its tolerance, to which the data add as much as this says.
 const TOLERANCE_ALONE: f64 = std::f64::consts::SQRT_2;
+
 impl Fit<'_> {
     /// Mean squares of the second-order errors of the shared unknowns, along combinations that tolerances tell better than the
     /// data.

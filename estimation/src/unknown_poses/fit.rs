@@ -374,12 +374,8 @@ impl<'a> Fit<'a> {
             let mut weights = rows.weights.chunks_exact(rows.kinds.len());
             weights.any(|own| free.clone().all(|&axis| own[axis] > 0.0))
         };
-        let of_positions = self
-            .blocks
-            .iter()
-            .skip(1)
-            .filter(|rows| rows.kinds.len() >= 3);
-        let fixes_handedness = of_positions.into_iter().any(has_all);
+        let mut measured = self.blocks.iter().skip(1);
+        let fixes_handedness = measured.any(|rows| rows.kinds.len() >= 3 && has_all(rows));
         let places = self.assembly.places();
         let poses: BTreeSet<usize> = places.iter().copied().collect();
         let again = places.len() - poses.len();

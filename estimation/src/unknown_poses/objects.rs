@@ -19,7 +19,7 @@ pub struct Object {
     pub name: String,
     /// Index of its first unknown behind the variant's.
     pub(super) first: usize,
-    /// Unknowns: name, unit, start and prior (mean, standard deviation).
+    /// Its unknowns, which stand one behind the other.
     pub(super) unknowns: Vec<ObjectUnknown>,
     /// Normal at no tilt, of surfaces.
     pub(super) normal: Vector3<f64>,
@@ -30,6 +30,7 @@ pub(super) struct ObjectUnknown {
     pub(super) name: String,
     pub(super) unit: &'static str,
     pub(super) start: f64,
+    /// Mean and standard deviation.
     pub(super) prior: Option<(f64, f64)>,
 }
 

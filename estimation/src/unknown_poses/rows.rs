@@ -213,7 +213,7 @@ pub(super) struct Rows {
     /// Indices of those of the poses, counted from the first pose's: samples × own, row-major.
     pub(super) own: Vec<usize>,
     pub(super) data: Vec<f64>,
-    /// Reciprocal noise as stated, zero where nothing was measured: samples × residuals.
+    /// Weights over those of their kinds, zero where nothing was measured: samples × residuals.
     pub(super) weights: Vec<f64>,
     /// Index of the kind of each residual of a sample.
     pub(super) kinds: Vec<usize>,

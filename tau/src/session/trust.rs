@@ -6,7 +6,6 @@ use tau_estimation::unknown_poses;
 use tau_estimation::weighing::Outlier;
 use tau_kinematics::Machine;
 use tau_robot::InputError;
-use tau_robot::effects::CATALOGUE;
 use tau_robot::measurements::{Division, Split};
 use tau_robot::robot::Variant;
 
@@ -137,7 +136,6 @@ impl<R> Session<R> {
             &self.folder,
             &division,
             rows.as_ref(),
-            CATALOGUE,
         )?;
         match none.filter(|_| found.mistakes.iter().all(|mistake| !mistake.is_absurd)) {
             Some(error) => Err(error.into()),

@@ -14,7 +14,6 @@ use tau_estimation::trust::{self, of_calibration_knowing};
 use tau_estimation::uncertainty::Uncertainty;
 use tau_estimation::weighing::Treatment;
 use tau_kinematics::{Layout, Pose};
-use tau_robot::effects::CATALOGUE;
 use tau_robot::measurements::{Folder, Poses};
 use tau_robot::robot::{Arm, Owner, ResidualKind, Robot, TrackShape, Variant};
 
@@ -74,7 +73,7 @@ pub fn run<R>(
     let poses = &division.calibration;
     let checks = || {
         let rows = rows.as_ref();
-        let check = trust::check(robot, &variants, file, folder, &division, rows, CATALOGUE);
+        let check = trust::check(robot, &variants, file, folder, &division, rows);
         (check, assumptions::check(robot, file, folder))
     };
     let calibrated = || {

@@ -6,7 +6,6 @@ use tau_estimation::evaluation::{Summary, VariantResult};
 use tau_estimation::trust::{self, Mistake, Status, Verdict};
 use tau_estimation::unknown_poses::{self, EstimatedPoses, HeldErrors, RowDivision, UnknownPoses};
 use tau_kinematics::{Layout, Pose};
-use tau_robot::effects::CATALOGUE;
 use tau_robot::measurements::Division;
 use tau_robot::robot::Variant;
 
@@ -35,7 +34,7 @@ pub(super) fn run<R>(
     };
     next("checking the measurements");
     let (none, rows) = (Division::default(), Some(&division));
-    let check = trust::check(robot, &variants, file, folder, &none, rows, CATALOGUE)?;
+    let check = trust::check(robot, &variants, file, folder, &none, rows)?;
     let mut results: Vec<VariantResult> = vec![];
     let mut fitted = vec![];
     let mut failure = None;
