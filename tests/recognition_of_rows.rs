@@ -314,8 +314,18 @@ fn a_drawing_that_is_off_is_no_exchange() {
         ] {
             let own = format!("[parameters]\n{name} = {{ value = {value}, tol = {tolerance} }}\n");
             fs::write(&path, format!("{text}\n{own}")).unwrap();
-            let words = format!("`{name}` is ");
-            all_name(folder.path(), "", ["dimension", "robot.toml", &words]);
+            for command in ["check DIR/measured", "calibrate DIR/measured --out DIR/out"] {
+                let (found, ran) = named(folder.path(), &format!("{command} --variant Full"));
+                assert_eq!(found.len(), 1, "{command}: {found:?} {}", ran.err);
+                let [kind, _, what] = &found[0][..3] else {
+                    panic!("{found:?}");
+                };
+                assert_eq!(kind, "dimension", "{command}: {found:?}");
+                assert!(
+                    what.contains(&format!("`{name}` is ")),
+                    "{command}: {found:?}"
+                );
+            }
         }
     }
 }

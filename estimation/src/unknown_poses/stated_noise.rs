@@ -48,9 +48,9 @@ impl Case<'_> {
         let (gain, whose) = gains.max_by(|a, b| a.0.total_cmp(&b.0))?;
         // Noise of one kind passes for that of the other: what all of them a few times larger explain is no mistake.
         let of_all = has_drives.then(|| self.gains(Whose::All, factor)).flatten();
-        let of_all = of_all.map_or(0.0, |gains| {
-            gains.iter().fold(0.0, |most, own| own.0.max(most))
-        });
+        let of_all = of_all
+            .and_then(|gains| largest(gains.split_last()?.1))
+            .unwrap_or(0.0);
         if gain < of_all + 2.0 * ODDS.ln() {
             return None;
         }
@@ -117,8 +117,8 @@ impl Case<'_> {
     fn gain(&self, whose: Whose, factor: f64) -> Option<f64> {
         let gains = self.gains(whose, factor)?;
         let (&(gain, is_right), before) = gains.split_last()?;
-        let largest = before.iter().fold(0.0, |most, own| own.0.max(most));
-        (is_right && gain > largest && gain > 2.0 * ODDS.ln()).then_some(gain)
+        let others = largest(before).unwrap_or(0.0);
+        (is_right && gain > others && gain > 2.0 * ODDS.ln()).then_some(gain)
     }
 
     /// Gains in 2 ln of the evidence by factors on noise up to this one, and true of each at which residuals are noise. With
@@ -163,6 +163,10 @@ impl Case<'_> {
         }
         Some(gains)
     }
+}
+
+fn largest(gains: &[(f64, bool)]) -> Option<f64> {
+    gains.iter().map(|own| own.0).reduce(f64::max)
 }
 
 /// The residuals of a kind are noise: they are the stated one, to the factor to which it is known, and a few do not make up for
