@@ -342,6 +342,7 @@ fn zero(robot: &Robot, command: usize, by: f64) -> Words {
     )
 }
 
+/// Axes of measurements; a mirror image of the drawing would fit the measurements as they are just as well.
 fn axes(columns: [usize; 3], signs: [f64; 3], turned: bool) -> Words {
     let rotations = if turned {
         " of positions and rotations"
@@ -357,8 +358,11 @@ fn axes(columns: [usize; 3], signs: [f64; 3], turned: bool) -> Words {
     let (what, mend) = if let Some(axis) = mirrored {
         let axis = AXES[axis];
         (
-            format!("the {axis} axis{rotations} is mirrored"),
-            format!("change the sign of `{axis}_m`{too}"),
+            format!("the {axis} axis{rotations} is mirrored against the drawing"),
+            format!(
+                "change the sign of `{axis}_m`{too}, or that of {axis} of the anchors and joints in {ROBOT}, if it is the \
+                 drawing that is mirrored"
+            ),
         )
     } else {
         let moved: Vec<&str> = (0..3)
@@ -367,8 +371,16 @@ fn axes(columns: [usize; 3], signs: [f64; 3], turned: bool) -> Words {
             .collect();
         let names: Vec<String> = moved.iter().map(|axis| format!("{axis}_m")).collect();
         (
-            format!("the axes {}{rotations} are exchanged", moved.join(" and ")),
-            format!("exchange {}{too}", quoted(names.iter().map(String::as_str))),
+            format!(
+                "the axes {}{rotations} are exchanged against the drawing",
+                moved.join(" and ")
+            ),
+            format!(
+                "exchange {}{too}, or {} of the anchors and joints in {ROBOT}, if it is the drawing where they are \
+                 exchanged",
+                quoted(names.iter().map(String::as_str)),
+                moved.join(" and ")
+            ),
         )
     };
     (MistakeKind::Axes, TCP_POSES, what, mend)
