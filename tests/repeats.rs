@@ -19,6 +19,8 @@ const MACHINES: u64 = 40;
 const RARE: f64 = 3.94;
 /// Noise of the measurements (m).
 const NOISE_M: f64 = 1e-5;
+/// Beginning of what is said where exact drives may not be.
+const OR_DRIVES: &str = "Or the drives do not repeat as well as readings at one place";
 /// Noise of the drives (m).
 const DRIVES_M: f64 = 2e-5;
 
@@ -169,6 +171,7 @@ fn an_effect_shows_as_lack_of_fit_and_noise_as_scatter() {
     let why = found.verdict().why.join(" ");
     assert!(why.contains("Readings of heights.csv repeat to"), "{why}");
     assert!(why.contains("it lacks something."), "{why}");
+    assert!(why.contains(OR_DRIVES), "{why}");
     assert!(!why.contains("too small"), "{why}");
 
     let (file, folder) = heights("", |simulation| {
@@ -195,7 +198,29 @@ fn an_effect_shows_as_lack_of_fit_and_noise_as_scatter() {
     let verdict = found.verdict();
     let why = verdict.why.join(" ");
     assert!(why.contains("it lacks something."), "{why}");
+    assert!(why.contains(OR_DRIVES), "{why}");
     assert_eq!(verdict.status, Status::Inconsistent);
+}
+
+/// Most of the stated noise is what the machine does not repeat, which readings of a pose share: they scatter by less, and
+/// the noise is stated rightly.
+#[test]
+fn noise_that_readings_share_is_not_stated_too_large() {
+    let (file, folder) = heights("", |simulation| {
+        simulation.readings = 10;
+        simulation.noise = Noise {
+            visit: 0.9,
+            ..Noise::default()
+        };
+    });
+    let found = fit("Nominal", &file, &folder);
+    let test = repeats_of(&found, "heights.csv").lack_of_fit.unwrap();
+    assert!(test.p_value < 1e-6, "{test:?}");
+    let verdict = found.verdict();
+    let why = verdict.why.join(" ");
+    assert_eq!(verdict.status, Status::Consistent, "{why}");
+    assert!(!why.contains("too large"), "{why}");
+    assert!(why.contains(OR_DRIVES), "{why}");
 }
 
 /// Of noise that is estimated from residuals the verdict says that their size tells nothing. Where readings are repeated

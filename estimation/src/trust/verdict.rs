@@ -458,17 +458,18 @@ impl Verdict {
             ));
         }
         if self.status == Status::Consistent {
-            self.why.push(if chi2_survival(self.chi2, self.dof) > 1.0 - LEVEL {
-                format!(
-                    "Residuals are {} times what the stated noise makes them: it is stated too large.",
-                    general(self.residual_over_noise, 3)
-                )
-            } else {
-                format!(
-                    "Residuals are {} times what the stated noise makes them, as chance allows.",
-                    general(self.residual_over_noise, 3)
-                )
-            });
+            // Readings that share an error stay below noise that holds it.
+            let is_shared = (self.repeats).is_some_and(|own| own.lack_of_fit.p_value < LEVEL);
+            let is_small = chi2_survival(self.chi2, self.dof) > 1.0 - LEVEL;
+            let said = match (is_small, is_shared) {
+                (true, false) => ": it is stated too large",
+                (true, true) => "",
+                (false, _) => ", as chance allows",
+            };
+            self.why.push(format!(
+                "Residuals are {} times what the stated noise makes them{said}.",
+                general(self.residual_over_noise, 3)
+            ));
         }
     }
 }

@@ -92,6 +92,17 @@ impl UnknownPoses {
         test(fit).is_some_and(|test| test.p_value * (tests as f64) < SIGNIFICANT)
     }
 
+    /// The other reason for means that are missed where no noise of drives is known: readings of one value were taken at one
+    /// place, and do not show how well the drives come back to it.
+    fn or_drives(&self) -> Option<String> {
+        let are_exact = self.kinds.iter().any(|fit| fit.kind.is_exact());
+        are_exact.then(|| {
+            "Or the drives do not repeat as well as readings at one place: then state their noise or have it estimated \
+             (`[drives] noise_m = \"estimate\"`)."
+                .to_owned()
+        })
+    }
+
     /// Reasons for the size of the residuals, as far as repeated readings tell: noise that scatters more than stated, or a
     /// misfit of the model; of the kinds that `takes` says.
     fn causes(&self, takes: impl Fn(&Kind) -> bool) -> Vec<String> {
@@ -108,6 +119,7 @@ impl UnknownPoses {
             })
         };
         let mut causes = vec![];
+        let mut are_missed = false;
         for fit in noisy().filter(|fit| takes(&fit.kind)) {
             let Some(repeats) = fit.repeats else { continue };
             let own = fit.kind.words();
@@ -130,12 +142,16 @@ impl UnknownPoses {
                 format!(", or the noise of {} is larger", others.join(" and "))
             };
             if self.lacks_fit(fit) {
+                are_missed = true;
                 causes.push(format!(
                     "Readings of {own} repeat to {}, the model misses their means by {}: it lacks something{or_noise}.",
                     in_words(repeats.sigma),
                     in_words(repeats.missed)
                 ));
             }
+        }
+        if are_missed {
+            causes.extend(self.or_drives());
         }
         causes
     }
@@ -186,9 +202,11 @@ impl UnknownPoses {
         let (is_consistent, mut why) = if self.is_consistent() {
             let is_missed = self.kinds.iter().any(is_missed);
             let mut why: Vec<String> = self.ratio_to_noise().into_iter().collect();
-            if is_missed {
-                why.extend(self.causes(Kind::is_estimated));
-            }
+            why.extend(if is_missed {
+                self.causes(Kind::is_estimated)
+            } else {
+                self.shared_within_noise()
+            });
             (!is_missed, why)
         } else {
             (false, self.misfit_in_words())
@@ -257,10 +275,28 @@ impl UnknownPoses {
         verdict
     }
 
+    /// Sentences on repeated readings whose means are missed by more than they scatter by, and by no more than the stated
+    /// noise.
+    fn shared_within_noise(&self) -> Vec<String> {
+        let missed = self.kinds.iter().filter(|fit| self.lacks_fit(fit));
+        let missed: Vec<String> = missed.map(|fit| fit.kind.words()).collect();
+        if missed.is_empty() {
+            return vec![];
+        }
+        let why = format!(
+            "The model misses means of repeated readings of {} by more than these scatter by, though within the stated noise: \
+             it lacks something, and standard deviations, for which each reading has errors of its own, are too small.",
+            missed.join(" and ")
+        );
+        [why].into_iter().chain(self.or_drives()).collect()
+    }
+
     /// Residuals over the noise that they meet; `None` where the fit follows its rows.
     fn ratio_to_noise(&self) -> Option<String> {
         let (chi2, dof) = self.of_stated();
-        let is_too_large = chi2_survival(chi2, dof) > 1.0 - LEVEL;
+        // Noise that readings of a pose share is not seen between them: that it is smaller than stated is no mistake.
+        let is_shared = self.kinds.iter().any(|fit| self.lacks_fit(fit));
+        let is_too_large = !is_shared && chi2_survival(chi2, dof) > 1.0 - LEVEL;
         (dof > 0.0).then(|| {
             format!(
                 "Residuals are {} times their noise{}, {} of them beyond what the fit absorbs.",
