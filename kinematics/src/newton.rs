@@ -1,6 +1,6 @@
 //! Damped Newton iteration on the closures, in the pose, the commands, or parts of both.
 
-use nalgebra::{DMatrix, DVector, Matrix6, Vector3};
+use nalgebra::{Cholesky, DMatrix, DVector, Matrix6, Vector3};
 
 use super::inputs::Sample;
 use super::least_norm::least_norm;
@@ -10,6 +10,10 @@ use super::{Error, Pose};
 
 /// Steps, the longest of which lead 30 m or rad away in so many: farther than a pose may be from a start.
 const MAX_ITERATIONS: usize = 60;
+/// Steps by the tangent after which those of closures that contradict each other take account of how these bend.
+const STEPS_BY_TANGENT: usize = 10;
+/// Motion (m, rad) by which the change of the tangent is measured: its own error and that of rounding are as small.
+const BEND: f64 = 1e-5;
 /// Least share of the fall that the tangent lets expect which a step must bring (L. Armijo, Pacific J. Math. 16, 1966).
 pub(crate) const LEAST_FALL: f64 = 1e-4;
 /// A mismatch of link lengths (m) that is rounding.
@@ -37,6 +41,10 @@ pub(crate) struct Settled {
 /// Solves the closures in the columns of [`Closures::jacobian`](super::machine::Closures) that are
 /// listed, from the pose and commands of `start`. With more closures than unknowns the sum of squares
 /// is least; with fewer, each step is the shortest.
+///
+/// Where closures contradict each other, what they are left off by times how they bend outweighs the tangent along motions
+/// that hardly change them: steps by the tangent alone then gain little each, or overshoot, and those of Newton's method
+/// for the sum of squares take over (Å. Björck, *Numerical Methods for Least Squares Problems*, 1996, section 9.3).
 pub(crate) fn solve(
     machine: &Machine,
     start: &Sample<'_>,
@@ -72,7 +80,16 @@ pub(crate) fn solve_to(
                 closures,
             });
         }
-        let step = newton_step(&closures, unknowns).ok_or_else(|| {
+        let is_slow = closures.jacobian.nrows() > unknowns.len() && iteration >= STEPS_BY_TANGENT;
+        let bent = is_slow.then(|| {
+            bent_step(&closures, unknowns, |step, share| {
+                let (pose, commands) = advance(&pose, &commands, unknowns, step, share);
+                at(&mut next, pose, &commands).ok()?;
+                Some(slope(&next, unknowns))
+            })
+        });
+        let step = bent.flatten().or_else(|| newton_step(&closures, unknowns));
+        let step = step.ok_or_else(|| {
             not_converged(
                 machine,
                 iteration,
@@ -195,6 +212,31 @@ fn newton_step(closures: &Closures, unknowns: &[usize]) -> Option<DVector<f64>> 
     let right = DMatrix::from_column_slice(residuals.len(), 1, residuals.as_slice());
     let step = least_norm(&jacobian.select_columns(unknowns), &right)?;
     Some(-step.column(0))
+}
+
+/// Derivatives of half the sum of squares by the unknowns.
+fn slope(closures: &Closures, unknowns: &[usize]) -> DVector<f64> {
+    let jacobian = closures.jacobian.select_columns(unknowns);
+    jacobian.tr_mul(&closures.residuals)
+}
+
+/// Step to where these derivatives vanish, with their own derivatives by differences of `moved`: those a share of a motion
+/// away. `None` where the sum of squares is no bowl.
+fn bent_step(
+    closures: &Closures,
+    unknowns: &[usize],
+    mut moved: impl FnMut(&DVector<f64>, f64) -> Option<DVector<f64>>,
+) -> Option<DVector<f64>> {
+    let count = unknowns.len();
+    let mut bends = DMatrix::zeros(count, count);
+    for k in 0..count {
+        let mut motion = DVector::zeros(count);
+        motion[k] = 1.0;
+        let change = moved(&motion, BEND)? - moved(&motion, -BEND)?;
+        bends.set_column(k, &(change / (2.0 * BEND)));
+    }
+    let bowl = Cholesky::new((&bends + bends.transpose()) / 2.0)?;
+    Some(-bowl.solve(&slope(closures, unknowns)))
 }
 
 fn advance(

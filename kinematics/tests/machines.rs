@@ -244,3 +244,55 @@ fn the_nearest_pose_is_nearest() {
         }
     }
 }
+
+/// Eight cables on drums, as drawn, at commands of a machine whose anchors stand centimetres elsewhere: the cables contradict
+/// each other by millimetres, and steps by the tangent alone would turn the plate to and fro. No pose nearby is better.
+#[test]
+fn cables_that_contradict_each_other_have_a_pose() {
+    let drum = "length = norm(track_offset - plate_joint - (0 m, 0 m, 1.2 m)) + radius*q;";
+    let mut links = String::new();
+    for (index, (joint, anchor)) in [("0.25", "0.2"), ("-0.15", "2.4")].iter().enumerate() {
+        for (corner, (x, y)) in [("-", "-"), ("-", ""), ("", "-"), ("", "")]
+            .iter()
+            .enumerate()
+        {
+            links += &format!(
+                "link c{} actuated angle {{ {drum} plate_joint = ({x}0.25, {y}0.2, {joint}) m tol 1 mm; \
+                 track_offset = ({x}2, {y}1.5, {anchor}) m tol 20 mm; }}\n",
+                4 * index + corner
+            );
+        }
+    }
+    let text = format!(
+        "robot Eight {{ param radius: m/rad = 8 mm/rad tol 60 um/rad; cluster cables on base {{ {links} }}
+         reference {{ commands = (0, 0, 0, 0, 0, 0, 0, 0) rad; position = (0, 0, 1.2) m; }}
+         variant Full {{ arm full; }} }}"
+    );
+    let machine = machine(&text, "Full");
+    let commands = [
+        -82.979_642_704_3,
+        -61.400_482_202_5,
+        50.939_442_713_5,
+        65.169_735_724_8,
+        -44.102_476_636_5,
+        -26.104_521_320_3,
+        79.610_206_146_1,
+        92.324_006_074_1,
+    ];
+    let start = Pose::from_zyz([-0.745_36, -0.124_21, 0.951_55], [-0.062_8, 0.045, 0.089_4]);
+    let found = machine
+        .forward_fitted(&Sample::new(start, &commands))
+        .unwrap();
+    let missed_m = |pose: Pose| {
+        let closures = machine.closures(&Sample::new(pose, &commands)).unwrap();
+        closures.residuals.norm()
+    };
+    let least_m = missed_m(found.pose);
+    assert!(least_m > 1e-3, "{least_m}");
+    for &freedom in machine.pose_unknowns() {
+        for amount in [-1e-4, 1e-4] {
+            let beside_m = missed_m(moved(&found.pose, freedom, amount));
+            assert!(beside_m > least_m, "{freedom} {amount}: {beside_m}");
+        }
+    }
+}
