@@ -206,6 +206,14 @@ fn stretch_is_told_from_measured_forces() {
     let line = "tau calibrate DIR/measured --model DIR/out/discovered.tau --variant Discovered --out DIR/again --json -";
     let again = tau_in(work.path(), line).json();
     assert_eq!(again["fit"]["status"], "consistent");
+    // No file states the noise of forces, which would draw the stretch towards zero unseen.
+    let remark = "the noise of measured tensions (`force1_N`, …) is taken for zero";
+    assert!(again["remarks"].to_string().contains(remark), "{again}");
+    let ran = tau_in(work.path(), line);
+    assert!(ran.err.contains(remark), "{}", ran.err);
+    let blind = line.replace("Discovered", "Anchors");
+    let blind = tau_in(work.path(), &blind.replace("DIR/again", "DIR/blind")).json();
+    assert!(!blind["remarks"].to_string().contains(remark), "{blind}");
     let cut: Vec<&str> = fs::read_to_string(&path).unwrap().leak().lines().collect();
     let cut: Vec<&str> = cut
         .iter()

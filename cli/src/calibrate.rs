@@ -9,6 +9,7 @@ use tau::trust::Status;
 use tau_report as report;
 use tau_robot::input_error::both;
 use tau_robot::number::shortest;
+use tau_robot::robot::{Input, ResidualKind};
 use tau_robot::robot_file::RobotFile;
 
 use super::deliver::{Outcome, Target, check_results, csv, written};
@@ -93,12 +94,15 @@ pub(super) fn run(
     result.fit = Some(verdict.clone());
     result.validation_outliers = validation_outliers?;
 
+    let mut remarks = remarks(&session, variant)?;
+    remarks.extend(result.not_predicted.iter().map(ToString::to_string));
     let width = console.width;
     let told = || -> Result<_, Failure> {
         let mut statistics = report::json::variant(&result);
         statistics["variant"] = json!(variant);
         statistics["robot"] = json!(robot);
         statistics["folder"] = json!(folder.name);
+        statistics["remarks"] = json!(remarks);
         statistics["poses"] = report::json::poses(poses.counts);
         statistics["evaluated_on"] = json!(if is_held_out {
             "held_out"
@@ -126,8 +130,6 @@ pub(super) fn run(
     let paths = FILES.into_iter().map(|name| out.join(name));
     let files: Vec<_> = paths.zip(contents).collect();
     summary += &written(files.iter().map(|(path, _)| path.as_path()));
-    let mut remarks = session.remarks_for(variant)?;
-    remarks.extend(result.not_predicted.iter().map(ToString::to_string));
     let outcome = Outcome {
         summary,
         remarks,
@@ -167,6 +169,14 @@ fn unknown_poses(
     statistics["variant"] = json!(variant);
     statistics["robot"] = json!(robot);
     statistics["folder"] = json!(folder);
+    let mut remarks = remarks(session, variant)?;
+    let folder = session.folder();
+    let are_measured = !folder.cart_poses.is_empty() || !folder.cart_positions.is_empty();
+    if are_measured && !found.kinds.iter().any(|kind| kind.kind.is_of_carts()) {
+        let message = "the plate alone was fitted, without cart_poses.csv and cart_positions.csv";
+        remarks.push(message.to_owned());
+    }
+    statistics["remarks"] = json!(remarks);
     let file = session.file_of_unknown_poses(&found, &stamp());
     let [file, parameters, covariance, undetermined] =
         tables(&found.calibration, &file, verdict.widening())?;
@@ -175,16 +185,9 @@ fn unknown_poses(
     let contents = [file, parameters, covariance, undetermined, document];
     let paths = FILES.into_iter().map(|name| arguments.out.join(name));
     let files: Vec<_> = paths.zip(contents).collect();
-    let mut summary = format!("{robot}, {variant}, {folder}\n\n");
+    let mut summary = format!("{robot}, {variant}, {}\n\n", folder.name);
     summary += &report::unknown_poses::terminal(&found, console.width);
     summary += &written(files.iter().map(|(path, _)| path.as_path()));
-    let mut remarks = session.remarks_for(variant)?;
-    let folder = session.folder();
-    let are_measured = !folder.cart_poses.is_empty() || !folder.cart_positions.is_empty();
-    if are_measured && !found.kinds.iter().any(|kind| kind.kind.is_of_carts()) {
-        let message = "the plate alone was fitted, without cart_poses.csv and cart_positions.csv";
-        remarks.push(message.to_owned());
-    }
     let outcome = Outcome {
         summary,
         remarks,
@@ -193,6 +196,23 @@ fn unknown_poses(
         ..Outcome::default()
     };
     Ok(outcome.judged(&verdict, arguments.force.force))
+}
+
+/// Remarks on the input, and on measured tensions that the variant reads: no file states their noise.
+fn remarks(session: &Session, variant: &str) -> Result<Vec<String>, InputError> {
+    let mut remarks = session.remarks_for(variant)?;
+    let own = session.robot().variant(variant).into_iter();
+    let mut closures = own.flat_map(|own| own.instances_of(ResidualKind::Closure));
+    let reads_tension = closures.any(|closure| {
+        let mut inputs = closure.inputs.iter();
+        inputs.any(|input| matches!(input, Input::Tension(_)))
+    });
+    if reads_tension && session.folder().has_measured_tensions() {
+        let message = "the noise of measured tensions (`force1_N`, …) is taken for zero: what there is draws compliances \
+                       towards zero, by its share of the variance of the tensions";
+        remarks.push(message.to_owned());
+    }
+    Ok(remarks)
 }
 
 /// All of [`FILES`] but the last.
