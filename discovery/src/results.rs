@@ -132,6 +132,11 @@ pub struct Validation {
 }
 
 impl Validation {
+    /// True if the mean error on what took no part is no smaller with what was found.
+    pub fn speaks_against(&self) -> bool {
+        self.held_out && self.after.mean_um >= self.before.mean_um
+    }
+
     /// Poses or measurements of which the errors are shown.
     pub fn compared(&self) -> &'static str {
         match (self.of, self.held_out) {

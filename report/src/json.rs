@@ -21,6 +21,7 @@ use tau::session::Basis;
 use tau::study::results::Study;
 use tau::trust::Verdict;
 
+use super::discovery::findings::unconfirmed;
 use super::findings::held_out;
 use super::held_errors;
 use super::trust::json as trust;
@@ -176,7 +177,11 @@ pub fn study(study: &Study) -> Results<'_> {
 
 /// The result of `tau discover`.
 pub fn discovery(discovery: &Discovery) -> Value {
-    json!(discovery)
+    let unconfirmed = unconfirmed(discovery).into_iter();
+    let remarks = unconfirmed.chain(discovery.remarks.iter().cloned());
+    let mut own = json!(discovery);
+    own["remarks"] = remarks.collect();
+    own
 }
 
 /// Numbers of poses by the part that they took.

@@ -26,19 +26,42 @@ pub(crate) fn what_errs(found: &Discovery) -> &'static str {
 pub(crate) fn verdict(found: &Discovery) -> String {
     let worst = found.pulls.iter();
     let worst = worst.max_by(|a, b| a.tolerances.abs().total_cmp(&b.tolerances.abs()));
+    let mut status = status(found);
+    if let Some(sentence) = unconfirmed(found) {
+        status += &format!(" {sentence}");
+    }
     let Some(worst) = worst else {
-        return status(found);
+        return status;
     };
     let others = match found.pulls.len() - 1 {
         0 => String::new(),
         others => format!(", and {others} more beyond chance"),
     };
     format!(
-        "{} Yet `{}` comes out {} tolerances from the robot file{others}: see below.",
-        status(found),
+        "{status} Yet `{}` comes out {} tolerances from the robot file{others}: see below.",
         worst.parameter,
         general(worst.tolerances.abs(), 2)
     )
+}
+
+/// Sentence on what was found where errors on what took no part do not fall with it.
+pub(crate) fn unconfirmed(found: &Discovery) -> Option<String> {
+    let validation = &found.validation;
+    let (before, after) = (validation.before.mean_um, validation.after.mean_um);
+    (!is_base(found) && validation.speaks_against()).then(|| {
+        format!(
+            "{} do not confirm what was found: {} {} from {} to {} µm in the mean.",
+            capital(validation.compared()),
+            validation.of.subject(),
+            rises_or_falls(before, after),
+            general(before, 3),
+            general(after, 3)
+        )
+    })
+}
+
+fn rises_or_falls(before: f64, after: f64) -> &'static str {
+    if after < before { "falls" } else { "rises" }
 }
 
 fn status(found: &Discovery) -> String {
@@ -106,11 +129,7 @@ pub(crate) fn gap(found: &Discovery) -> String {
         format!(
             "{poses} {} {} from {} to {} µm in the mean, from {} to {} µm at most, and from {} to {} µm rms.",
             found.validation.of.subject(),
-            if after.mean_um < before.mean_um {
-                "falls"
-            } else {
-                "rises"
-            },
+            rises_or_falls(before.mean_um, after.mean_um),
             um(before.mean_um),
             um(after.mean_um),
             um(before.max_um),

@@ -438,6 +438,7 @@ fn the_terminal_tells_everything_in_a_hundred_columns() {
 fn a_verdict_claims_no_more_than_was_found() {
     let mut found = found();
     assert!(findings::verdict(&found).contains("is left that has none"));
+    assert!(!findings::verdict(&found).contains("confirm"));
     found.status = Status::Explained;
     let missing =
         "shows one error that the model Full (all links, straight tracks) does not contain";
@@ -559,6 +560,14 @@ fn a_name_that_does_not_help_is_not_praised() {
     let text = findings::gap(&found);
     assert!(text.contains("rises from 100 to 120 µm"), "{text}");
     assert!(text.contains("speaks against what was found"), "{text}");
+    let headline = findings::verdict(&found);
+    let said = "The validation poses do not confirm what was found: the position error at the tool rises from 100 to 120 µm in the mean.";
+    assert!(headline.contains(said), "{headline}");
+    assert_eq!(json::discovery(&found)["remarks"][0], said);
+    assert!(terminal::discovery(&found, 1000).contains(said));
+    // Poses that took part confirm nothing, and speak against nothing.
+    found.validation.held_out = false;
+    assert!(!findings::verdict(&found).contains("confirm"));
 }
 
 #[test]

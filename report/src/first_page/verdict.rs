@@ -62,7 +62,10 @@ pub(super) fn of_discovery(found: &Discovery) -> Markup {
     };
     html! {
         div class={ "verdict " (class) } role="group" aria-label="Verdict" {
-            p.status { (status) }
+            p.status {
+                (status)
+                @if findings::unconfirmed(found).is_some() { ", but not confirmed" }
+            }
             p { (findings::verdict(found)) }
             p { (findings::gap(found)) }
         }
