@@ -233,6 +233,67 @@ fn a_wrong_command_of_exact_drives_is_named() {
     assert!(said.contains("Verdict: consistent"), "{said}");
 }
 
+/// Of a command that is 10 mm off, exact drives make all distances from there and the height look wrong: they agree with each
+/// other, and that is said first. A distance that is wrong by itself is not told as a pose.
+#[test]
+fn a_wrong_command_is_told_by_all_the_rows_of_its_pose() {
+    let work = tempfile::tempdir().unwrap();
+    let folder = work.path();
+    let line = "tau simulate --model linear_delta --variant Full --measure heights,distances --poses 40 --random \
+                --noise-position 1e-4 --seed 13 --out DIR/measured";
+    tau_in(folder, line).done();
+    let distances = fs::read_to_string(folder.join("measured/distances.csv")).unwrap();
+    let ends: Vec<[usize; 2]> = (distances.lines().skip(1))
+        .map(|line| {
+            let mut cells = line.split(',').map(|cell| cell.parse().unwrap_or(0));
+            [cells.next().unwrap(), cells.next().unwrap()]
+        })
+        .collect();
+    let count = |pose: usize| ends.iter().filter(|own| own.contains(&pose)).count();
+    let pose = (1..=40).max_by_key(|&pose| count(pose)).unwrap();
+    let rows = count(pose) + 1;
+    let calibrate =
+        "tau calibrate DIR/measured --variant Full --split all --out DIR/c --json DIR/j.json";
+    let calibrated = || {
+        let said = tau_in(folder, calibrate).done();
+        let json = fs::read(folder.join("j.json")).unwrap();
+        (said, serde_json::from_slice::<Value>(&json).unwrap())
+    };
+
+    let known = 1 + ends.iter().position(|own| !own.contains(&pose)).unwrap();
+    spoil(folder, "distances.csv", known + 1, "distance_m", 0.01);
+    let (said, json) = calibrated();
+    let [one, other] = ends[known - 1];
+    let place = format!(
+        "distances.csv line {}, poses {one} and {other}: ",
+        known + 1
+    );
+    let named = left_out(&said);
+    assert!(named.len() == 1 && named[0].starts_with(&place), "{said}");
+    assert_eq!(json["gross_rows"][0]["other_pose"], other);
+    assert_eq!(json["gross_poses"], serde_json::json!([]));
+    spoil(folder, "distances.csv", known + 1, "distance_m", -0.01);
+
+    spoil(folder, "heights.csv", pose + 1, "q2_m", 0.01);
+    let (said, json) = calibrated();
+    let told = &json["gross_poses"][0];
+    assert_eq!(told["pose"], pose, "{said}");
+    assert_eq!(
+        (&told["file"], &told["line"]),
+        (&"heights.csv".into(), &(pose + 1).into())
+    );
+    assert_eq!(told["rows"], rows, "{said}");
+    assert_eq!(json["gross_poses"].as_array().unwrap().len(), 1);
+    let first = left_out(&said)[0];
+    assert!(
+        first.contains(&format!(
+            "rows of pose {pose} (heights.csv line {}): ",
+            pose + 1
+        )),
+        "{first}"
+    );
+}
+
 /// Rows that state their noise keep it where that of the others is estimated: 20 of 100 are a hundred times as rough.
 #[test]
 fn rows_that_state_their_noise_keep_it() {

@@ -18,6 +18,7 @@ mod findings;
 mod fixture;
 mod floor;
 mod generic;
+mod gross_row;
 mod held_out;
 mod linear_model;
 mod measured;

@@ -9,8 +9,8 @@ pub use tau_codegen::language::model::{Readable, Target};
 pub use tau_codegen::language::units::Dimension;
 use tau_estimation::evaluation::Summary;
 pub use tau_estimation::samples::Treatment;
-use tau_estimation::unknown_poses;
-use tau_kinematics::Machine;
+
+pub use super::gross_row::GrossRow;
 
 mod words;
 
@@ -202,35 +202,6 @@ impl From<Summary> for Gap {
             mean_um: summary.mean,
             max_um: summary.max,
             rms_um: summary.rms,
-        }
-    }
-}
-
-/// A single measurement far off the others.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct GrossRow {
-    /// Name of the file.
-    pub file: String,
-    /// Line, from 1.
-    pub line: usize,
-    /// Number of the pose, of two the first.
-    pub pose: u32,
-    /// Name of the link, where it is the reading of its drive.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub drive: Option<String>,
-    /// Its residual over the standard deviation that noise lets expect of it.
-    pub sigmas: f64,
-}
-
-impl GrossRow {
-    /// A row of a calibration of a machine.
-    pub(super) fn of(row: &unknown_poses::GrossRow, machine: &Machine) -> Self {
-        Self {
-            file: row.place.file.to_owned(),
-            line: row.place.line,
-            pose: row.place.pose,
-            drive: row.drive(machine).map(str::to_owned),
-            sigmas: row.sigmas,
         }
     }
 }

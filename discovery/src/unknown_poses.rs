@@ -132,7 +132,12 @@ pub(super) fn search(
         let found = &mut outcome.discovery;
         found.remarks.extend(remark.into_iter().chain(part));
         let gross = match &fitted {
-            Ok(fitted) => gross_rows(fitted),
+            Ok(fitted) => {
+                let told = fitted.gross_poses.iter();
+                let told = told.map(|pose| format!("Of the rows that were left out, {pose}."));
+                found.remarks.extend(told);
+                gross_rows(fitted)
+            }
             Err(error) => {
                 found.remarks.push(not_calibrated(error));
                 known

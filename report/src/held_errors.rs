@@ -147,8 +147,8 @@ fn link<'a>(found: &'a HeldErrors, place: &RowPlace) -> Option<&'a str> {
 
 fn at(found: &HeldErrors, place: &RowPlace, coordinate: Option<&str>) -> String {
     let coordinate = coordinate.map_or_else(String::new, |axis| format!(", {axis}"));
-    let row = (place.file, place.line, place.pose);
-    unknown_poses::place(row, link(found, place)) + &coordinate
+    let poses = (place.pose, place.other_pose);
+    unknown_poses::place((place.file, place.line), poses, link(found, place)) + &coordinate
 }
 
 /// Errors of measurements that were held out, by variant and kind.
@@ -242,6 +242,7 @@ pub fn json(found: &HeldErrors) -> Value {
             "file": own.place.file,
             "line": own.place.line,
             "pose": own.place.pose,
+            "other_pose": own.place.other_pose,
             "link": link(found, &own.place),
             "kind": kind.map(|kind| kind.quantity),
             "coordinate": own.coordinate,
@@ -271,8 +272,8 @@ pub fn json(found: &HeldErrors) -> Value {
             "parameter": own.parameter, "unit": own.unit, "change": own.change, "chi2_drop": own.squares, "sigmas": own.sigmas,
         })).collect::<Vec<_>>(),
         "gross_rows": found.gross.iter().map(|row| json!({
-            "file": row.place.file, "line": row.place.line, "pose": row.place.pose, "sigmas": row.sigmas,
-            "link": link(found, &row.place),
+            "file": row.place.file, "line": row.place.line, "pose": row.place.pose,
+            "other_pose": row.place.other_pose, "sigmas": row.sigmas, "link": link(found, &row.place),
         })).collect::<Vec<_>>(),
         "fit": trust::json::verdict(&found.verdict()),
     })

@@ -55,6 +55,9 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
             Some(_) => "Rows far off, which count less",
         });
     }
+    for pose in &found.gross_poses {
+        screen.say_within("  ", &pose.to_string());
+    }
     list_gross(&mut screen, found, &found.gross);
     let mut moved: Vec<_> = found.calibration.parameters.iter().collect();
     if !moved.is_empty() {
@@ -112,9 +115,13 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
 fn list_gross(screen: &mut Screen, found: &UnknownPoses, gross: &[GrossRow]) {
     for row in gross.iter().take(LISTED) {
         let RowPlace {
-            file, line, pose, ..
+            file,
+            line,
+            pose,
+            other_pose,
+            ..
         } = row.place;
-        let place = place((file, line, pose), link(found, row));
+        let place = place((file, line), (pose, other_pose), link(found, row));
         screen.say_within("  ", &far_off(&place, row.sigmas));
     }
 }
@@ -144,10 +151,18 @@ fn link<'a>(found: &'a UnknownPoses, row: &GrossRow) -> Option<&'a str> {
     row.drive(&found.calibration.machine)
 }
 
-/// Place of a measurement: file, line, number of the pose, and link where it is the reading of its drive.
-pub(crate) fn place((file, line, pose): (&str, usize, u32), link: Option<&str>) -> String {
+/// Place of a measurement: file and line, number of the pose or of both, and link where it is the reading of its drive.
+pub(crate) fn place(
+    (file, line): (&str, usize),
+    (pose, other): (u32, Option<u32>),
+    link: Option<&str>,
+) -> String {
     let link = link.map_or_else(String::new, |link| format!(", drive of {link}"));
-    format!("{file} line {line}, pose {pose}{link}")
+    let poses = other.map_or_else(
+        || format!("pose {pose}"),
+        |other| format!("poses {pose} and {other}"),
+    );
+    format!("{file} line {line}, {poses}{link}")
 }
 
 /// A measurement far off the others.
@@ -196,10 +211,15 @@ fn repeats(repeats: &KindRepeats) -> Value {
 
 fn gross_row(found: &UnknownPoses, row: &GrossRow) -> Value {
     let RowPlace {
-        file, line, pose, ..
+        file,
+        line,
+        pose,
+        other_pose,
+        ..
     } = row.place;
     json!({
-        "file": file, "line": line, "pose": pose, "sigmas": row.sigmas, "link": link(found, row),
+        "file": file, "line": line, "pose": pose, "other_pose": other_pose, "sigmas": row.sigmas,
+        "link": link(found, row),
     })
 }
 
@@ -246,6 +266,10 @@ pub fn json(found: &UnknownPoses) -> Value {
             own["weight"] = json!(row.weight);
             own
         }).collect::<Vec<_>>(),
+        "gross_poses": found.gross_poses.iter().map(|own| json!({
+            "pose": own.pose, "file": own.commands.map(|at| at.0), "line": own.commands.map(|at| at.1),
+            "far": own.far, "rows": own.rows,
+        })).collect::<Vec<_>>(),
         "held_out": found.held_out.as_ref().map(|own| {
             let mut all = held_out_fit(&own.all);
             all["poses"] = json!(own.poses);

@@ -82,8 +82,8 @@ pub mod trust {
 /// Calibration from any measurements: the true pose behind every sample is unknown.
 pub mod unknown_poses {
     pub use tau_estimation::unknown_poses::{
-        Freedom, GrossRow, HeldErrors, HeldOut, HeldOutFit, HeldOutKind, JudgedRows, Kind,
-        KindErrors, KindFit, KindRepeats, Moved, Object, ObjectEstimate, PlaceEstimate, Rank,
+        Freedom, GrossPose, GrossRow, HeldErrors, HeldOut, HeldOutFit, HeldOutKind, JudgedRows,
+        Kind, KindErrors, KindFit, KindRepeats, Moved, Object, ObjectEstimate, PlaceEstimate, Rank,
         RowDivision, RowError, RowPlace, UnknownPoses, calibrate, evaluate, mistakes, rank,
     };
 }

@@ -85,8 +85,17 @@ pub struct RowPlace {
     pub line: usize,
     /// Number of the pose, of two the first.
     pub pose: u32,
+    /// Number of the second of two, of a distance.
+    pub other_pose: Option<u32>,
     /// Index of the link, where the row is the reading of its drive.
     pub drive: Option<usize>,
+}
+
+impl RowPlace {
+    /// Numbers of the poses that it is of: one, or two.
+    pub fn poses(&self) -> impl Iterator<Item = u32> + use<> {
+        [Some(self.pose), self.other_pose].into_iter().flatten()
+    }
 }
 
 /// Origin of a row of a pose that is unknown.

@@ -200,6 +200,7 @@ impl<'a> Assembly<'a> {
                         file: TCP_POSES,
                         line: pose.line,
                         pose: pose.pose,
+                        other_pose: None,
                         drive: None,
                     },
                 };
@@ -433,6 +434,7 @@ impl<'a> Assembly<'a> {
                     file: DISTANCES,
                     line: row.line,
                     pose: row.poses[0],
+                    other_pose: Some(row.poses[1]),
                     drive: None,
                 };
                 if !chosen.takes(&place) {
@@ -522,6 +524,7 @@ impl<'a> Assembly<'a> {
                 file: TCP_POSES,
                 line: measured.line,
                 pose: measured.pose,
+                other_pose: None,
                 drive: None,
             };
             if !chosen.takes(&place) {
@@ -560,6 +563,7 @@ pub(super) fn place_of(row: &PlateRow) -> RowPlace {
         file: row.kind.file(),
         line: row.line,
         pose: row.pose,
+        other_pose: None,
         drive: None,
     }
 }

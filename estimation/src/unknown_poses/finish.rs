@@ -80,6 +80,7 @@ impl Fit<'_> {
             kinds,
             rank,
             gross: self.gross.clone(),
+            gross_poses: self.gross_poses(),
             held_out,
             poses,
             mistakes: vec![],

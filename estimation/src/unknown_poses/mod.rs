@@ -24,6 +24,7 @@ mod finish;
 mod fit;
 mod frames;
 mod gauge;
+mod gross_poses;
 mod heldout;
 mod kinds;
 mod lengths;
@@ -71,6 +72,7 @@ pub use evaluation::{
     HeldErrors, JudgedRows, KindErrors, Moved, PlaceEstimate, RowError, evaluate,
 };
 pub use gauge::Freedom;
+pub use gross_poses::GrossPose;
 pub use heldout::{HeldOut, HeldOutFit};
 pub use objects::Object;
 pub use outcome::{GrossRow, ObjectEstimate, Rank, RowDivision, UnknownPoses};

@@ -2,8 +2,6 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use tau_robot::measurements::DISTANCES;
-
 use super::assembly::Chosen;
 use super::elimination::{Elimination, Reduced};
 use super::fit::Fit;
@@ -204,14 +202,7 @@ impl Fit<'_> {
 
     /// Rows that take part, and those that were left out at poses that others measure, too.
     fn all_rows(&self) -> Result<Vec<Rows>, Error> {
-        let is_known = |place: &&RowPlace| {
-            let distances = self.folder.distances.iter();
-            let mut ends = distances.filter(|row| row.line == place.line);
-            let of_pair = place.file == DISTANCES;
-            let other = ends.next().filter(|_| of_pair).map(|row| row.poses[1]);
-            let mut poses = [Some(place.pose), other].into_iter().flatten();
-            poses.all(|pose| self.assembly.has_pose(pose))
-        };
+        let is_known = |place: &&RowPlace| place.poses().all(|pose| self.assembly.has_pose(pose));
         let left_out = self.left_out.iter().filter(|place| !is_known(place));
         let left_out: BTreeSet<RowPlace> = left_out.copied().collect();
         let chosen = Chosen {

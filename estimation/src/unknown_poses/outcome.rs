@@ -7,6 +7,7 @@ use tau_robot::measurements::{Distance, Folder, PoseCounts, Split};
 
 use super::evaluation::JudgedRows;
 use super::gauge::Freedom;
+use super::gross_poses::GrossPose;
 use super::heldout::HeldOut;
 use super::objects::Object;
 use super::rows::{KindFit, RowPlace};
@@ -292,6 +293,8 @@ pub struct UnknownPoses {
     pub rank: Rank,
     /// Rows that were left out, or count less under a loss, or are kept, worst first.
     pub gross: Vec<GrossRow>,
+    /// Poses whose rows are among them together, that with most of them first.
+    pub gross_poses: Vec<GrossPose>,
     /// Fit of rows that took no part; `None` where all did.
     pub held_out: Option<HeldOut>,
     /// Number of poses that took part.

@@ -310,6 +310,7 @@ impl Rows {
                         file,
                         line: sample - first + 2,
                         pose: number,
+                        other_pose: None,
                         drive: None,
                     })
                     .collect(),

@@ -22,6 +22,7 @@ impl Assembly<'_> {
                 file: TCP_POSES,
                 line: row.line,
                 pose: row.pose,
+                other_pose: None,
                 drive: None,
             };
             Some((place, pose_sample(row)))

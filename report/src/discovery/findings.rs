@@ -493,7 +493,8 @@ pub(crate) fn gross_rows(found: &Discovery) -> Vec<String> {
     let mut rows: Vec<&GrossRow> = found.gross_rows.iter().collect();
     rows.sort_by(|a, b| b.sigmas.total_cmp(&a.sigmas));
     let words = rows.into_iter().map(|row| {
-        let place = unknown_poses::place((&row.file, row.line, row.pose), row.drive.as_deref());
+        let poses = (row.pose, row.other_pose);
+        let place = unknown_poses::place((&row.file, row.line), poses, row.drive.as_deref());
         unknown_poses::far_off(&place, row.sigmas)
     });
     words.collect()
