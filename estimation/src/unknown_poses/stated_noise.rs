@@ -4,6 +4,7 @@
 //! a dimension without which they are the stated noise goes before, for it leaves less room.
 
 use tau_robot::measurements::PlateKind;
+use tau_robot::measurements::plausible::LARGEST_NOISE;
 use tau_robot::robot_file::{RobotFile, StatedNoise};
 
 use super::UnknownPoses;
@@ -24,7 +25,6 @@ const STEPS: u32 = 6;
 enum Whose {
     Measurements,
     Drives,
-    All,
 }
 
 impl Case<'_> {
@@ -44,23 +44,17 @@ impl Case<'_> {
         let all = [Whose::Measurements, Whose::Drives];
         let has_drives = !self.setup.file.measuring.drives.is_empty();
         let tried = all.into_iter().take(1 + usize::from(has_drives));
+        // Noise of one kind passes for that of others: what no file may state is nobody's.
+        let tried = tried.filter(|whose| can_be_stated(&whose.scaled(self.setup.file, factor)));
         let gains = tried.filter_map(|whose| Some((self.gain(whose, factor)?, whose)));
-        let (gain, whose) = gains.max_by(|a, b| a.0.total_cmp(&b.0))?;
-        // Noise of one kind passes for that of the other: what all of them a few times larger explain is no mistake.
-        let of_all = has_drives.then(|| self.gains(Whose::All, factor)).flatten();
-        let of_all = of_all
-            .and_then(|gains| largest(gains.split_last()?.1))
-            .unwrap_or(0.0);
-        if gain < of_all + 2.0 * ODDS.ln() {
-            return None;
-        }
+        let (_, whose) = gains.max_by(|a, b| a.0.total_cmp(&b.0))?;
         let dimension = (factor > 1.0 && !self.has_places()).then(|| self.dimension_instead(given));
         if let Some(dimension) = dimension.flatten() {
             return Some(dimension);
         }
         let whose = match whose {
             Whose::Measurements => "of the measurements (`[noise]`)",
-            _ => "of the drives (`[drives]`)",
+            Whose::Drives => "of the drives (`[drives]`)",
         };
         Some(words::of_noise(whose, factor))
     }
@@ -113,18 +107,10 @@ impl Case<'_> {
         })
     }
 
-    /// Gain in 2 ln of the evidence by a factor on noise, if it is decisive and no factor between gains more.
-    fn gain(&self, whose: Whose, factor: f64) -> Option<f64> {
-        let gains = self.gains(whose, factor)?;
-        let (&(gain, is_right), before) = gains.split_last()?;
-        let others = largest(before).unwrap_or(0.0);
-        (is_right && gain > others && gain > 2.0 * ODDS.ln()).then_some(gain)
-    }
-
-    /// Gains in 2 ln of the evidence by factors on noise up to this one, and true of each at which residuals are noise. With
+    /// Gain in 2 ln of the evidence by a factor on noise, if it is decisive and no factor between gains more. With
     /// parameters integrated out it changes with ln of the noise by 2 (χ² − degrees of freedom), both of the residuals with this
     /// noise (D. J. C. MacKay, Neural Computation 4, 1992, equation 4.9).
-    fn gains(&self, whose: Whose, factor: f64) -> Option<Vec<(f64, bool)>> {
+    fn gain(&self, whose: Whose, factor: f64) -> Option<f64> {
         let thinned = self.division.thinned(self.setup.folder, POSES);
         // No row is left out: what noise is too small for would cost nothing.
         let mut options = self.options.clone();
@@ -153,20 +139,17 @@ impl Case<'_> {
         // Of noise that is far too small, there may be no fit.
         let slopes = slopes.into_iter().skip_while(Option::is_none);
         let slopes: Vec<(f64, bool)> = slopes.collect::<Option<_>>()?;
-        let width = factor.ln() / f64::from(STEPS);
-        let (mut gains, mut gain) = (vec![], 0.0);
-        for (step, &(slope, is_right)) in slopes.iter().enumerate() {
-            if let Some(before) = step.checked_sub(1) {
-                gain += 0.5 * width * (slopes[before].0 + slope);
-            }
-            gains.push((gain, is_right));
+        if !slopes.last()?.1 {
+            return None;
         }
-        Some(gains)
+        let width = factor.ln() / f64::from(STEPS);
+        let (mut gain, mut largest) = (0.0, 0.0_f64);
+        for pair in slopes.windows(2) {
+            largest = largest.max(gain);
+            gain += 0.5 * width * (pair[0].0 + pair[1].0);
+        }
+        (gain > largest && gain > 2.0 * ODDS.ln()).then_some(gain)
     }
-}
-
-fn largest(gains: &[(f64, bool)]) -> Option<f64> {
-    gains.iter().map(|own| own.0).reduce(f64::max)
 }
 
 /// The residuals of a kind are noise: they are the stated one, to the factor to which it is known, and a few do not make up for
@@ -180,19 +163,13 @@ fn is_noise(fit: &KindFit) -> bool {
 impl Whose {
     fn is_of(self, fit: &KindFit) -> bool {
         let is_drives = fit.kind.quantity == "closure" && !fit.kind.is_exact();
-        let is_meant = match self {
-            Self::Measurements => !is_drives,
-            Self::Drives => is_drives,
-            Self::All => true,
-        };
-        !fit.kind.is_estimated() && is_meant
+        !fit.kind.is_estimated() && is_drives == (self == Self::Drives)
     }
 
     fn scaled(self, file: &RobotFile, factor: f64) -> RobotFile {
         match self {
             Self::Measurements => with_noise(file, factor),
             Self::Drives => with_drives(file, factor),
-            Self::All => with_drives(&with_noise(file, factor), factor),
         }
     }
 }
@@ -201,6 +178,21 @@ fn scaled(noise: &mut StatedNoise, factor: f64) {
     if let StatedNoise::Known(sigma) = noise {
         *sigma *= factor;
     }
+}
+
+/// True if a robot file may hold such noise of positions, lengths and drives.
+fn can_be_stated(file: &RobotFile) -> bool {
+    let measuring = &file.measuring;
+    let axes = measuring.axes.iter().flatten();
+    let mut stated = axes
+        .chain(measuring.noise.values())
+        .chain(&measuring.drives);
+    let can_be = |sigma: f64| sigma <= LARGEST_NOISE;
+    can_be(file.noise.position_m)
+        && stated.all(|own| match own {
+            StatedNoise::Known(sigma) => can_be(*sigma),
+            StatedNoise::Estimate => true,
+        })
 }
 
 fn with_noise(file: &RobotFile, factor: f64) -> RobotFile {
