@@ -33,8 +33,10 @@ pub struct Truth {
     pub effects: Vec<(String, String)>,
     /// Verdicts of discovery that are right.
     pub status: Vec<&'static str>,
-    /// True states at the poses of set 1.
+    /// True states at the readings of set 1.
     pub tcp_poses: Vec<State>,
+    /// Numbers of their poses in the files: of readings of one pose the same, unless each is a pose of its own there.
+    pub pose_numbers: Vec<u32>,
     /// Tracker and targets of set 2.
     pub set2: Mounting,
     /// Tracker and targets of set 3.

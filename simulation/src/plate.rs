@@ -282,13 +282,19 @@ impl Gauges<'_> {
         }
     }
 
-    /// Number of the pose at a stop: where poses are measured, each of whose readings has its own, that of the first.
+    /// Number of the pose at a stop: that of its first reading.
     fn number(&self, stop: usize) -> u32 {
+        self.number_of_reading(stop * self.readings)
+    }
+
+    /// Number in the files of the pose of a reading, of which all stops have as many: rows of `tcp_poses.csv` have each
+    /// their own, in the other files all readings at a stop are of one pose.
+    pub(super) fn number_of_reading(&self, reading: usize) -> u32 {
         let has_poses = self.measures.contains(&Measure::Poses);
         number(if has_poses {
-            stop * self.readings
+            reading
         } else {
-            stop
+            reading / self.readings
         })
     }
 

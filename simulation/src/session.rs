@@ -176,6 +176,9 @@ impl<'a> Session<'a> {
         };
         let measured = gauges.measure(&visited.stops, &true_states);
         let (set1, states1) = self.read_again(&visited, true_states);
+        let readings = 0..states1.len();
+        let pose_numbers = readings.map(|reading| gauges.number_of_reading(reading));
+        let pose_numbers = pose_numbers.collect();
         if set1.stops.len() < 2 {
             return Err(self.too_few(planned));
         }
@@ -240,6 +243,7 @@ impl<'a> Session<'a> {
                 effects,
                 status,
                 tcp_poses: states1,
+                pose_numbers,
                 set2: mounting2,
                 set3: mounting3,
                 outliers: outliers.keys().map(|&index| number(index)).collect(),
@@ -486,5 +490,68 @@ impl<'a> Session<'a> {
             ..*stops
         };
         (stops, states)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tau_robot::robot::Robot;
+
+    use super::*;
+
+    /// A point on three upright tracks at the corners of a triangle.
+    fn delta(measures: &[Measure]) -> Simulation {
+        let arm = |name: &str, x: f64, y: f64| {
+            format!(
+                "cluster arm_{name} on {name} {{ link rod_{name} {{
+                    length = 333 mm tol 0.5 mm; track_offset = ({x}, {y}, 600) mm tol 1 mm;
+                    track_direction = (0, 0, -1) tol 0.001; }} }}"
+            )
+        };
+        let [a, b, c] = [
+            arm("a", -121.0, -70.0),
+            arm("b", 121.0, -70.0),
+            arm("c", 0.0, 140.0),
+        ];
+        let text = format!(
+            "robot Delta {{ plate point; track a, b, c; {a} {b} {c}
+                reference {{ commands = (0.3, 0.3, 0.3) m; position = (0, 0, 0) m; }}
+                variant Full {{ tracks linear per link; }} }}"
+        );
+        let robot = Robot::from_text(&text).unwrap();
+        let file = tau_robot::prototype::parameters_of(&robot).unwrap();
+        Simulation {
+            measures: measures.to_vec(),
+            ..Simulation::new(robot, file)
+        }
+    }
+
+    #[test]
+    fn true_poses_have_the_numbers_of_the_files() {
+        let positions = Measure::Rows(PlateKind::Position);
+        for measures in [vec![positions], vec![Measure::Poses, positions]] {
+            let simulated = simulate(&Simulation {
+                poses: Poses::Random { count: 5 },
+                readings: 2,
+                ..delta(&measures)
+            });
+            let SimulatedFolder { folder, truth, .. } = simulated.unwrap();
+            let text: serde_json::Value = serde_json::from_str(&truth.to_json()).unwrap();
+            let true_z_m: BTreeMap<u64, f64> = (text["tcp_poses"].as_array().unwrap().iter())
+                .map(|own| {
+                    let z_m = own["position_m"][2].as_f64().unwrap();
+                    (own["pose"].as_u64().unwrap(), z_m)
+                })
+                .collect();
+            assert_eq!(folder.plate_rows.len(), 10);
+            let rows = folder.plate_rows.iter();
+            let rows = rows.map(|row| (row.pose, row.values[2].unwrap()));
+            let poses = folder.tcp_poses.iter();
+            let poses = poses.map(|pose| (pose.pose, pose.position_m[2]));
+            for (pose, z_m) in rows.chain(poses) {
+                let off_m = z_m - true_z_m[&u64::from(pose)];
+                assert!(off_m.abs() < 1e-3, "{measures:?}: pose {pose}: {off_m} m");
+            }
+        }
     }
 }

@@ -21,7 +21,6 @@ use super::angles::zyz_angles;
 use super::effect::Effect;
 use super::folder::{SimulatedFolder, Truth};
 use super::forces;
-use super::plan::number;
 use super::plate;
 
 impl SimulatedFolder {
@@ -162,7 +161,8 @@ impl Drop for Partial {
 impl Truth {
     /// `{"effects": [{"name", "place", "parameters"}], "status": […], "outliers": […], "links": {…}, "cranks": {…},
     /// "parameters": {…}, "tcp_poses": […], "gross_rows": [{"file", "line"}], "targets", "surfaces", "balls"}`: dimensions
-    /// as built, with the names of the robot file, and where the TCP truly stood at the poses of set 1.
+    /// as built, with the names of the robot file, and where the TCP truly stood at each reading of the poses, by their
+    /// numbers in the files.
     pub fn to_json(&self) -> String {
         let effects: Vec<Value> = self
             .effects
@@ -213,10 +213,10 @@ impl Truth {
                 values => (name.clone(), json!(values)),
             })
             .collect();
-        let poses: Vec<Value> = (self.tcp_poses.iter().enumerate())
-            .map(|(index, state)| {
+        let poses: Vec<Value> = (self.tcp_poses.iter().zip(&self.pose_numbers))
+            .map(|(state, number)| {
                 json!({
-                    "pose": number(index),
+                    "pose": number,
                     "position_m": vector(&state.pose.position_m),
                     "orientation_rad": zyz_angles(&state.pose.rotation),
                 })
