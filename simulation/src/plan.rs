@@ -362,11 +362,20 @@ impl Planner<'_> {
     }
 
     /// At random: the TCP in the box that the prototype's grid fills; or, where the drives do not place it, the drives, as
-    /// far to both sides of home.
+    /// far to both sides of home. Carts move the TCP about as far as they go: where their range is narrow, the box reaches
+    /// no farther than it is wide, or else hardly a point would be within the range.
     fn random(&self, count: usize, random: &mut Random) -> Reached {
         let (axes, steps) = (self.axes(), self.default_steps());
-        let half = [0, 1, 2].map(|axis| (GRID[axis] as f64 - 1.0) / 2.0 * steps[axis]);
         let (low, high) = self.range_m;
+        let farthest = if self.nominal.guideways().next().is_some() {
+            high - low
+        } else {
+            f64::INFINITY
+        };
+        let half = [0, 1, 2].map(|axis| {
+            let half = (GRID[axis] as f64 - 1.0) / 2.0 * steps[axis];
+            half.min(farthest)
+        });
         let places_tcp = self.home.places_tcp(self.nominal);
         let mut stops = Vec::new();
         for _ in 0..50 * count {

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use tau_robot::input_error::InputError;
-use tau_robot::measurements::{Folder, PlateKind, Shape};
+use tau_robot::measurements::{CART_POSITIONS, Folder, PlateKind, Shape};
 use tau_robot::number::shortest;
 use tau_robot::robot_file::RobotFile;
 
@@ -196,7 +196,15 @@ impl<'a> Session<'a> {
             },
             &mut random,
         );
-        let (set3, states3) = self.reached(set3);
+        let (mut set3, mut states3) = self.reached(set3);
+        // A single pose says nothing of how carts move, and readers refuse it.
+        if set3.stops.len() == 1 {
+            remarks.push(format!(
+                "{CART_POSITIONS} is left out: of {} random poses one is within reach",
+                simulation.random_poses
+            ));
+            (set3.stops, states3) = (vec![], vec![]);
+        }
         let points =
             planner.track_points(simulation.track_points, &mut Random::new(seed, "points"));
 
@@ -553,5 +561,37 @@ mod tests {
                 assert!(off_m.abs() < 1e-3, "{measures:?}: pose {pose}: {off_m} m");
             }
         }
+    }
+
+    #[test]
+    fn carts_are_measured_within_the_commands_of_a_small_grid() {
+        let small = Simulation {
+            poses: Poses::Grid {
+                counts: [2, 4, 4],
+                step_m: Some([0.003; 3]),
+                limit: None,
+                jitter: 0.0,
+            },
+            ..delta(&[Measure::Rows(PlateKind::Height)])
+        };
+        let simulated = simulate(&small).unwrap();
+        assert_eq!(simulated.folder.cart_positions.len(), 3 * 150);
+        let folder = std::path::Path::new("folder");
+        simulated.check(folder, &small.robot).unwrap();
+    }
+
+    #[test]
+    fn a_single_pose_makes_no_set_of_cart_positions() {
+        let one = Simulation {
+            random_poses: 1,
+            ..delta(&[Measure::Poses])
+        };
+        let simulated = simulate(&one).unwrap();
+        assert!(simulated.folder.cart_positions.is_empty());
+        let remarks = simulated.truth.remarks.join("; ");
+        assert!(
+            remarks.contains("cart_positions.csv is left out"),
+            "{remarks}"
+        );
     }
 }
