@@ -81,7 +81,9 @@ fn corrected(found: Pose, machine: &Machine, file: &RobotFile) -> String {
 }
 
 impl Setup<'_> {
-    /// Commands of cranks are radians: farther than a turn from where the machine is known to stand they are none.
+    /// Commands of cranks are radians: farther than a turn from where the machine is known to stand they are none. That a
+    /// machine reaches them as degrees says nothing, since it reaches whatever is small near its reference; and drums turn
+    /// many times.
     ///
     /// # Errors
     /// The first one that is, with the remedy.
@@ -143,41 +145,6 @@ impl Setup<'_> {
                 .and_then(|stated| stated.commands_m.get(command).copied())
                 .unwrap_or(0.0),
         }
-    }
-
-    /// An error of a row of commands: those that the machine reaches as degrees probably are.
-    pub(super) fn fail_forward(
-        &mut self,
-        row: &Row,
-        error: &kinematics::Error,
-        start: Option<Pose>,
-    ) -> Failure {
-        let failure = self.fail(row, error);
-        let Failure::Failed(message) = failure else {
-            return failure;
-        };
-        let robot = &self.machine.robot;
-        let mut commands_m = row.commands_m.clone();
-        for (k, command) in commands_m.iter_mut().enumerate() {
-            if robot.is_angle(k) {
-                *command = command.to_radians();
-            }
-        }
-        let as_degrees = Row {
-            commands_m,
-            ..row.clone()
-        };
-        if as_degrees.commands_m == row.commands_m
-            || self.predict(&as_degrees, None, start).is_err()
-        {
-            return Failure::Failed(message);
-        }
-        let radians = as_degrees.commands_m.iter().copied().map(shortest);
-        let radians: Vec<String> = radians.collect();
-        Failure::Failed(format!(
-            "{message}; as degrees they are reached: multiply by pi/180, `{}`",
-            radians.join(",")
-        ))
     }
 
     /// An error of a row; what the input lacks is the input's fault.

@@ -50,7 +50,7 @@ pub(super) fn forward(arguments: &arguments::Forward) -> Result<Outcome, Failure
     let mut reached: Vec<Reached> = Vec::with_capacity(rows.len());
     for row in &rows {
         let next = setup.predict(row, reached.last(), start);
-        reached.push(next.map_err(|error| setup.fail_forward(row, &error, start))?);
+        reached.push(next.map_err(|error| setup.fail(row, &error))?);
     }
     setup.remarks.extend(setup.half_turns(&rows));
     setup.remarks.extend(misfits(&rows, &reached));
