@@ -72,8 +72,8 @@ impl Statics {
         })
     }
 
-    /// How far joints of the links stand from those of another drawing of the same arm, at most (m): over links of a metre
-    /// forces differ by as large a share.
+    /// Largest distance (m) of a joint of the links from that of another drawing of the same arm: over links of a metre forces
+    /// differ by as large a share.
     pub fn joints_apart_m(&self, other: &Self) -> f64 {
         let pairs = self.links.iter().zip(&other.links);
         let apart = pairs.map(|(own, other)| {

@@ -101,7 +101,7 @@ fn links_in_words_of_other_tools() {
     assert!(!errors(&axis).contains("track_offset"));
 }
 
-/// How other texts write components, tolerances and hundredths.
+/// Signs that mean a component, a tolerance or hundredths elsewhere.
 #[test]
 fn signs_of_other_texts() {
     let link = |value: &str| robot(&format!("cluster more on one {{ link m1 {{ {value} }} }}"));

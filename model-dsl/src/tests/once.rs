@@ -1,4 +1,4 @@
-//! What has an error raises no second one where it is used.
+//! Declarations with an error raise no second one where they are used.
 
 use insta::assert_snapshot;
 
@@ -120,7 +120,7 @@ fn commands_of_tracks_declared_twice() {
     once(text, "`two` is already declared");
 }
 
-/// What carries a cluster decides on the values of its links.
+/// The carrier of a cluster decides on the values of its links.
 #[test]
 fn values_on_an_unknown_carrier() {
     let text = robot("cluster more on tow { link m1 { track_direction = (1, 0, 0); } }");
@@ -149,7 +149,7 @@ robot R {
     `#` begins no comment
     help: comments begin with `//`: `// …`
     ");
-    // What is wrong besides is told, too.
+    // Other errors are told, too.
     let text = text.replace("plate point;", "plate pont;");
     let found = check_text(&text).unwrap_err();
     assert_eq!(found.diagnostics.len(), 2, "{found}");
@@ -157,7 +157,7 @@ robot R {
         found.to_string().contains("did you mean `point`?"),
         "{found}"
     );
-    // What is no token can't be read past.
+    // No text is read past a character that begins no token.
     for text in ["# 20 °C", "robot R { # \"A\n}", "/* a */ # see (1\n"] {
         once(text, "help: comments begin with `//`");
     }
