@@ -70,7 +70,7 @@ fn a_dimension_thirty_tolerances_off_is_absurd() {
     );
     let far = calibrated(32.0);
     assert_eq!(far.code, 1);
-    let expected = "No machine is 32.0 tolerances off its drawing, as `endstop_a` would be";
+    let expected = "`endstop_a` is 32.0 tolerances off: ";
     assert!(
         far.err.contains("absurd") && far.err.contains(expected),
         "{}",

@@ -219,12 +219,14 @@ impl UnknownPoses {
         let pulls = Pull::largest(self.pulls());
         let far = self.beyond_tolerance();
         if let Some(deviation) = far {
-            why.push(format!(
-                "`{}` lies {} tolerances off its nominal value, {} where its own did not hold it back.",
-                self.calibration.parameters[deviation.parameter].name,
-                general(deviation.tolerances.abs(), 2),
-                general(deviation.freed.abs(), 2)
-            ));
+            let [off, freed] =
+                [deviation.tolerances, deviation.freed].map(|own| general(own.abs(), 2));
+            let name = &self.calibration.parameters[deviation.parameter].name;
+            let mut said = format!("`{name}` lies {off} tolerances off its nominal value");
+            if freed != off {
+                said += &format!(", {freed} where its own did not hold it back");
+            }
+            why.push(said + ".");
         }
         let status = if is_consistent && far.is_none() {
             Status::Consistent
