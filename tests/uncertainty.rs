@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use serde_json::Value;
 use tau::Robot;
 use tau::calibration::{self, Prepared};
-use tau::kinematics::{InverseOptions, Machine, Path as CartPath, Pose, Sample};
+use tau::kinematics::{InverseOptions, LengthNoise, Machine, Path as CartPath, Pose, Sample};
 use tau::measurements::TcpPose;
 use tau::robot_file::RobotFile;
 use tau::simulation::{Conditions, Poses, Simulation, TrackPoints, simulate};
@@ -174,6 +174,74 @@ fn deviations_are_those_of_steps_by_hand() {
         }
         for (found, variance) in of_commands.iter().zip(of_inverse) {
             close(*found, variance.sqrt(), name);
+        }
+    }
+}
+
+/// The noise of drives, propagated by steps of each command through forward kinematics; that of links by steps of their lengths.
+#[test]
+fn noise_of_drives_and_links_is_that_of_steps_by_hand() {
+    for (name, commands, links_m) in [
+        ("gantry", vec![0.1, 0.2, -0.1], 3e-5),
+        ("stewart", vec![0.02, 0.0, 0.01, -0.01, 0.0, 0.015], 0.0),
+    ] {
+        let (robot, file) = robot(name);
+        let variant = robot.variant("Full").unwrap();
+        let prepared = Prepared::from_file(&robot, variant, &file, None, &[]).unwrap();
+        let mut machine = prepared.machine;
+        let start = Pose::from_zyz([0.0; 3], [0.0; 3]);
+        let start = machine
+            .at_reference(&Sample::new(start, &commands))
+            .unwrap();
+        let reached = machine
+            .forward_along(&start.commands_m, &Sample::new(start.pose, &commands))
+            .unwrap();
+        let sample = Sample::new(reached.pose, &commands);
+        let noise = 2e-5;
+        machine.surroundings.length_noise = LengthNoise {
+            commands: vec![noise; commands.len()],
+            links_m,
+        };
+        let known = Uncertainty::new(variant, &[], &[]);
+        let found = known.pose_with_length_noise(&machine, &sample).unwrap();
+        assert_eq!(known.pose(&machine, &sample).unwrap().distance_m(), 0.0);
+
+        let mut variances = [0.0; 6];
+        let step = 1e-6;
+        let mut add = |sigma: f64, reached: &dyn Fn(f64) -> Pose| {
+            let [above, below] = [step, -step].map(reached);
+            let moved = (above.position - below.position) / (2.0 * step) * sigma;
+            let turned = below.turn_to(&above.rotation) / (2.0 * step) * sigma;
+            for k in 0..3 {
+                variances[k] += moved[k].powi(2);
+                variances[3 + k] += turned[k].powi(2);
+            }
+        };
+        for k in 0..commands.len() {
+            add(noise, &|by| {
+                let mut commands = commands.clone();
+                commands[k] += by;
+                let sample = Sample::new(reached.pose, &commands);
+                machine.forward(&sample).unwrap()
+            });
+        }
+        for (index, parameter) in variant.parameters.iter().enumerate() {
+            if parameter.quantity == "length" {
+                add(links_m, &|by| {
+                    let mut values = machine.values.clone();
+                    values[index] += by;
+                    machine.with_values(values).forward(&sample).unwrap()
+                });
+            }
+        }
+        for k in 0..3 {
+            close(found.position_m()[k], variances[k].sqrt(), name);
+            close(found.rotation_rad()[k], variances[3 + k].sqrt(), name);
+        }
+        if links_m == 0.0 {
+            for own in known.commands(&machine, &sample).unwrap() {
+                close(own, noise, name);
+            }
         }
     }
 }

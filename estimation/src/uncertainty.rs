@@ -53,6 +53,14 @@ pub struct PoseUncertainty {
 }
 
 impl PoseUncertainty {
+    /// The same with standard deviations so many times as large.
+    #[must_use]
+    pub fn widened(self, by: f64) -> Self {
+        Self {
+            covariance: self.covariance * (by * by),
+        }
+    }
+
     /// Standard deviations of the position, one per axis (m).
     pub fn position_m(&self) -> [f64; 3] {
         [0, 1, 2].map(|k| self.covariance[(k, k)].max(0.0).sqrt())
@@ -61,6 +69,11 @@ impl PoseUncertainty {
     /// Standard deviations of the rotation vector, one per axis (rad).
     pub fn rotation_rad(&self) -> [f64; 3] {
         [3, 4, 5].map(|k| self.covariance[(k, k)].max(0.0).sqrt())
+    }
+
+    /// Variances of translation (m²) and rotation vector (rad²), one per axis.
+    pub(crate) fn variances(&self) -> [f64; 6] {
+        std::array::from_fn(|k| self.covariance[(k, k)].max(0.0))
     }
 
     /// Root mean square distance of the position from the true one (m).
@@ -170,6 +183,11 @@ impl Uncertainty {
         Some(known_with_paths.with_track_scales(machine, 0, listed))
     }
 
+    /// Number of columns of F.
+    pub(crate) fn columns(&self) -> usize {
+        self.factor.columns()
+    }
+
     /// Rows of F of some parameters, given by index; zero where one is known exactly.
     pub(crate) fn factor_of(&self, parameters: &[usize]) -> DMatrix<f64> {
         let mut factor = DMatrix::zeros(parameters.len(), self.factor.columns());
@@ -226,15 +244,7 @@ impl Uncertainty {
             .try_fold(0.0, |largest, distance| Ok(f64::max(largest, distance?)))
     }
 
-    /// The same with standard deviations so many times as large.
-    #[must_use]
-    pub fn widened(mut self, by: f64) -> Self {
-        self.factor.scale(by);
-        self.points_m *= by;
-        self
-    }
-
-    /// Of the pose that a machine takes at the commands of a sample, whose pose that is.
+    /// Of the pose that a machine takes at the commands of a sample, whose pose that is, where its drives and links are exact.
     ///
     /// # Errors
     /// Data that the sample lacks; derivatives that are not finite.
@@ -273,7 +283,8 @@ impl Uncertainty {
     }
 
     /// Standard deviations of the commands (m) at which a machine takes the pose of a sample, or, where the orientation
-    /// follows, its position; the sample has these commands.
+    /// follows, its position; the sample has these commands. The noise of drives and links is in them: it is what the drives
+    /// read, where the plate stands in the pose.
     ///
     /// # Errors
     /// As [`Self::pose`].
@@ -286,7 +297,7 @@ impl Uncertainty {
         };
         let first = turning.len();
         let unknowns: Vec<usize> = turning.chain(commands).collect();
-        let known = self.motion(machine, sample, &unknowns, false)?;
+        let known = self.motion(machine, sample, &unknowns, true)?;
         let variances = known.diagonal();
         let sigmas = variances.iter().map(|variance| variance.max(0.0).sqrt());
         Ok(sigmas.skip(first).collect())

@@ -125,6 +125,7 @@ fn robot_file() -> impl Strategy<Value = RobotFile> {
                 position_m: spans,
                 widening: 1.0 + poses as f64 / 7.0,
                 position_sigma_m: (poses > 4).then_some(1.5e-5),
+                length_noise: (poses > 5).then_some(9e-4),
                 rows: tracker_effects.iter().cloned().collect(),
                 tracker_effects,
             },

@@ -13,7 +13,7 @@ use tau::kinematics::{self, InverseOptions, Machine, Pose, Reached};
 use tau::measurements::{Folder, Poses, Shape, Split, TcpPose};
 use tau::prototype;
 use tau::robot::Arm;
-use tau::robot_file::RobotFile;
+use tau::robot_file::{RobotFile, StatedNoise};
 use tau::uncertainty::PoseUncertainty;
 use tau_report as report;
 use tau_robot::input_error::{both, quoted};
@@ -158,7 +158,7 @@ impl<'a> Setup<'a> {
             }
         })?;
         let certainty = Certainty::new(&prepared, &file);
-        let machine = prepared.machine;
+        let machine = prepared.noisy_machine(&file);
         let of_tracker = (!left_out.is_empty()).then(|| {
             format!(
                 "{} of `{}` are errors of the tracker, not of the machine, and are left out",
@@ -188,6 +188,7 @@ impl<'a> Setup<'a> {
                 .chain(file.other_variant(&asked))
                 .chain(of_tracker)
                 .chain(certainty.remark())
+                .chain(noise_left_out(&file))
                 .collect(),
             certainty,
             file,
@@ -514,6 +515,19 @@ fn misses(machine: &Machine, rows: &[Row], reached: &[Reached]) -> Option<String
          pose {pose}, where most is missed, {:.3} mm and {off_rad:.6} rad away",
         1e3 * off_m
     ))
+}
+
+/// A remark where noise of drives or links is in the measurements, and nothing says how large it is.
+fn noise_left_out(file: &RobotFile) -> Option<String> {
+    let stated = file.measuring.drives.iter().copied();
+    let is_open = (stated.chain(file.noise_of_links())).any(|own| own == StatedNoise::Estimate);
+    let record = file.calibration.as_ref();
+    let is_found = record.is_some_and(|record| record.length_noise.is_some());
+    (is_open && !is_found).then(|| {
+        "the noise of drives or links is to be estimated, and the robot file does not say what a calibration found: \
+         standard deviations are without it"
+            .to_owned()
+    })
 }
 
 /// A reduced arm whose robot file gives links, without measured poses.

@@ -32,9 +32,8 @@ pub(super) struct Known {
 impl Certainty {
     pub(super) fn new(prepared: &Prepared, file: &RobotFile) -> Self {
         let widening = file.widening();
-        let uncertainty = Uncertainty::of_prepared(prepared, file);
         Self {
-            uncertainty: uncertainty.map(|own| own.widened(widening)),
+            uncertainty: Uncertainty::of_prepared(prepared, file),
             record: file.calibration.clone(),
             widening,
         }
@@ -83,14 +82,22 @@ impl Certainty {
     ) -> Known {
         let sample = row.sample(&reached.commands_m, reached.pose);
         let known = self.uncertainty.as_ref();
-        let pose = known.and_then(|known| known.pose(machine, &sample).ok());
+        let widened = |pose: PoseUncertainty| pose.widened(self.widening);
+        let pose = known.and_then(|known| known.pose_with_length_noise(machine, &sample).ok());
         let commands_m = known
             .filter(|_| with_commands)
             .and_then(|known| known.commands(machine, &sample).ok());
-        let robot = &machine.robot;
-        let (outside, is_uncertain) = self.outside(robot, &reached.commands_m, pose.as_ref());
+        let commands_m = commands_m.map(|commands_m| {
+            let widened = commands_m.into_iter().map(|sigma| self.widening * sigma);
+            widened.collect()
+        });
+        // The noise of drives and links is the same everywhere: where the calibration reaches is a matter of the parameters.
+        let by_parameters = known.and_then(|known| known.pose(machine, &sample).ok());
+        let by_parameters = by_parameters.map(widened);
+        let (outside, is_uncertain) =
+            self.outside(&machine.robot, &reached.commands_m, by_parameters.as_ref());
         Known {
-            pose,
+            pose: pose.map(widened),
             commands_m,
             outside,
             is_uncertain,

@@ -168,6 +168,16 @@ impl Prepared {
         })
     }
 
+    /// The machine with the noise of drives and links, that which a calibration of the file estimated too.
+    pub fn noisy_machine(&self, file: &RobotFile) -> Machine {
+        let mut machine = self.machine.clone();
+        let record = file.calibration.as_ref();
+        let estimated = record.and_then(|record| record.length_noise);
+        machine.surroundings.length_noise =
+            noise_knowing(&machine.robot, file, estimated.unwrap_or(0.0));
+        machine
+    }
+
     /// Names of the scales of joints' ways that have a standard deviation.
     pub(crate) fn names_of_track_scales(&self) -> impl Iterator<Item = String> {
         let closures = self.machine.closure_instances().zip(&self.track_scales);
@@ -178,9 +188,15 @@ impl Prepared {
 
 /// Stated noise of drives and links; noise that is to be estimated is not known here.
 pub fn length_noise(robot: &Robot, file: &RobotFile) -> LengthNoise {
+    noise_knowing(robot, file, 0.0)
+}
+
+/// The same where so much was estimated.
+fn noise_knowing(robot: &Robot, file: &RobotFile, estimated: f64) -> LengthNoise {
     let known = |stated: Option<StatedNoise>| match stated {
         Some(StatedNoise::Known(sigma)) => sigma,
-        _ => 0.0,
+        Some(StatedNoise::Estimate) => estimated,
+        None => 0.0,
     };
     LengthNoise {
         commands: (0..robot.commands)

@@ -62,6 +62,11 @@ impl Kind {
         [CART_POSES, CART_POSITIONS].contains(&self.file)
     }
 
+    /// True for closures, by the noise of drives or of the links' lengths.
+    pub fn is_of_lengths(&self) -> bool {
+        [DRIVES, LINKS].contains(&self.file)
+    }
+
     /// Noise that residuals are weighed by over the stated one: more than 1 where a variant misses carts.
     pub(super) fn excess(&self) -> f64 {
         match self.stated {

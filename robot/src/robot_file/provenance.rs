@@ -41,6 +41,8 @@ pub struct Provenance {
     /// Largest standard deviation of the predicted position at these poses under the stated noise (m), three axes
     /// together; `None` in files that hold no covariance.
     pub position_sigma_m: Option<f64>,
+    /// Noise of drives or links (m or rad) that the calibration found, where it was to be estimated.
+    pub length_noise: Option<f64>,
     /// Effects of the tracker, which the machine itself does not have, such as `tracker_drift(tcp)`.
     pub tracker_effects: Vec<String>,
 }
@@ -80,6 +82,12 @@ impl Provenance {
             writeln!(
                 out,
                 "position_sigma_m = {sigma:?}  # largest that is predicted at these poses"
+            )?;
+        }
+        if let Some(sigma) = self.length_noise {
+            writeln!(
+                out,
+                "length_noise = {sigma:?}  # of drives or links, as it was estimated"
             )?;
         }
         let listed = |names: &mut dyn Iterator<Item = &String>| {
@@ -130,6 +138,7 @@ impl Document<'_> {
                 "position_m",
                 "widening",
                 "position_sigma_m",
+                "length_noise",
                 "tracker_effects",
                 "rows",
             ],
@@ -179,8 +188,12 @@ impl Document<'_> {
             }
             Some(widening)
         });
-        let position_sigma_m = (table.get("position_sigma_m"))
-            .and_then(|value| self.deviation(value, "standard deviation", SMALLEST_DEVIATION));
+        let mut deviation = |key: &str| {
+            let value = table.get(key)?;
+            self.deviation(value, "standard deviation", SMALLEST_DEVIATION)
+        };
+        let position_sigma_m = deviation("position_sigma_m");
+        let length_noise = deviation("length_noise");
         let tracker_effects = self.texts(table, "tracker_effects", "an array of effects");
         let rows = self.texts(table, "rows", "an array of fingerprints");
         Some(Provenance {
@@ -195,6 +208,7 @@ impl Document<'_> {
             position_m: position_m?,
             widening: widening?,
             position_sigma_m,
+            length_noise,
             tracker_effects,
             rows: rows.into_iter().collect(),
         })

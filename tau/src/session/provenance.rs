@@ -77,6 +77,7 @@ impl<R> Session<R> {
             position_m: (0..3).map(|k| range(&|pose| pose.position_m[k])).collect(),
             widening: 1.0,
             position_sigma_m: None,
+            length_noise: None,
             tracker_effects: tracker_effects.unwrap_or_default(),
         }
     }

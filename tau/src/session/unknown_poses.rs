@@ -161,9 +161,12 @@ impl<R> Session<R> {
             let (folder, division) = placed.folder();
             largest_sigma_m(&found.calibration, &folder, &division.calibration)
         });
+        let estimated = found.kinds.iter().map(|fit| &fit.kind);
+        let mut estimated = estimated.filter(|kind| kind.is_estimated() && kind.is_of_lengths());
         RobotFile {
             calibration: Some(Provenance {
                 poses: found.poses,
+                length_noise: estimated.next().map(|kind| kind.sigma),
                 commands_m: found.commands_m.clone(),
                 position_m: found.position_m.clone(),
                 widening: found.verdict().widening(),
