@@ -47,6 +47,100 @@ fn new_poses_are_as_far_off_as_the_file_lets_expect() {
     assert!((mean - 1.0).abs() < 0.1, "{mean} of {ratios:?}");
 }
 
+/// Poses that calibrated are less far off than their noise, by what the fit followed of it, and not farther by what is not known
+/// of the parameters: by which χ² was 0.84 of its expectation, and positions 0.85 of theirs. Eight folders scatter by a hundredth
+/// of three and a half and of two; bounds are three times as far.
+#[test]
+fn poses_that_calibrated_are_as_far_off_as_a_fit_leaves_them() {
+    let [mut squares, mut positions] = [vec![], vec![]];
+    for seed in 1..=8 {
+        let folder = tempfile::tempdir().unwrap();
+        let simulate = format!("tau simulate --out DIR/measured --seed {seed}");
+        tau_in(folder.path(), &simulate).done();
+        let with = "--variant Full --json -";
+        let line = format!("tau calibrate DIR/measured --split all --out DIR/out {with}");
+        let of_fit = tau_in(folder.path(), &line).json();
+        let found = evaluated(folder.path(), "Full", ROBOT);
+        assert_eq!(found["evaluated_on"], "calibration");
+        let ratio = |of: &Value, one: &str, other: &str| number(&of[one]) / number(&of[other]);
+        squares.push(ratio(&found["fit"], "chi2", "dof"));
+        for own in [&of_fit, &found] {
+            positions.push(ratio(&own["position_um"], "rms", "expected_rms"));
+        }
+    }
+    for (ratios, level) in [(squares, 0.1), (positions, 0.06)] {
+        let mean = ratios.iter().sum::<f64>() / ratios.len() as f64;
+        assert!((mean - 1.0).abs() < level, "{mean} of {ratios:?}");
+    }
+}
+
+/// Exact redundant drives hold the closures of new poses, whatever is not known of the parameters, since these held those of the
+/// old ones: what is left are the coordinates that were measured.
+#[test]
+fn closures_that_exact_drives_hold_are_no_degrees_of_freedom() {
+    for model in ["four_belts", "four_lines"] {
+        let folder = tempfile::tempdir().unwrap();
+        calibrated(folder.path(), &format!("--model {model} --seed 1"), "Full");
+        let found = evaluated(folder.path(), "Full", ROBOT);
+        let coordinates: f64 = (found["fit"]["by_file"].as_array().unwrap().iter())
+            .filter(|file| file["file"] != "drives")
+            .map(|file| number(&file["rows"]))
+            .sum();
+        let dof = number(&found["fit"]["dof"]);
+        assert!(
+            (dof - coordinates).abs() < 0.01 * coordinates,
+            "{model}: {dof} of {coordinates}"
+        );
+        let why = found["fit"]["why"].to_string();
+        assert!(
+            why.contains(&format!("where {dof:.0} is expected")),
+            "{why}"
+        );
+    }
+}
+
+/// Commands of drives that scatter are known no better than they scatter, and neither is the pose there.
+#[test]
+fn kinematics_knows_the_noise_of_drives() {
+    let folder = tempfile::tempdir().unwrap();
+    calibrated(
+        folder.path(),
+        "--model hexapod --noise-drives 1e-5 --seed 1",
+        "Full",
+    );
+    let path = folder.path().join("out/robot.toml");
+    let text = fs::read_to_string(&path).unwrap();
+    let (before, after) = text.split_once("[drives]").unwrap();
+    let (_, after) = after.split_once("\n[").unwrap();
+    fs::write(
+        folder.path().join("exact.toml"),
+        format!("{before}[{after}"),
+    )
+    .unwrap();
+    let sigmas = |robot: &str, key: &str| -> Vec<f64> {
+        let line = format!(
+            "tau kinematics inverse --model hexapod --variant Full --robot DIR/{robot} --pose 0.02,0.01,0.6,0.1,0.1,0.1 --json -"
+        );
+        let found = tau_in(folder.path(), &line).json();
+        let all = found["poses"][0][key].as_array().unwrap();
+        all.iter().map(number).collect()
+    };
+    let added = |key: &str| -> Vec<f64> {
+        let pairs = sigmas("out/robot.toml", key)
+            .into_iter()
+            .zip(sigmas("exact.toml", key));
+        pairs
+            .map(|(with, without)| (with * with - without * without).sqrt())
+            .collect()
+    };
+    for own in added("commands_sigma_m") {
+        assert!((own / 1e-5 - 1.0).abs() < 1e-6, "{own}");
+    }
+    for own in added("position_sigma_m") {
+        assert!(own > 2e-6, "{own}");
+    }
+}
+
 /// Drives that scatter by three times the noise of the tracker carry the plate off by as much as evaluations say; without
 /// them 22 µm would be expected where 80 are measured.
 #[test]

@@ -61,13 +61,12 @@ pub(super) fn run(
     let calibrated: Vec<usize> = (found.weighing)
         .taking_part(&poses.division.calibration)
         .collect();
-    let validation = &poses.division.validation;
     let is_held_out = poses.division.is_disjoint();
     // The judgement on the fit, and what it predicts, take about as long.
     let (verdict, (result, validation_outliers, file)) = rayon::join(
         || session.verdict(&found),
         || {
-            let result = study::result(&found, folder, validation);
+            let result = study::result(&found, folder, &poses.division);
             let file = session.calibrated_file(&found, &calibrated, 1.0, &stamp());
             (result, session.validation_outliers(&found), file)
         },
@@ -114,7 +113,7 @@ pub(super) fn run(
         let architecture = session.robot().architecture();
         summary += &report::terminal::variant(&result, is_held_out, architecture, width);
         if let Some(fitted) = &comparison {
-            let closure = study::result(&fitted.closure_fit, folder, validation)?;
+            let closure = study::result(&fitted.closure_fit, folder, &poses.division)?;
             summary += &report::errors_in_variables::terminal(fitted, &result, &closure);
             statistics["errors_in_variables"] =
                 report::errors_in_variables::json(fitted, &result, &closure);

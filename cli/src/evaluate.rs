@@ -33,11 +33,9 @@ pub(super) fn run(
     let (poses, basis) = unseen.map_err(|error| explained(error.into()))?;
     let counts = session.counts_of(&poses, basis)?;
     let machine = session.machine(variant)?;
-    let uncertainty = session.uncertainty(variant)?;
-    let known = uncertainty.as_ref();
-    let known = known.map(|known| (known, session.robot_file().noise));
+    let expected = session.expected(variant, &poses).map_err(explained)?;
     let widening = session.robot_file().widening();
-    let found = evaluate_knowing(&machine, known, session.folder(), &poses);
+    let found = evaluate_knowing(&machine, expected.as_ref(), session.folder(), &poses);
     let found = found.map_err(explained)?;
     // Where other measurements or redundant drives say something of the poses, they are judged together.
     let verdict = if session.has_unknown_poses() {

@@ -9,9 +9,9 @@ use tau_robot::robot::Arm;
 use tau_robot::robot_file::Noise;
 
 use crate::calibration::{Combination, Error, LinkResult, ParameterEstimate};
+use crate::expected::Expected;
 use crate::numerics::parallel;
 use crate::trust::Verdict;
-use crate::uncertainty::{PoseUncertainty, Uncertainty};
 use crate::unknown_poses::HeldErrors;
 use crate::weighing::Outlier;
 
@@ -69,24 +69,24 @@ impl PoseError {
 }
 
 impl ErrorSigma {
-    /// Motions that the plate lacks are neither predicted nor measured.
-    fn new(predicted: &PoseUncertainty, noise: Noise, machine: &Machine) -> Self {
+    /// Of translation and rotation vector, by the noise of the measurement and variances (m², rad²) that a fit to the pose may
+    /// have lessened: to first order by more than there was. Motions that the plate lacks are neither predicted nor measured.
+    pub(crate) fn new(beside: [f64; 6], noise: Noise, machine: &Machine) -> Self {
         let free = machine.pose_unknowns();
-        let with = |sigmas: [f64; 3], noise: f64, first: usize| {
+        let with = |noise: f64, first: usize| {
             [0, 1, 2].map(|axis| {
                 let is_free = free.contains(&(first + axis));
                 if is_free {
-                    sigmas[axis].hypot(noise)
+                    (noise * noise + beside[first + axis]).max(0.0).sqrt()
                 } else {
                     0.0
                 }
             })
         };
-        let position_m = with(predicted.position_m(), noise.position_m, 0);
+        let position_m = with(noise.position_m, 0);
         Self {
             position_um: position_m.map(|sigma| 1e6 * sigma),
-            orientation_rad: (machine.turns())
-                .then(|| with(predicted.rotation_rad(), noise.rotation_rad, 3)),
+            orientation_rad: (machine.turns()).then(|| with(noise.rotation_rad, 3)),
         }
     }
 
@@ -226,14 +226,13 @@ pub fn evaluate(machine: &Machine, folder: &Folder, poses: &[usize]) -> Result<E
     evaluate_knowing(machine, None, folder, poses)
 }
 
-/// The same with the standard deviation to be expected of each error, from what is known of the parameters and the
-/// stated noise of the measurement.
+/// The same with the standard deviation to be expected of each error.
 ///
 /// # Errors
 /// As [`evaluate`].
 pub fn evaluate_knowing(
     machine: &Machine,
-    known: Option<(&Uncertainty, Noise)>,
+    expected: Option<&Expected>,
     folder: &Folder,
     poses: &[usize],
 ) -> Result<Evaluation, Error> {
@@ -262,11 +261,8 @@ pub fn evaluate_knowing(
         let sample = Sample::from(measured);
         let fail = |error| (measured.pose, machine.explained(error, &sample));
         let predicted = reached.map_err(fail)?.pose;
-        let sigma = known.map(|(uncertainty, noise)| {
-            let sample = sample.at(predicted);
-            let of_pose = uncertainty.pose_with_length_noise(machine, &sample)?;
-            Ok(ErrorSigma::new(&of_pose, noise, machine))
-        });
+        let of = |own: &Expected| own.of(machine, measured.pose, &sample.at(predicted));
+        let sigma = expected.map(of);
         let sigma = sigma.transpose().map_err(fail)?;
         let position = predicted.position_m();
         let orientation = sample.pose.turn_to(&predicted.rotation).into();

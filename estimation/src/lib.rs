@@ -4,6 +4,7 @@
 pub mod assumptions;
 pub mod calibration;
 pub mod evaluation;
+pub mod expected;
 mod implicit;
 pub mod joint;
 pub mod numerics;

@@ -2,7 +2,7 @@
 //! this workspace are left out.
 
 pub use nalgebra;
-pub use tau_estimation::{Setup, assumptions, evaluation, sensitivity, uncertainty};
+pub use tau_estimation::{Setup, assumptions, evaluation, expected, sensitivity, uncertainty};
 pub use tau_robot::{InputError, Robot, prototype, robot};
 
 pub use calibration::Error;

@@ -1,4 +1,7 @@
-//! The verdict on predictions: of poses that took no part in a calibration, with its parameters.
+//! The verdict on predictions: of poses at known parameters, those of a calibration in which they took no part or, as
+//! residuals of that fit, [in which they did](crate::expected).
+
+use std::collections::BTreeSet;
 
 use nalgebra::DMatrix;
 use tau_kinematics::Machine;
@@ -7,7 +10,8 @@ use tau_robot::measurements::{Division, Folder};
 use tau_robot::robot_file::{Noise, RobotFile};
 
 use crate::calibration::{Calibration, Error, Prepared};
-use crate::joint::Joint;
+use crate::expected::{best, left};
+use crate::joint::{Component, Joint};
 use crate::numerics::grouped::Grouped;
 use crate::numerics::spread::spread;
 use crate::samples::Sample;
@@ -23,7 +27,8 @@ use crate::trust::{numbering, words};
 use crate::uncertainty::Uncertainty;
 use crate::weighing::{Deleted, MOST_POSES, Outlier, Treatment, Weighing, weigh};
 
-/// The verdict on the prediction of the poses that validate, with the parameters of a robot file.
+/// The verdict on the prediction of the poses that validate, with the parameters of a robot file. Those of them that are among
+/// the poses that calibrate are taken for poses that calibrated the file.
 ///
 /// Where the file holds the covariance of calibrated parameters, residuals are judged against the noise and against what
 /// such parameters may do to them; where others, within the tolerances about them, bring residuals to the noise, the machine
@@ -60,11 +65,12 @@ pub fn of_prediction(
     let noise = all.file.noise;
     let prepared = as_stated(&all)?;
     let known = (file.covariance.as_ref()).and_then(|_| Uncertainty::of_prepared(&prepared, file));
+    let fitted = numbers(folder, &division.calibration);
     let weighing = match &known {
         None => weigh(&prepared, &machine.values, &samples, noise, treatment)?,
         Some(known) => {
             let of = (prepared, samples.as_slice(), noise);
-            weigh_predicted(known, of, &machine.values, treatment)?
+            weigh_predicted((known, &fitted), of, &machine.values, treatment)?
         }
     };
     let kept: Vec<usize> = (0..samples.len())
@@ -78,7 +84,19 @@ pub fn of_prediction(
         let judged = tried::judged(&case, &prepared, &machine.values, 0)?;
         let mut verdict = measured(&case, &judged, vec![]);
         verdict.know(&weighing, folder.poses_file());
-        let misfit = predicted(judged, &known, &case.samples());
+        let samples = case.samples();
+        let is_fitted = |sample: &&Sample| fitted.contains(&sample.number);
+        let own: Vec<Sample> = samples.iter().filter(is_fitted).cloned().collect();
+        let best = match own.is_empty() {
+            true => None,
+            false => best(&prepared, &own, case.file.noise)?,
+        };
+        let of = Parameters {
+            known: &known,
+            best: best.as_ref().unwrap_or(&known),
+            fitted: &fitted,
+        };
+        let misfit = predicted(judged, &of, &samples);
         verdict.chi2 = misfit.chi2;
         verdict.dof = misfit.dof;
         verdict.residual_over_noise = misfit.ratio();
@@ -149,7 +167,23 @@ pub fn outliers_of_validation(
     };
     let samples = case.samples();
     let of = (case.prepared()?, samples.as_slice(), case.file.noise);
-    Ok(weigh_predicted(&known, of, &machine.values, Treatment::default())?.outliers)
+    let fitted = numbers(folder, &division.calibration);
+    let known = (&known, &fitted);
+    Ok(weigh_predicted(known, of, &machine.values, Treatment::default())?.outliers)
+}
+
+/// What is known of parameters, and the numbers of the poses that calibrated them.
+struct Parameters<'a> {
+    known: &'a Uncertainty,
+    /// By the best fit to the latter.
+    best: &'a Uncertainty,
+    fitted: &'a BTreeSet<u32>,
+}
+
+/// Numbers of poses that are given by index.
+fn numbers(folder: &Folder, poses: &[usize]) -> BTreeSet<u32> {
+    let poses = poses.iter().filter_map(|&pose| folder.tcp_poses.get(pose));
+    poses.map(|pose| pose.pose).collect()
 }
 
 /// A case with the paths of piecewise tracks that its robot file holds, to which the file's rotations refer.
@@ -160,9 +194,10 @@ fn as_stated(case: &Case<'_>) -> Result<Prepared, InputError> {
 }
 
 /// Weighs poses by their closures at some values of the variant, in the noise and in what is not known of the values:
-/// `rᵀ(1 + J·C·Jᵀ)⁻¹r`.
+/// `rᵀ(1 + J·C·Jᵀ)⁻¹r`. Poses that calibrated are weighed in the noise, which a fit leaves less of: one that it left out as an
+/// outlier is not told from those that it followed.
 fn weigh_predicted(
-    known: &Uncertainty,
+    (known, fitted): (&Uncertainty, &BTreeSet<u32>),
     (prepared, samples, noise): (Prepared, &[Sample], Noise),
     values: &[f64],
     treatment: Treatment,
@@ -172,7 +207,10 @@ fn weigh_predicted(
     let each = joint.rows.len() / samples.len().max(1);
     let factors = joint.factors(&[1.0; 4], &vec![1.0; samples.len()]);
     let linear = joint.linearize(&joint.fitted(values), &factors);
-    let spread = spread_of(known, &joint, &linear.jacobian, samples);
+    let mut spread = spread_of(known, &joint, &linear.jacobian, samples);
+    hold(&mut spread, known, &joint, |sample| {
+        fitted.contains(&samples[sample].number)
+    });
     let of_sample = |sample: usize| {
         let rows = spread.rows(sample * each, each);
         let covariance = DMatrix::identity(each, each) + rows * rows.transpose();
@@ -190,27 +228,72 @@ fn weigh_predicted(
 
 /// χ² of residuals at known values under the noise and what is not known of the values: with S = J·F for their covariance
 /// F·Fᵀ, `rᵀ(1 + S·Sᵀ)⁻¹r = ‖r − S·z‖² + ‖z‖²`, where `(1 + Sᵀ·S)·z = Sᵀ·r`.
-fn predicted(judged: Judged, known: &Uncertainty, samples: &[Sample]) -> Misfit {
+///
+/// Residuals of poses that calibrated are no errors of parameters, by which their rows of S are zero: what the fit did to
+/// their covariance D goes into the expectation, which is `tr[(1 + S·Sᵀ)⁻¹(1 + S·Sᵀ + D)]`. Residuals of both sorts are not
+/// correlated, since those of the best fit are not with its parameters.
+fn predicted(judged: Judged, of: &Parameters<'_>, samples: &[Sample]) -> Misfit {
     let descent = judged.into_descent();
     let joint = descent.joint;
+    let jacobian = descent.normal.jacobian();
     let rows = joint.rows.len();
     let residuals = descent.residuals.rows(0, rows).into_owned();
-    let spread = spread_of(known, &joint, descent.normal.jacobian(), samples);
-    let spread = spread.rows(0, rows);
+    let is_fitted = |sample: usize| of.fitted.contains(&samples[sample].number);
+    let spread = spread_of(of.known, &joint, jacobian, samples);
+    let mut spread = spread.rows(0, rows).into_owned();
+    let by_parameters = hold(&mut spread, of.known, &joint, is_fitted);
     let columns = spread.ncols();
     let gram = DMatrix::identity(columns, columns) + spread.tr_mul(&spread);
     let along = spread.tr_mul(&residuals);
     // The matrix is no smaller than one: it has a factor unless numbers are not finite.
-    let moved = gram
-        .cholesky()
-        .map_or_else(|| along.scale(0.0), |gram| gram.solve(&along));
-    let left = residuals - spread * &moved;
-    let (chi2, rows) = joint.counted(left.as_slice());
+    let gram = gram.cholesky();
+    let moved = (gram.as_ref()).map_or_else(|| along.scale(0.0), |gram| gram.solve(&along));
+    let rest = residuals - &spread * &moved;
+    let (chi2, counted) = joint.counted(rest.as_slice());
+    let mut absorbed = 0.0;
+    if samples.iter().any(|own| of.fitted.contains(&own.number)) {
+        let best = spread_of(of.best, &joint, jacobian, samples);
+        let mut best = best.rows(0, rows).into_owned();
+        let by_best = hold(&mut best, of.best, &joint, is_fitted);
+        // The trace of (1 + S·Sᵀ)⁻¹·X·Xᵀ, of the rows that count.
+        let trace = |mut x: DMatrix<f64>| {
+            for (index, row) in joint.rows.iter().enumerate() {
+                if counted < rows && row.component == Component::Exact {
+                    x.row_mut(index).fill(0.0);
+                }
+            }
+            let along = spread.tr_mul(&x);
+            let shared = gram
+                .as_ref()
+                .map_or(0.0, |gram| along.dot(&gram.solve(&along)));
+            x.norm_squared() - shared
+        };
+        absorbed = -left(trace(by_best), trace(by_parameters));
+    }
     Misfit {
         chi2: chi2 + moved.norm_squared(),
-        dof: rows as f64,
-        rows,
+        dof: (counted as f64 - absorbed).max(1.0),
+        rows: counted,
     }
+}
+
+/// Takes what is not known of parameters out of the rows of some samples, and returns it.
+fn hold(
+    spread: &mut DMatrix<f64>,
+    known: &Uncertainty,
+    joint: &Joint,
+    is_held: impl Fn(usize) -> bool,
+) -> DMatrix<f64> {
+    let columns = known.columns();
+    let mut held = DMatrix::zeros(joint.rows.len(), columns);
+    for (index, row) in joint.rows.iter().enumerate() {
+        if is_held(row.sample) {
+            let mut own = spread.view_mut((index, 0), (1, columns));
+            held.row_mut(index).copy_from(&own);
+            own.fill(0.0);
+        }
+    }
+    held
 }
 
 /// What is not known of the machine in each row of a fit, in as many columns as the factor of its covariance has.

@@ -134,9 +134,14 @@ impl RowDivision {
             return JudgedRows {
                 poses: self.validation.clone(),
                 distances: self.held_out_distances.clone(),
+                are_fitted: self.held_out_distances.is_subset(&self.distances),
             };
         }
-        JudgedRows { poses, distances }
+        JudgedRows {
+            poses,
+            distances,
+            are_fitted: false,
+        }
     }
 
     /// True if no row both calibrates and validates.

@@ -15,6 +15,7 @@ use std::marker::PhantomData;
 use tau_estimation::Setup;
 use tau_estimation::calibration::{self, Error, Prepared};
 use tau_estimation::evaluation::{self, Evaluation};
+use tau_estimation::expected::Expected;
 use tau_estimation::sensitivity::{self, Sensitivity};
 use tau_estimation::uncertainty::Uncertainty;
 use tau_estimation::unknown_poses::errors_in_variables::{self, ErrorsInVariables};
@@ -268,6 +269,38 @@ impl<R> Session<R> {
         let (robot, file) = (&self.robot, &self.robot_file);
         let prepared = Prepared::from_file(robot, variant, file, Some(&self.folder), &poses)?;
         Ok(Uncertainty::of_prepared(&prepared, file))
+    }
+
+    /// Errors that are to be expected of [`Self::machine`] under the stated noise, of poses by index: of those on which the
+    /// robot file was calibrated, as residuals of that fit. `None` where no [uncertainty](Self::uncertainty) is known.
+    ///
+    /// # Errors
+    /// As [`Self::machine`]; data that closures take are missing.
+    pub fn expected(
+        &self,
+        variant: impl VariantKey<R>,
+        poses: &[usize],
+    ) -> Result<Option<Expected>, Error> {
+        let variant = variant.variant_of(&self.robot)?;
+        let (robot, file) = (&self.robot, &self.robot_file);
+        let prepared = Prepared::from_file(
+            robot,
+            variant,
+            file,
+            Some(&self.folder),
+            &self.poses()?.division.calibration,
+        )?;
+        let known = Uncertainty::of_prepared(&prepared, file);
+        let Some(expected) = known.map(|known| Expected::new(known, file.noise)) else {
+            return Ok(None);
+        };
+        let fitted = self.calibrated();
+        if !poses.iter().any(|pose| fitted.contains(pose)) {
+            return Ok(Some(expected));
+        }
+        expected
+            .of_fitted(&prepared, &self.folder, &fitted)
+            .map(Some)
     }
 
     /// A variant with the session's robot file and folder.

@@ -135,6 +135,14 @@ impl<R> Session<R> {
         })
     }
 
+    /// Poses of this folder, by index, that calibrated the robot file.
+    pub(super) fn calibrated(&self) -> Vec<usize> {
+        let known = self.calibrated_rows().unwrap_or_default().calibration;
+        let poses = self.folder.tcp_poses.iter().enumerate();
+        let own = poses.filter(|(_, pose)| known.contains(&pose.pose));
+        own.map(|(index, _)| index).collect()
+    }
+
     /// Poses, by index, without those that calibrated the robot file.
     fn without_calibrated(&self, poses: &[usize]) -> Vec<usize> {
         let known = self.calibrated_rows().unwrap_or_default().calibration;
@@ -249,6 +257,7 @@ impl<R> Session<R> {
             (None, None) => held_out(self.split),
             (None, Some(_)) => held_out(Split::All),
         };
+        let mut are_fitted = false;
         let basis = match record {
             None if asked.unwrap_or(self.split) == Split::All => Basis::NewFolder,
             None => Basis::Split,
@@ -264,7 +273,11 @@ impl<R> Session<R> {
                 let is_known = |line| unseen.distances.contains(line);
                 let overlaps =
                     judged.poses.iter().any(is_seen) || judged.distances.iter().any(is_known);
-                JudgedRows { poses, distances } = judged;
+                JudgedRows {
+                    poses,
+                    distances,
+                    are_fitted,
+                } = judged;
                 if unseen.calibration.is_empty() && unseen.distances.is_empty() {
                     Basis::NewFolder
                 } else if overlaps {
@@ -279,7 +292,12 @@ impl<R> Session<R> {
             return Err(InputError::whole(&self.folder.name, message)
                 .help("let fewer of them calibrate with `--split`, or measure more"));
         }
-        Ok((JudgedRows { poses, distances }, basis))
+        let judged = JudgedRows {
+            poses,
+            distances,
+            are_fitted,
+        };
+        Ok((judged, basis))
     }
 }
 

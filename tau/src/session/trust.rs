@@ -55,9 +55,9 @@ impl<R> Session<R> {
         trust::outliers_of_validation(calibration, &self.robot_file, &self.folder, division)
     }
 
-    /// The verdict on a prediction: poses, by index, that took no part in any calibration, as a
-    /// [machine as given](Self::machine) predicts them, against noise and the standard deviations or tolerances of the
-    /// robot file. They are those that validate, or those that are [unseen](Self::unseen).
+    /// The verdict on a prediction: poses, by index, as a [machine as given](Self::machine) predicts them, against noise and
+    /// the standard deviations or tolerances of the robot file. They are those that validate, or those that are
+    /// [unseen](Self::unseen); poses on which the file was calibrated are judged as residuals of that fit.
     ///
     /// # Errors
     /// As [`Self::verdict`].
@@ -66,8 +66,10 @@ impl<R> Session<R> {
         machine: &Machine,
         poses: Vec<usize>,
     ) -> Result<Verdict, Error> {
+        // Mistakes in the poses are reported here.
+        self.poses()?;
         let division = Division {
-            calibration: self.poses()?.division.calibration,
+            calibration: self.calibrated(),
             validation: poses,
         };
         trust::of_prediction(

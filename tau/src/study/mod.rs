@@ -5,8 +5,9 @@ mod unknown_poses;
 
 use tau_discovery as discovery;
 use tau_estimation::assumptions;
-use tau_estimation::calibration::{Calibration, Error, calibrate};
+use tau_estimation::calibration::{Calibration, Error, Prepared, calibrate};
 use tau_estimation::evaluation::{VariantResult, evaluate_knowing};
+use tau_estimation::expected::Expected;
 use tau_estimation::numerics::order::extent;
 use tau_estimation::numerics::parallel;
 use tau_estimation::sensitivity;
@@ -14,7 +15,7 @@ use tau_estimation::trust::{self, of_calibration_knowing};
 use tau_estimation::uncertainty::Uncertainty;
 use tau_estimation::weighing::Treatment;
 use tau_kinematics::{Layout, Pose};
-use tau_robot::measurements::{Folder, Poses};
+use tau_robot::measurements::{Division, Folder, Poses};
 use tau_robot::robot::{Arm, Owner, ResidualKind, Robot, TrackShape, Variant};
 
 use crate::session::Session;
@@ -80,12 +81,12 @@ pub fn run<R>(
         parallel::map(&variants, |variant| -> Result<_, Error> {
             if let Some(rows) = &rows {
                 let (found, of_rows, held) = unknown_poses::of_variant(session, variant, rows)?;
-                let mut result = result(&found.calibration, folder, &division.validation)?;
+                let mut result = result(&found.calibration, folder, &division)?;
                 result.links = of_rows.links;
                 return Ok((found.calibration.clone(), result, Some((found, held))));
             }
             let calibration = calibrate(session.setup(variant), poses, &session.options())?;
-            let mut found = result(&calibration, folder, &division.validation)?;
+            let mut found = result(&calibration, folder, &division)?;
             found.validation_outliers = session.validation_outliers_of(&calibration, &division)?;
             Ok((calibration, found, None))
         })
@@ -245,18 +246,32 @@ fn chosen_variants<'a>(
     chosen
 }
 
-/// One calibrated variant, evaluated on the validation poses.
+/// One calibrated variant, evaluated on the validation poses of a division by which it was calibrated.
 ///
 /// # Errors
 /// No pose can be predicted.
 pub fn result(
     calibration: &Calibration,
     folder: &Folder,
-    validation: &[usize],
+    division: &Division,
 ) -> Result<VariantResult, Error> {
+    let (machine, file) = (&calibration.machine, &calibration.file);
     let known = Uncertainty::of_calibration(calibration);
-    let known = known.as_ref().map(|known| (known, calibration.file.noise));
-    let evaluation = evaluate_knowing(&calibration.machine, known, folder, validation)?;
+    let mut expected = known.map(|known| Expected::new(known, file.noise));
+    if !division.is_disjoint() {
+        let (robot, variant) = (&machine.robot, &machine.variant);
+        // Where poses are unknown, none of them has a weight.
+        let weight = |index: usize| calibration.weighing.fit.get(index).copied();
+        let fitted: Vec<usize> = (division.calibration.iter().enumerate())
+            .filter(|(index, _)| weight(*index).is_none_or(|weight| weight > 0.0))
+            .map(|(_, &pose)| pose)
+            .collect();
+        let prepared = Prepared::from_file(robot, variant, file, Some(folder), &fitted)?;
+        let of_fitted = |own: Expected| own.of_fitted(&prepared, folder, &fitted);
+        expected = expected.map(of_fitted).transpose()?;
+    }
+    let validation = &division.validation;
+    let evaluation = evaluate_knowing(machine, expected.as_ref(), folder, validation)?;
     Ok(VariantResult {
         name: calibration.machine.variant.name.clone(),
         arm: calibration.machine.variant.arm,

@@ -4,6 +4,9 @@
 //! I + A·F·Fᵀ·Aᵀ: noise, and what is not known of the parameters. Their sum of squares under that is the least of
 //! ‖r + A·F·u‖² + ‖u‖² (the innovation of sequential estimation), so that χ² falls into what no parameters take away and what
 //! parameters do that are off those of the file.
+//!
+//! Residuals of the rows that calibrated the parameters are those of that fit: they scatter by I − A·F·Fᵀ·Aᵀ, which makes their
+//! sum of squares what it is without a change of the parameters.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -30,6 +33,8 @@ pub(in super::super) struct Known {
     columns: usize,
     /// Columns that have a prior.
     has_prior: Vec<bool>,
+    /// True if the rows are those that calibrated the parameters.
+    are_fitted: bool,
 }
 
 /// Sum of squares and its expectation.
@@ -55,8 +60,8 @@ pub(in super::super) struct Found {
     pub(super) free: DMatrix<f64>,
     /// Covariance of objects with held parameters.
     pub(super) followed: DMatrix<f64>,
-    /// The same less what the parameters' covariance gives residuals: with it, the share by which residuals are smaller than
-    /// their noise.
+    /// The same less what the parameters' covariance gives residuals, or with what a fit took of them: with it, the share by
+    /// which residuals are smaller than their noise.
     pub(super) held: DMatrix<f64>,
     /// The shared unknowns as these measurements would have them, with what is known.
     pub(super) after: Moved,
@@ -69,7 +74,11 @@ pub(in super::super) struct Found {
 
 impl Known {
     /// Parameters of which nothing is known are taken for exact.
-    pub(super) fn new(fit: &Fit<'_>, of_parameters: Option<&Uncertainty>) -> Self {
+    pub(super) fn new(
+        fit: &Fit<'_>,
+        of_parameters: Option<&Uncertainty>,
+        are_fitted: bool,
+    ) -> Self {
         let used = &fit.used;
         let factor = of_parameters.map_or_else(
             || DMatrix::zeros(used.len(), 0),
@@ -91,6 +100,7 @@ impl Known {
             spread,
             columns,
             has_prior: vec![true; columns].into_iter().chain(of_objects).collect(),
+            are_fitted,
         }
     }
 
@@ -101,6 +111,7 @@ impl Known {
             spread: factor,
             columns,
             has_prior: vec![true; columns],
+            are_fitted: false,
         }
     }
 
@@ -137,7 +148,6 @@ impl Known {
     /// From residuals about values at which poses and objects follow the measurements.
     pub(super) fn found(&self, fit: &Fit<'_>, values: &[f64], reduced: &Reduced) -> Found {
         let used = fit.used.len();
-        let with_all = self.system(fit, values, reduced, 0).solved();
         let of_objects = self.system(fit, values, reduced, self.columns).solved();
         let mut free = self.system(fit, values, reduced, 0);
         free.without_priors_of(self.columns);
@@ -155,7 +165,23 @@ impl Known {
             change: &self.spread * &solved.solution,
             covariance: &self.spread * &solved.covariance * self.spread.transpose(),
         };
-        let (after, free_after) = (of(&with_all), of(&free));
+        let free_after = of(&free);
+        let by_parameters = &moved * moved.transpose();
+        // A fit has moved the parameters already: to where they are, which is known as well as the file says.
+        let (all, after) = if self.are_fitted {
+            let Sum { squares, degrees } = of_objects.sum;
+            let absorbed = factor.dot(&(&normal * &moved));
+            let all = Sum {
+                squares,
+                degrees: degrees - absorbed,
+            };
+            let change = objects * &of_objects.solution;
+            let covariance = &held + &by_parameters;
+            (all, Moved { change, covariance })
+        } else {
+            let with_all = self.system(fit, values, reduced, 0).solved();
+            (with_all.sum, of(&with_all))
+        };
 
         let width = fit.shared();
         let left = reduced.projected.rows(0, width) + &reduced.triangle * &after.change;
@@ -177,10 +203,14 @@ impl Known {
             is_seen.then(|| (-slope[k] / curvature, slope[k].powi(2) / curvature))
         });
         Found {
-            all: with_all.sum,
+            all,
             rest: free.sum,
             free: free_after.covariance,
-            held: &held - &moved * moved.transpose(),
+            held: if self.are_fitted {
+                &held + by_parameters
+            } else {
+                &held - by_parameters
+            },
             followed: held,
             after,
             objects: of_objects.rank - of_objects.priors,

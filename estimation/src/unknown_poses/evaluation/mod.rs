@@ -43,6 +43,8 @@ pub struct JudgedRows {
     pub poses: BTreeSet<u32>,
     /// Lines of `distances.csv` that are.
     pub distances: BTreeSet<usize>,
+    /// True if all of them calibrated the parameters, so that what is left is the residuals of that fit.
+    pub are_fitted: bool,
 }
 
 impl JudgedRows {
@@ -168,6 +170,8 @@ pub struct HeldErrors {
     pub links: Vec<String>,
     /// True if the file says how well its parameters are known; otherwise they count as exact.
     pub knows_parameters: bool,
+    /// True if the rows calibrated them.
+    pub are_fitted: bool,
     /// Verdict on a fit within the tolerances, where parameters are those of a drawing: over tolerances that are many times the
     /// noise, residuals are not linear.
     pub within_tolerances: Option<Verdict>,
@@ -219,7 +223,7 @@ fn evaluated(
     fit.refuse_units(&fit.elimination(&fit.start).reduce())?;
     fit.refuse_treatment(options.treatment)?;
     let mistakes = fit.exchanged_distances();
-    let known = Known::new(&fit, of_parameters.as_ref());
+    let known = Known::new(&fit, of_parameters.as_ref(), rows.are_fitted);
     let is_known = fit.take_noise_of_calibration(options)?;
     let is_estimated = !is_known && fit.assembly.kinds.iter().any(Kind::is_estimated);
     let takes = Follows {
@@ -254,6 +258,7 @@ fn evaluated(
             .map(|closure| prepared.machine.closure_name(closure).to_owned())
             .collect(),
         knows_parameters: of_parameters.is_some(),
+        are_fitted: rows.are_fitted,
         within_tolerances: None,
         all: found.all,
         rest: found.rest,
@@ -312,12 +317,12 @@ impl Fit<'_> {
     }
 
     /// True if drives are more than the freedoms of the plate.
-    fn is_redundant(&self) -> bool {
+    pub(super) fn is_redundant(&self) -> bool {
         self.blocks[0].kinds.len() > self.assembly.free.len()
     }
 
     /// True if exact drives contradict each other: redundant closures are further off than what stands for their noise.
-    fn misses_exact(&self, reduced: &Reduced) -> bool {
+    pub(super) fn misses_exact(&self, reduced: &Reduced) -> bool {
         let (kinds, residuals) = (&self.blocks[0].kinds, &reduced.residuals[0]);
         let squares: f64 = residuals.iter().map(|residual| residual * residual).sum();
         self.is_redundant()
