@@ -485,6 +485,29 @@ impl<'a> Elimination<'a> {
         })
     }
 
+    /// What rows of some kinds say of the shared unknowns, poses eliminated.
+    pub(super) fn information_of(&self, is_asked: impl Fn(&Kind) -> bool + Sync) -> DMatrix<f64> {
+        let width = self.shared.len();
+        let parts = self.of_chunks(|clusters, dense| {
+            let mut information = DMatrix::zeros(width, width);
+            for cluster in clusters {
+                self.fill(cluster, dense);
+                let height = dense.rows.len();
+                let is_asked =
+                    |row: &RowIndex| is_asked(&self.kinds[self.blocks[row.0].kinds[row.2]]);
+                let asked: Vec<usize> = (0..height)
+                    .filter(|&at| is_asked(&dense.rows[at]))
+                    .collect();
+                let own = DMatrix::from_fn(asked.len(), width, |row, column| {
+                    dense.columns[column * height + asked[row]]
+                });
+                information += own.tr_mul(&own);
+            }
+            information
+        });
+        (parts.into_iter()).fold(DMatrix::zeros(width, width), |sum, part| sum + part)
+    }
+
     /// Share of each residual that the fit absorbs, by rows and samples; `covariance` is that of the shared unknowns.
     pub(super) fn leverages(&self, covariance: &DMatrix<f64>) -> Vec<Vec<f64>> {
         let parts = self.of_chunks(|clusters, dense| {

@@ -7,7 +7,7 @@ use tau_robot::robot_file::{RobotFile, Value};
 use tau_solver::Problem;
 
 use super::fit::Fit;
-use super::{KindFit, ObjectEstimate, Rank, Settled, UnknownPoses, heldout, quantity};
+use super::{Kind, KindFit, ObjectEstimate, Rank, Settled, UnknownPoses, heldout, quantity};
 use crate::calibration::{self, Calibration, Combination, Error, Fitted, combinations};
 use crate::numerics::order::extent;
 use crate::numerics::{number, triangle};
@@ -31,6 +31,7 @@ impl Fit<'_> {
         let shared = self.shared();
         let variance = self.loss_variance(reduced, leverages);
         let covariance = self.covariance(&reduced.triangle, variance);
+        let covariance = self.without_allowance(settled, variance, covariance);
         let second_order = self.second_order(values, &reduced.triangle, variance);
         let sigmas: Vec<f64> = (covariance.diagonal() + &second_order)
             .map(f64::sqrt)
@@ -97,6 +98,39 @@ impl Fit<'_> {
                 })
                 .collect(),
         })
+    }
+
+    /// The covariance without what stands for the noise of exact drives: closures have none, so parameters do not miss by it
+    /// those of other poses either. With F·Fᵀ the covariance and N the information of these rows, their noise is F·G·Fᵀ of it,
+    /// G = Fᵀ·N·F. Where the drives are no more than the plate's freedoms, poses follow them, and they say nothing; where they
+    /// contradict each other, what stands for noise is some.
+    fn without_allowance(
+        &self,
+        Settled {
+            solution, reduced, ..
+        }: &Settled,
+        variance: f64,
+        covariance: DMatrix<f64>,
+    ) -> DMatrix<f64> {
+        let are_exact = self.assembly.kinds.iter().any(Kind::is_exact);
+        if !are_exact || !self.is_redundant() || self.misses_exact(reduced) {
+            return covariance;
+        }
+        let factor = self.spread(&reduced.triangle, variance, |_, _| true);
+        let elimination = self.elimination(&solution.parameters);
+        let information = elimination.information_of(Kind::is_exact);
+        let share = factor.tr_mul(&(information * &factor)).symmetric_eigen();
+        let mut left = factor * share.eigenvectors;
+        for (mut column, share) in left.column_iter_mut().zip(&share.eigenvalues) {
+            column *= (1.0 - share).max(0.0).sqrt();
+        }
+        let mut found = &left * left.transpose();
+        for (index, variance) in covariance.diagonal().iter().enumerate() {
+            if variance.is_infinite() {
+                found[(index, index)] = *variance;
+            }
+        }
+        found
     }
 
     /// Parameters of the variant as described: carts beside the plate have more. Of all shared unknowns, the covariance and

@@ -66,26 +66,22 @@ impl HeldErrors {
         };
         let why = &mut verdict.why;
         let ratio = general(verdict.residual_over_noise, 3);
-        let known = if self.knows_parameters {
-            "noise and what is not known of the parameters make"
-        } else {
-            "noise makes"
+        let known = match (self.knows_parameters, self.are_fitted) {
+            (false, _) => "noise makes",
+            (true, false) => "noise and what is not known of the parameters make",
+            (true, true) => "noise leaves in a fit to",
         };
-        if is_misfit || has_moved {
+        let chance = if is_misfit || has_moved {
             verdict.status = Status::Inconsistent;
-            why.push(format!(
-                "With the parameters held, residuals are {ratio} times what {known} them (χ² {} where {} is \
-                 expected).",
-                general(self.all.squares, 4),
-                general(self.all.degrees, 4)
-            ));
+            ""
         } else {
-            why.push(format!(
-                "With the parameters held, residuals are {ratio} times what {known} them, as chance allows: {} \
-                 of them are beyond what poses and places follow.",
-                self.rows - self.spent - self.placed
-            ));
-        }
+            ", as chance allows"
+        };
+        why.push(format!(
+            "With the parameters held, residuals are {ratio} times what {known} them{chance} (χ² {} where {} is expected).",
+            general(self.all.squares, 4),
+            general(self.all.degrees, 4)
+        ));
         if has_moved {
             why.push(words::changed(squares, degrees));
             let beyond = squares - degrees;
