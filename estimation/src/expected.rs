@@ -21,7 +21,7 @@ use crate::samples;
 use crate::samples::frames::Frames;
 use crate::uncertainty::Uncertainty;
 
-/// What makes the errors of a machine's predictions.
+/// Noise and uncertainty that make the errors of a machine's predictions.
 #[derive(Debug, Clone)]
 pub struct Expected {
     known: Uncertainty,
@@ -120,7 +120,7 @@ pub(crate) fn left(best: f64, all: f64) -> f64 {
     all - 2.0 * best.min(all)
 }
 
-/// What the best fit to some poses knows of the parameters, under their tolerances and the stated noise; `None` where nothing
+/// Uncertainty of the parameters in the best fit to some poses, under their tolerances and the stated noise; `None` where nothing
 /// determines one.
 ///
 /// # Errors

@@ -172,7 +172,7 @@ pub fn outliers_of_validation(
     Ok(weigh_predicted(known, of, &machine.values, Treatment::default())?.outliers)
 }
 
-/// What is known of parameters, and the numbers of the poses that calibrated them.
+/// Uncertainty of parameters, and the numbers of the poses that calibrated them.
 struct Parameters<'a> {
     known: &'a Uncertainty,
     /// By the best fit to the latter.

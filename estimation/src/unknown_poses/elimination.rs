@@ -485,7 +485,7 @@ impl<'a> Elimination<'a> {
         })
     }
 
-    /// What rows of some kinds say of the shared unknowns, poses eliminated.
+    /// Information of rows of some kinds about the shared unknowns, poses eliminated.
     pub(super) fn information_of(&self, is_asked: impl Fn(&Kind) -> bool + Sync) -> DMatrix<f64> {
         let width = self.shared.len();
         let parts = self.of_chunks(|clusters, dense| {
