@@ -278,10 +278,8 @@ fn a_wrong_command_is_told_by_all_the_rows_of_its_pose() {
     let (said, json) = calibrated();
     let told = &json["gross_poses"][0];
     assert_eq!(told["pose"], pose, "{said}");
-    assert_eq!(
-        (&told["file"], &told["line"]),
-        (&"heights.csv".into(), &(pose + 1).into())
-    );
+    assert_eq!(told["file"], "heights.csv");
+    assert_eq!(told["line"], pose + 1);
     assert_eq!(told["rows"], rows, "{said}");
     assert_eq!(json["gross_poses"].as_array().unwrap().len(), 1);
     let first = left_out(&said)[0];

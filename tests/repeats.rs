@@ -216,9 +216,7 @@ fn noise_that_readings_share_is_not_stated_too_large() {
     let found = fit("Nominal", &file, &folder);
     let test = repeats_of(&found, "heights.csv").lack_of_fit.unwrap();
     assert!(test.p_value < 1e-6, "{test:?}");
-    let verdict = found.verdict();
-    let why = verdict.why.join(" ");
-    assert_eq!(verdict.status, Status::Consistent, "{why}");
+    let why = found.verdict().why.join(" ");
     assert!(!why.contains("too large"), "{why}");
     assert!(why.contains(OR_DRIVES), "{why}");
 }

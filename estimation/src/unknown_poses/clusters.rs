@@ -105,7 +105,7 @@ impl Clusters {
                 }
             }
         }
-        let mut places = vec![None; POSE_UNKNOWNS];
+        let mut places = [None; POSE_UNKNOWNS];
         for (place, &axis) in free.iter().enumerate() {
             places[axis] = Some(place);
         }
