@@ -165,6 +165,10 @@ fn measured_columns(kind: PlateKind, table: &Table<'_>, mistakes: &mut Mistakes<
     {
         return;
     }
+    table.spelt_otherwise(expected, mistakes);
+    if mistakes.len() > before {
+        return;
+    }
     let has_all = |columns: &[&str]| columns.iter().all(|column| table.column(column).is_some());
     let others = PlateKind::ALL.into_iter().filter(|other| {
         let columns = other.columns();
@@ -322,4 +326,41 @@ pub(super) fn known_poses(
         }
     }
     mistakes.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What is said of heights under a header.
+    fn said(header: &str) -> String {
+        let text = format!("{header}\n1,0.1,0.2,1e-4\n2,0.3,0.4,1e-4\n");
+        let shape = Shape::of_carts(1);
+        let read = read_rows(PlateKind::Height, "heights.csv", &text, &shape, &mut vec![]);
+        let with_help = |error: InputError| {
+            let help = error.problems()[0].help.as_deref();
+            format!("{error}; {}", help.unwrap_or_default())
+        };
+        read.map_or_else(with_help, |_| String::new())
+    }
+
+    #[test]
+    fn columns_of_noise_are_refused_however_they_are_spelt() {
+        assert_eq!(said("pose,q1_m,height_m,sigma_height_m"), "");
+        for name in ["Sigma_height_m", "sigma height_m", "SIGMA-Height_m"] {
+            let error = said(&format!("pose,q1_m,height_m,{name}"));
+            assert!(error.contains("heights.csv:1:20"), "{error}");
+            assert!(error.contains("did you mean `sigma_height_m`?"), "{error}");
+        }
+    }
+
+    #[test]
+    fn measured_columns_that_are_spelt_otherwise_are_told() {
+        let error = said("pose,q1_m,Height_m,sigma_height_m");
+        assert!(
+            error.contains("column `height_m` is missing, found `Height_m`"),
+            "{error}"
+        );
+        assert!(error.contains("heights.csv:1:11"), "{error}");
+    }
 }

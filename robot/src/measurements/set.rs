@@ -4,7 +4,7 @@ use std::path::Path;
 
 pub use super::shape::{ANGLES, POSITION};
 use super::shape::{Shape, force_name};
-use super::table::{Column, Table};
+use super::table::{Column, Table, spelt};
 use super::{Conditions, plausible};
 use crate::input_error::{InputError, Mistakes, Source, quoted, suggestion};
 use tau_model_dsl::model::Plate;
@@ -83,17 +83,17 @@ impl<'a, const N: usize> Set<'a, N> {
         })
     }
 
-    /// Refuses columns of noise that a file of measurements does not take: rows would silently have that of all. `known` are
-    /// those that it takes.
+    /// Refuses columns of noise that a file of measurements does not take, or not so spelt: rows would silently have that of
+    /// all. `known` are those that it takes.
     pub(crate) fn refuse_unknown_noise(&mut self, known: &[String]) {
         let names = self.table.names().enumerate();
-        let unknown = names.filter(|(_, name)| name.starts_with(SIGMA));
+        let unknown = names.filter(|(_, name)| spelt(name).starts_with(SIGMA));
         for (index, name) in unknown.filter(|(_, name)| known.iter().all(|known| known != name)) {
             let message =
                 format!("column `{name}` states the noise of nothing that this file holds");
             let help = match known {
                 [] => "leave it out".to_owned(),
-                known => suggestion(name, known.iter().map(String::as_str)),
+                known => suggestion(&spelt(name), known.iter().map(String::as_str)),
             };
             let place = self.table.name_place(index);
             self.mistakes.push_with_help(place, message, help);

@@ -265,6 +265,22 @@ impl<'a> Table<'a> {
         }
     }
 
+    /// Reports columns that are spelt otherwise than one of some names.
+    pub(crate) fn spelt_otherwise(&self, names: &[&str], mistakes: &mut Mistakes<'_>) {
+        for (index, found) in self.names().enumerate() {
+            if let Some(&name) = names
+                .iter()
+                .find(|&&name| found != name && spelt(found) == name)
+            {
+                mistakes.push_with_help(
+                    self.header[index].clone(),
+                    format!("column `{name}` is missing, found `{found}`"),
+                    unit_advice(name, found),
+                );
+            }
+        }
+    }
+
     /// A column of finite numbers by its name; zeros where there is none.
     pub fn numbers_or_zero(&self, name: &str, mistakes: &mut Mistakes<'_>) -> Column {
         match self.column(name) {
@@ -350,6 +366,11 @@ fn foreign_separator(header: &str) -> Option<(char, &'static str)> {
     [(';', "semicolons"), ('\t', "tabs"), ('|', "vertical bars")]
         .into_iter()
         .find(|(separator, _)| header.contains(*separator))
+}
+
+/// A name as it would be written in a header: in small letters, with `_` for spaces and dashes.
+pub(crate) fn spelt(name: &str) -> String {
+    name.to_ascii_lowercase().replace([' ', '-'], "_")
 }
 
 /// Byte ranges of the fields of a line, without spaces around them and without quotes.
