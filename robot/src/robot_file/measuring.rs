@@ -221,6 +221,27 @@ impl Document<'_> {
             .collect()
     }
 
+    /// Reports noise of the tracker that is to be estimated: estimated is that of single files, beside which this stands for
+    /// what none of them states.
+    pub(super) fn refuse_estimate(&mut self, value: &Spanned<DeValue<'_>>) -> bool {
+        let DeValue::String(text) = value.get_ref() else {
+            return false;
+        };
+        if text != ESTIMATE {
+            return false;
+        }
+        let places: Vec<String> = sections()
+            .map(|(section, key)| format!("`{key}` of `[noise.{section}]`"))
+            .collect();
+        let message = format!("found \"{ESTIMATE}\", expected a standard deviation");
+        let help = format!(
+            "write a number here; \"{ESTIMATE}\" may be {}, and `noise_m` of `[drives]`",
+            places.join(", ")
+        );
+        self.mistakes.push_with_help(value.span(), message, help);
+        true
+    }
+
     /// A standard deviation in metres, or of an angle in radians, or `"estimate"`.
     fn stated_noise(
         &mut self,

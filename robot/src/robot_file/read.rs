@@ -209,6 +209,9 @@ impl<'a> Document<'a> {
             let Some(value) = self.required(table, key, &place) else {
                 return f64::NAN;
             };
+            if self.refuse_estimate(value) {
+                return f64::NAN;
+            }
             let Some(deviation) = self.deviation(value, "standard deviation", SMALLEST_DEVIATION)
             else {
                 return f64::NAN;
@@ -393,5 +396,15 @@ mod tests {
         assert_eq!(named("[noise]\nrobot = \"FiveBar\"\n"), None);
         assert_eq!(named("robot = 5\n"), None);
         assert_eq!(named(""), None);
+    }
+
+    #[test]
+    fn estimates_are_told_their_places() {
+        let text = "robot = \"Any\"\n[noise]\nposition_m = \"estimate\"\nrotation_rad = 4e-5\n";
+        let error = RobotFile::parse(text, "robot.toml").unwrap_err();
+        assert!(error.to_string().contains("robot.toml:3:14"), "{error}");
+        let help = error.problems()[0].help.as_deref().unwrap();
+        assert!(help.contains("`height_m` of `[noise.heights]`"), "{help}");
+        assert!(help.contains("`noise_m` of `[drives]`"), "{help}");
     }
 }
