@@ -9,11 +9,11 @@ use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue};
 
 use super::keys::{
-    crank_values, described_links, effect_key, key_place, machine_parameters, quantity_of,
+    WIDE, crank_values, described_links, effect_key, key_place, machine_parameters, quantity_of,
 };
 use super::{LinkValues, RobotFile};
 use crate::input_error::{Mistakes, quoted, suggestion};
-use crate::measurements::plausible::LARGEST_ANGLE_RAD;
+use crate::measurements::plausible::{FARTHEST_M, LARGEST_ANGLE_RAD, LONGEST_M};
 use crate::measurements::set::{ANGLES, NO_MOTION, POSITION, stays};
 use crate::measurements::{Actuator, Shape};
 use crate::robot::{Owner, Robot};
@@ -352,6 +352,10 @@ fn of_machine(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, robot: &Robot, mi
         }
         if parameter.dimension == Dimension::ANGLE && !winds(robot, name) {
             angles(mistakes, &given, name);
+        } else if parameter.dimension == Dimension::LENGTH {
+            let is_place = parameter.components > 1;
+            let largest = if is_place { FARTHEST_M } else { LONGEST_M };
+            lengths(mistakes, &given, name, largest);
         }
     }
     for (crank, value) in crank_values(robot) {
@@ -383,10 +387,42 @@ fn winds(robot: &Robot, parameter: &str) -> bool {
 
 /// Value and tolerance of a parameter that is an angle are radians.
 fn angles(mistakes: &mut Mistakes<'_>, given: &Spanned<DeValue<'_>>, name: &str) {
-    for (key, largest, expected) in [
-        ("value", LARGEST_ANGLE_RAD, "radians between -2*pi and 2*pi"),
-        ("tol", std::f64::consts::PI, "radians, at most pi"),
-    ] {
+    let value = "radians between -2*pi and 2*pi".to_owned();
+    let tol = "radians, at most pi".to_owned();
+    let bounds = [(LARGEST_ANGLE_RAD, value), (std::f64::consts::PI, tol)];
+    let help = "are these degrees? multiply by pi/180";
+    within(
+        mistakes,
+        given,
+        &format!("`{name}`, an angle"),
+        bounds,
+        help,
+    );
+}
+
+/// Value and tolerance of a parameter that is a length, or a place, are metres.
+fn lengths(mistakes: &mut Mistakes<'_>, given: &Spanned<DeValue<'_>>, name: &str, largest_m: f64) {
+    let bounds =
+        [largest_m, WIDE * largest_m].map(|most| (most, format!("metres, at most {most}")));
+    let help = "these look like millimetres: divide by 1000";
+    within(
+        mistakes,
+        given,
+        &format!("`{name}`, a length"),
+        bounds,
+        help,
+    );
+}
+
+/// The numbers of value and tolerance are no larger than they can be: `bounds` are those of each, with what is expected.
+fn within(
+    mistakes: &mut Mistakes<'_>,
+    given: &Spanned<DeValue<'_>>,
+    what: &str,
+    bounds: [(f64, String); 2],
+    help: &str,
+) {
+    for (key, (largest, expected)) in ["value", "tol"].into_iter().zip(bounds) {
         let Some(stated) = given.get_ref().get(key) else {
             continue;
         };
@@ -397,10 +433,8 @@ fn angles(mistakes: &mut Mistakes<'_>, given: &Spanned<DeValue<'_>>, name: &str)
         for number in numbers {
             let found = as_number(number.get_ref()).filter(|found| found.abs() > largest);
             if let Some(found) = found {
-                let message = format!(
-                    "found {found} as the `{key}` of `{name}`, an angle, expected {expected}"
-                );
-                let help = "are these degrees? multiply by pi/180";
+                let message =
+                    format!("found {found} as the `{key}` of {what}, expected {expected}");
                 mistakes.push_with_help(number.span(), message, help);
             }
         }

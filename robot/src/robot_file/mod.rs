@@ -5,6 +5,7 @@ mod covariance;
 mod described;
 mod dimensions;
 mod document;
+mod finite;
 pub mod keys;
 mod measuring;
 mod provenance;

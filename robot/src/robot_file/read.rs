@@ -10,7 +10,7 @@ use toml::de::{DeTable, DeValue};
 use super::document::{Document, Kind};
 use super::keys::key_place;
 use super::measuring::noise_sections;
-use super::{LinkValues, Noise, Origin, Payload, Reference, RobotFile, Value, check};
+use super::{LinkValues, Noise, Origin, Payload, Reference, RobotFile, Value, check, finite};
 use crate::input_error::{self, InputError, Mistakes, Source};
 use crate::measurements::plausible::{FARTHEST_M, LONGEST_M, SMALLEST_DEVIATION};
 use crate::robot::Robot;
@@ -99,6 +99,9 @@ impl<'a> Document<'a> {
             let of_text = document.mistakes.len();
             let meant = check::names(&mut document.mistakes, root.get_ref(), &file, robot);
             check::complete(&mut document.mistakes, root.get_ref(), &file, robot, &meant);
+            if document.mistakes.is_empty() {
+                finite::values(&mut document.mistakes, root.get_ref(), &file, robot);
+            }
             // A file that does not fit because it is another robot's has no mistake of its own.
             if let Some(message) = file.other_robot(robot)
                 && document.mistakes.len() > of_text

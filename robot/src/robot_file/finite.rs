@@ -1,0 +1,127 @@
+//! Formulas of a description that have no value at the numbers of a `robot.toml`.
+
+use tau_codegen::language::model::{Formula, Model, Value};
+use toml::de::DeTable;
+
+use super::keys::key_place;
+use super::{Dimensions, RobotFile};
+use crate::input_error::{Mistakes, quoted};
+use crate::robot::Robot;
+
+/// Reports the first value of a link that is no finite number: no machine has it, whatever was measured, so that no row is
+/// to blame. Lengths that read the command are looked at where the machine stands at its reference.
+pub(super) fn values(
+    mistakes: &mut Mistakes<'_>,
+    root: &DeTable<'_>,
+    file: &RobotFile,
+    robot: &Robot,
+) {
+    let Some(model) = &robot.model else {
+        return;
+    };
+    let dimensions = Dimensions::new(robot, file);
+    let reference = file.completed(robot).reference;
+    let commands = reference.map_or_else(Vec::new, |own| own.commands_m);
+    let numbers = |link: usize, value: Value| match value {
+        Value::Length => dimensions.length_m(link, &commands).map(|own| vec![own]),
+        _ => dimensions.vector(link, value).map(|own| own.to_vec()),
+    };
+    for (link, own) in model.links.iter().enumerate() {
+        for value in VALUES {
+            let Some(formula) = own.defaults.formula(value) else {
+                continue;
+            };
+            let components = match formula {
+                Formula::Vector(components) => &components[..],
+                scalar => std::slice::from_ref(scalar),
+            };
+            let found = numbers(link, value).unwrap_or_default();
+            let wrong = components.iter().zip(&found);
+            let Some((wrong, _)) = { wrong }.find(|(_, number)| !number.is_finite()) else {
+                continue;
+            };
+            let mut read = Vec::new();
+            parameters(wrong, model, link, &mut read);
+            let message = format!(
+                "`{}` of link `{}` is not a finite number at the values of {}",
+                value.name(),
+                own.name,
+                quoted(read)
+            );
+            let help = "compare them with the drawing, in metres and radians: the root of a negative number or a division \
+                        by zero has no value";
+            mistakes.push_with_help(key_place(root, "parameters"), message, help);
+            return;
+        }
+    }
+}
+
+const VALUES: [Value; 4] = [
+    Value::Length,
+    Value::PlateJoint,
+    Value::TrackOffset,
+    Value::TrackDirection,
+];
+
+/// Names of the parameters that a formula of a link reads, also by other values of the link, from the left.
+fn parameters<'m>(formula: &Formula, model: &'m Model, link: usize, names: &mut Vec<&'m str>) {
+    for part in formula.parts() {
+        match *part {
+            Formula::OfRobot(index, _) => {
+                let parameter = model.parameters.get(index);
+                let name = parameter.map(|own| own.name.as_str());
+                names.extend(name.filter(|name| !names.contains(name)));
+            }
+            Formula::OfLink(value, _) => {
+                let other = model
+                    .links
+                    .get(link)
+                    .and_then(|own| own.defaults.formula(value));
+                if let Some(other) = other {
+                    parameters(other, model, link, names);
+                }
+            }
+            _ => {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::input_error::InputError;
+
+    /// What is said of a file of a linear delta with these parameters.
+    fn said(parameters: &str) -> String {
+        let robot = Robot::from(&tau_generated::linear_delta::ROBOT);
+        let text = format!(
+            "robot = \"LinearDelta\"\n[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n[parameters]\n{parameters}\n"
+        );
+        let read = RobotFile::parse_for(&text, "robot.toml", &robot);
+        let with_help = |error: InputError| {
+            let help = error.problems()[0].help.as_deref();
+            format!("{error}; {}", help.unwrap_or_default())
+        };
+        read.map_or_else(with_help, |_| String::new())
+    }
+
+    #[test]
+    fn millimetres_are_told_at_their_line() {
+        let error = said("radius = { value = 140, tol = 1e-3 }");
+        assert!(error.contains("robot.toml:6:20"), "{error}");
+        assert!(error.contains("expected metres, at most 50"), "{error}");
+        assert!(error.contains("these look like millimetres"), "{error}");
+    }
+
+    #[test]
+    fn parameters_of_a_formula_without_a_value_are_named() {
+        assert_eq!(said("radius = { value = 0.15, tol = 1e-3 }"), "");
+        let error = said("radius = { value = 14, tol = 1e-3 }");
+        assert!(error.contains("robot.toml:5"), "{error}");
+        assert!(
+            error.contains("`track_offset` of link `rods_a` is not a finite number"),
+            "{error}"
+        );
+        assert!(error.contains("`endstop_a`, `arm_a`, `radius`"), "{error}");
+    }
+}
