@@ -87,9 +87,10 @@ pub fn of_prediction(
         let samples = case.samples();
         let is_fitted = |sample: &&Sample| fitted.contains(&sample.number);
         let own: Vec<Sample> = samples.iter().filter(is_fitted).cloned().collect();
-        let best = match own.is_empty() {
-            true => None,
-            false => best(&prepared, &own, case.file.noise)?,
+        let best = if own.is_empty() {
+            None
+        } else {
+            best(&prepared, &own, case.file.noise)?
         };
         let of = Parameters {
             known: &known,
