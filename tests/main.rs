@@ -35,6 +35,7 @@ mod hangprinter;
 mod held_out_rows;
 mod kinematics;
 mod klipper;
+mod knowledge;
 mod layout;
 mod machines;
 mod mends;

@@ -45,16 +45,20 @@ pub(super) fn widening(variant: &VariantResult) -> f64 {
 
 /// Meaning of the brackets in Table II.
 pub(super) fn brackets(variant: &VariantResult) -> String {
-    let widening = widening(variant);
-    let wider = if widening > 1.0 {
+    format!(
+        "In brackets the standard deviation in units of the last digit, from the stated noise{}.",
+        wider(widening(variant))
+    )
+}
+
+/// Remark on standard deviations that are shown widened; tolerances bound them, so that some are less so.
+pub(super) fn wider(widening: f64) -> String {
+    if widening > 1.0 {
         let factor = general(widening, 3);
-        format!(", {factor} times as large because residuals are beyond that noise")
+        format!(", up to {factor} times as large because residuals are beyond that noise")
     } else {
         String::new()
-    };
-    format!(
-        "In brackets the standard deviation in units of the last digit, from the stated noise{wider}."
-    )
+    }
 }
 
 /// The variant with the smallest mean error.

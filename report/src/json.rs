@@ -316,7 +316,7 @@ fn link(link: &LinkResult) -> Value {
 }
 
 /// `sigma` as stated noise makes it, and widened by the misfit.
-fn parameter(parameter: &ParameterEstimate, widening: f64) -> Value {
+pub(crate) fn parameter(parameter: &ParameterEstimate, widening: f64) -> Value {
     json!({
         "name": parameter.name,
         "unit": parameter.unit,

@@ -125,7 +125,7 @@ fn residuals(variant: &VariantResult) -> Markup {
              noise, " (general(fit.chi2, 4)) " where " (general(fit.dof, 4)) " is expected, so that residuals are "
             (general(fit.residual_over_noise, 3)) " times what the noise explains."
             @if fit.widening() > 1.0 {
-                " Standard deviations in this report are those of the stated noise; if the misfit is noise, they are "
+                " Standard deviations in this report are those of the stated noise; if the misfit is noise, they are up to "
                 (general(fit.widening(), 3)) " times as large."
             }
         }

@@ -5,7 +5,9 @@ use tau::unknown_poses::{
     GrossRow, HeldOutFit, KindRepeats, Rank, RowDivision, RowPlace, UnknownPoses,
 };
 
+use crate::findings;
 use crate::gauge::{gauge_json, open};
+use crate::json::parameter;
 use crate::number::general;
 use crate::screen::Screen;
 use crate::trust;
@@ -19,6 +21,8 @@ pub(crate) const LEFT_OUT: &str = "Rows left out";
 pub fn terminal(found: &UnknownPoses, width: usize) -> String {
     let mut screen = Screen::new(width);
     let rank = &found.rank;
+    let verdict = found.verdict();
+    let widening = verdict.widening();
     screen.say(&format!(
         "{} residuals of {} poses, {} of them for the poses; {} unknowns, {} determined better than by tolerances",
         rank.rows, found.poses, rank.spent, rank.unknowns, rank.determined
@@ -75,7 +79,7 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
             "  {:<24}{:>14} ± {:<10} {:<4}{:>8.2}",
             parameter.name,
             format!("{:.6}", parameter.value),
-            format!("{:.1e}", parameter.sigma),
+            format!("{:.1e}", parameter.sigma_widened(widening)),
             parameter.unit,
             tolerances(parameter)
         ));
@@ -85,8 +89,14 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
             "  {:<24}{:>14} ± {:<10} {}",
             object.name,
             format!("{:.6}", object.value),
-            format!("{:.1e}", object.sigma),
+            format!("{:.1e}", object.sigma_widened(widening)),
             object.unit
+        ));
+    }
+    if !(moved.is_empty() && found.objects.is_empty()) {
+        screen.say(&format!(
+            "Behind ± the standard deviation, from the noise{}.",
+            findings::wider(widening)
         ));
     }
     if let Some(held_out) = &found.held_out {
@@ -107,7 +117,7 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
         }
     }
     screen.gap();
-    trust::line(&mut screen, &found.verdict());
+    trust::line(&mut screen, &verdict);
     screen.into_text()
 }
 
@@ -235,6 +245,8 @@ fn held_out_fit(fit: &HeldOutFit) -> Value {
 /// The same as JSON.
 pub fn json(found: &UnknownPoses) -> Value {
     let rank = &found.rank;
+    let verdict = found.verdict();
+    let widening = verdict.widening();
     json!({
         "poses": { "calibration": found.poses, "validation": found.held_out.as_ref().map_or(0, |own| own.poses) },
         "rows": rank.rows,
@@ -254,12 +266,11 @@ pub fn json(found: &UnknownPoses) -> Value {
             "residual_over_noise": fit.residual_over_noise(),
             "repeats": fit.repeats.as_ref().map(repeats),
         })).collect::<Vec<_>>(),
-        "parameters": found.calibration.parameters.iter().map(|own| json!({
-            "name": own.name, "unit": own.unit, "nominal": own.nominal, "tolerance": own.tolerance,
-            "value": own.value, "sigma": own.sigma,
-        })).collect::<Vec<_>>(),
+        "parameters": found.calibration.parameters.iter()
+            .map(|own| parameter(own, widening)).collect::<Vec<_>>(),
         "objects": found.objects.iter().map(|own| json!({
             "name": own.name, "unit": own.unit, "value": own.value, "sigma": own.sigma,
+            "sigma_widened": own.sigma_widened(widening),
         })).collect::<Vec<_>>(),
         "gross_rows": found.gross.iter().map(|row| {
             let mut own = gross_row(found, row);
@@ -281,7 +292,7 @@ pub fn json(found: &UnknownPoses) -> Value {
         "noise_factor": found.widened,
         "cost": found.calibration.cost,
         "iterations": found.calibration.iterations,
-        "fit": trust::json::verdict(&found.verdict()),
+        "fit": trust::json::verdict(&verdict),
     })
 }
 

@@ -39,7 +39,7 @@ pub use error::Error;
 pub use nominal::Nominal;
 pub(crate) use output::statics;
 pub use output::{LinkResult, LinkSigma, ParameterEstimate};
-pub(crate) use output::{own_parameter, reference};
+pub(crate) use output::{own_parameter, reference, widened};
 pub use prepared::{Prepared, length_noise};
 pub use registration::{Line, MOUNTING_M, NominalTrack, Registration};
 pub(crate) use registration::{centres, set_2, set_3, turn_of};

@@ -51,11 +51,12 @@ impl LinkResult {
 }
 
 /// A standard deviation at noise so many times the stated one: no more than its prior's, which noise does not widen.
-fn widened(sigma: f64, widening: f64, prior: f64) -> f64 {
+pub(crate) fn widened(sigma: f64, widening: f64, prior: f64) -> f64 {
     (widening * sigma).min(prior.max(sigma))
 }
 
-/// Standard deviations of a row of Table II; zero for what is not calibrated.
+/// Standard deviations of a row of Table II, of values that follow from formulas those of the parameters in these; zero for
+/// what is not calibrated.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct LinkSigma {
     /// Of the length (m).

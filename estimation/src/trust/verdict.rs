@@ -453,7 +453,7 @@ impl Verdict {
         if self.status == Status::Inconsistent && widening > 1.0 && !is_explained {
             self.why.push(format!(
                 "The model lacks something (`tau discover` looks for it) or the noise is more than stated; standard \
-                 deviations are {} times as large if it is noise.",
+                 deviations are up to {} times as large if it is noise.",
                 general(widening, 3)
             ));
         }

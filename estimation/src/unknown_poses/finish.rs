@@ -50,6 +50,7 @@ impl Fit<'_> {
                 unit: unknown.unit,
                 value: values[count + index],
                 sigma: sigmas[count + index],
+                tolerance: unknown.prior.map(|(_, sigma)| sigma),
             })
             .collect();
         let poses = self.assembly.poses.len();

@@ -11,7 +11,7 @@ use super::gross_poses::GrossPose;
 use super::heldout::HeldOut;
 use super::objects::Object;
 use super::rows::{KindFit, RowPlace};
-use crate::calibration::Calibration;
+use crate::calibration::{Calibration, widened};
 use crate::numerics::distribution::chi2_survival;
 use crate::numerics::spread::spread;
 use crate::problem::Component;
@@ -206,6 +206,19 @@ pub struct ObjectEstimate {
     pub value: f64,
     /// Its standard deviation.
     pub sigma: f64,
+    /// That of its prior, if it has one.
+    pub tolerance: Option<f64>,
+}
+
+impl ObjectEstimate {
+    /// As [`ParameterEstimate::sigma_widened`](crate::calibration::ParameterEstimate::sigma_widened).
+    pub fn sigma_widened(&self, widening: f64) -> f64 {
+        widened(
+            self.sigma,
+            widening,
+            self.tolerance.unwrap_or(f64::INFINITY),
+        )
+    }
 }
 
 /// Ranks, and what is open.

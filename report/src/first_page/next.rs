@@ -82,7 +82,7 @@ fn advice(
         let widening = verdict.widening();
         if widening > 1.0 && found.is_none_or(|found| found.status != Found::Explained) {
             steps.push(format!(
-                "Until the misfit is explained, use the widened standard deviations, {} times those stated.",
+                "Until the misfit is explained, use the widened standard deviations, up to {} times those stated.",
                 general(widening, 2)
             ));
         }

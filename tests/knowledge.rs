@@ -1,0 +1,89 @@
+//! How well results say they are known: standard deviations as stated and widened, of formulas, and what `--quiet` still says.
+
+use std::fs;
+use std::path::Path;
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::support::{number, tau_in};
+
+/// A calibrated folder, with what was said and the result.
+fn calibrated(simulate: &str, calibrate: &str) -> (TempDir, String, Value) {
+    let folder = tempfile::tempdir().unwrap();
+    let line = format!("tau simulate {simulate} --out DIR/measured -q");
+    tau_in(folder.path(), &line).done();
+    let line = format!(
+        "tau calibrate DIR/measured --variant Full {calibrate} --out DIR/out --json DIR/out.json"
+    );
+    let said = tau_in(folder.path(), &line).done();
+    let text = fs::read_to_string(folder.path().join("out.json")).unwrap();
+    (folder, said, serde_json::from_str(&text).unwrap())
+}
+
+/// Column of the parameters' table, by name.
+fn column(folder: &Path, name: &str) -> Vec<(String, f64)> {
+    let table = table(folder, "out/parameters.csv");
+    let place = table[0].iter().position(|own| own == name).unwrap();
+    let rows = table[1..].iter();
+    rows.map(|row| (row[0].clone(), row[place].parse().unwrap()))
+        .collect()
+}
+
+/// Cells of a file, none of which holds a comma.
+fn table(folder: &Path, file: &str) -> Vec<Vec<String>> {
+    let text = fs::read_to_string(folder.join(file)).unwrap();
+    let rows = text.lines();
+    rows.map(|row| row.split(',').map(String::from).collect())
+        .collect()
+}
+
+/// Noise three times the stated one, by poses and by positions: screen, JSON and table widen alike.
+#[test]
+fn standard_deviations_are_widened_whatever_was_measured() {
+    for measured in ["", "--measure positions"] {
+        let simulate = format!("--model hexapod --seed 3 --noise-scale 3,3,3 {measured}");
+        let (folder, said, found) = calibrated(&simulate, "");
+        let widening = number(&found["fit"]["widening"]);
+        assert!((2.0..4.0).contains(&widening), "{widening}");
+        let words: Vec<&str> = said.split_whitespace().collect();
+        let words = words.join(" ");
+        let remark = "times as large because residuals are beyond that noise";
+        assert!(words.contains(remark), "{said}");
+        let parameters = found["parameters"].as_array().unwrap();
+        for (name, sigma) in column(folder.path(), "sigma_widened") {
+            let mut own = parameters.iter().filter(|own| own["name"] == name.as_str());
+            let own = own.next().unwrap();
+            assert_eq!(number(&own["sigma_widened"]), sigma, "{own}");
+            let [stated, tolerance] = ["sigma", "tolerance"].map(|key| number(&own[key]));
+            let expected = (widening * stated).min(tolerance.max(stated));
+            assert!((sigma - expected).abs() < 1e-9 * expected, "{own}");
+        }
+    }
+}
+
+/// Tolerances bound what noise may do, so that not all are widened as much.
+#[test]
+fn a_factor_that_tolerances_bound_is_the_largest() {
+    let folder = tempfile::tempdir().unwrap();
+    let line = "tau calibrate DATA --variant Full --out DIR/out";
+    let said = tau_in(folder.path(), line).done();
+    let words: Vec<&str> = said.split_whitespace().collect();
+    let words = words.join(" ");
+    for (before, after) in [
+        (
+            "from the stated noise, up to ",
+            " times as large because residuals",
+        ),
+        (
+            "standard deviations are up to ",
+            " times as large if it is noise",
+        ),
+    ] {
+        let factor = words
+            .split_once(before)
+            .and_then(|(_, rest)| rest.split_once(after));
+        let factor: Option<f64> = factor.and_then(|(factor, _)| factor.parse().ok());
+        assert!(factor.is_some_and(|factor| factor > 3.0), "{said}");
+    }
+}
