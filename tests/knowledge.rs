@@ -87,3 +87,39 @@ fn a_factor_that_tolerances_bound_is_the_largest() {
         assert!(factor.is_some_and(|factor| factor > 3.0), "{said}");
     }
 }
+
+/// Outliers that were kept make a file's parameters less known than stated, which it says: the machine has not changed.
+#[test]
+fn a_file_that_calls_its_sigmas_too_small_is_believed() {
+    for seed in [8004, 8005, 8017] {
+        let simulate = format!("--model linear_delta --seed {seed} --outliers 0.05");
+        let (folder, _, found) = calibrated(&simulate, "--keep-outliers");
+        assert!(number(&found["fit"]["widening"]) > 2.0, "{seed}");
+        let line = "tau evaluate DIR/measured --variant Full --robot DIR/out/robot.toml --json -";
+        let fit = &tau_in(folder.path(), line).json()["fit"];
+        assert_eq!(fit["status"], "consistent", "{seed}: {fit:#}");
+    }
+}
+
+/// The same where poses are unknown: a machine that was measured five times worse than stated, and then as well.
+#[test]
+fn the_same_of_measurements_without_poses() {
+    let measured = "--model linear_delta --seed 3 --measure heights,distances --cart-poses 0";
+    let simulate = format!("{measured} --noise-scale 5,5,5");
+    let (folder, _, found) = calibrated(&simulate, "--split all");
+    let widening = number(&found["fit"]["widening"]);
+    assert!(widening > 3.0, "{widening}");
+    let again = format!("tau simulate {measured} --poses 100 --random --out DIR/again -q");
+    tau_in(folder.path(), &again).done();
+    let file = folder.path().join("out/robot.toml");
+    let text = fs::read_to_string(&file).unwrap();
+    let line = "tau evaluate DIR/again --variant Full --robot DIR/out/robot.toml --json -";
+    let judged = || tau_in(folder.path(), line).json()["fit"].clone();
+    let fit = judged();
+    assert_eq!(fit["status"], "consistent", "{fit:#}");
+    let stated = text.replace(&format!("widening = {widening:?}"), "widening = 1.0");
+    assert_ne!(text, stated);
+    fs::write(&file, stated).unwrap();
+    let fit = judged();
+    assert_eq!(fit["status"], "inconsistent", "{fit:#}");
+}

@@ -188,6 +188,12 @@ impl Uncertainty {
         self.factor.columns()
     }
 
+    /// The same as the calibration that the file is of leaves it: where that missed the stated noise, at as much noise as it
+    /// showed ([`RobotFile::widening`]).
+    pub fn widened_of_prepared(prepared: &Prepared, file: &RobotFile) -> Option<Self> {
+        Self::of_prepared(prepared, file).map(|own| own.widened(file.widening()))
+    }
+
     /// Rows of F of some parameters, given by index; zero where one is known exactly.
     pub(crate) fn factor_of(&self, parameters: &[usize]) -> DMatrix<f64> {
         let mut factor = DMatrix::zeros(parameters.len(), self.factor.columns());

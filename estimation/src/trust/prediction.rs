@@ -64,8 +64,16 @@ pub fn of_prediction(
     let samples = all.samples();
     let noise = all.file.noise;
     let prepared = as_stated(&all)?;
-    let known = (file.covariance.as_ref()).and_then(|_| Uncertainty::of_prepared(&prepared, file));
     let fitted = numbers(folder, &division.calibration);
+    let is_new = samples.iter().all(|own| !fitted.contains(&own.number));
+    let known = (file.covariance.as_ref()).and_then(|_| {
+        // A fit follows the noise of its own poses as it was weighed.
+        if is_new {
+            Uncertainty::widened_of_prepared(&prepared, file)
+        } else {
+            Uncertainty::of_prepared(&prepared, file)
+        }
+    });
     let weighing = match &known {
         None => weigh(&prepared, &machine.values, &samples, noise, treatment)?,
         Some(known) => {
