@@ -123,3 +123,38 @@ fn the_same_of_measurements_without_poses() {
     let fit = judged();
     assert_eq!(fit["status"], "inconsistent", "{fit:#}");
 }
+
+/// radius and angle.
+#[test]
+fn values_of_formulas_are_known_as_their_parameters_are() {
+    let (folder, _, found) = calibrated("--model linear_delta --seed 3", "");
+    let known = column(folder.path(), "sigma");
+    let of = |name: &str| {
+        let own = known.iter().find(|own| own.0 == name);
+        own.unwrap_or_else(|| panic!("{name} of {known:?}")).1
+    };
+    let table = table(folder.path(), "out/covariance.csv");
+    let covariance = |a: &str, b: &str| -> f64 {
+        let row = table.iter().find(|row| row[0] == a).unwrap();
+        let column = table[0].iter().position(|name| name == b).unwrap();
+        row[column].parse().unwrap()
+    };
+    let parameters = found["parameters"].as_array().unwrap();
+    let value = |name: &str| {
+        let own = parameters.iter().find(|own| own["name"] == name);
+        number(&own.unwrap()["value"])
+    };
+    let (radius, angle) = (value("radius"), value("angle_a"));
+    let (by_radius, by_angle) = (angle.cos(), -radius * angle.sin());
+    let variance = by_radius.powi(2) * covariance("radius", "radius")
+        + 2.0 * by_radius * by_angle * covariance("radius", "angle_a")
+        + by_angle.powi(2) * covariance("angle_a", "angle_a");
+    let of_joint = &found["links"]["rods_a"]["sigma"]["track_offset_m"][0];
+    let ratio = number(of_joint) / variance.sqrt();
+    assert!((ratio - 1.0).abs() < 1e-6, "{ratio}");
+    for link in ["a", "b", "c"] {
+        let sigma = &found["links"][format!("rods_{link}")]["sigma"];
+        let (length, arm) = (number(&sigma["length_m"]), of(&format!("arm_{link}")));
+        assert!((length / arm - 1.0).abs() < 1e-6, "{length} {arm}");
+    }
+}

@@ -10,7 +10,7 @@ use serde::Serialize;
 use serde_json::ser::{Formatter, PrettyFormatter, Serializer};
 use serde_json::{Map, Value, json};
 use tau::assumptions::{Assumptions, PathDeviation, TrackComparison, TrackLinearity};
-use tau::calibration::{LinkResult, ParameterEstimate};
+use tau::calibration::{LinkResult, LinkSigma, ParameterEstimate};
 use tau::discovery::Discovery;
 use tau::evaluation::{
     Evaluation, NotPredicted, PoseError, Summary, VariantResult, without_outliers,
@@ -276,7 +276,7 @@ impl<'a> From<&'a VariantResult> for VariantFields<'a> {
             held_out: variant.held.as_ref().map(held_errors::of_variant),
             iterations: variant.iterations,
             links: (variant.links.iter())
-                .map(|own| (own.name.as_str(), link(own)))
+                .map(|own| (own.name.as_str(), link(own, widening)))
                 .collect(),
             not_predicted: variant.not_predicted.iter().map(not_predicted).collect(),
             orientation_rad: largest.map(|max_abs| json!({ "max_abs": max_abs })),
@@ -297,7 +297,16 @@ impl<'a> From<&'a VariantResult> for VariantFields<'a> {
     }
 }
 
-fn link(link: &LinkResult) -> Value {
+fn link(link: &LinkResult, widening: f64) -> Value {
+    let sigma = |sigma: &LinkSigma| {
+        json!({
+            "length_m": link.length_m.is_finite().then_some(sigma.length_m),
+            "plate_joint_m": link.plate_joint_m.map(|_| sigma.plate_joint_m),
+            "track_offset_m": sigma.track_offset_m,
+            "track_direction": link.track_direction.map(|_| sigma.track),
+            "track_rotation_rad": link.track_rotation_rad.map(|_| sigma.track),
+        })
+    };
     json!({
         "length_m": link.length_m,
         "plate_joint_m": link.plate_joint_m,
@@ -305,13 +314,8 @@ fn link(link: &LinkResult) -> Value {
         "track_direction": link.track_direction,
         "track_rotation_rad": link.track_rotation_rad,
         "cost": link.cost_m4,
-        "sigma": {
-            "length_m": link.sigma.length_m,
-            "plate_joint_m": link.plate_joint_m.map(|_| link.sigma.plate_joint_m),
-            "track_offset_m": link.sigma.track_offset_m,
-            "track_direction": link.track_direction.map(|_| link.sigma.track),
-            "track_rotation_rad": link.track_rotation_rad.map(|_| link.sigma.track),
-        },
+        "sigma": sigma(&link.sigma),
+        "sigma_widened": sigma(&link.sigma_widened(widening)),
     })
 }
 

@@ -2,6 +2,7 @@
 
 mod cost;
 pub(crate) mod error;
+mod link_sigma;
 pub(crate) mod nominal;
 mod output;
 mod paths;
@@ -36,6 +37,7 @@ use crate::weighing::{self, Treatment, Weighing};
 
 pub(crate) use cost::closure_cost;
 pub use error::Error;
+use link_sigma::Knowledge;
 pub use nominal::Nominal;
 pub(crate) use output::statics;
 pub use output::{LinkResult, LinkSigma, ParameterEstimate};
@@ -413,21 +415,17 @@ pub(crate) fn finish(
         &fitted.second_order,
     );
     let name = |place: usize| estimates[place].name.clone();
-    let mut sigmas = vec![0.0; machine.values.len()];
-    let mut priors = vec![f64::INFINITY; machine.values.len()];
-    for (&index, estimate) in fitted.used.iter().zip(&estimates) {
-        sigmas[index] = estimate.sigma;
-        priors[index] = estimate.tolerance.unwrap_or(f64::INFINITY);
-    }
+    let priors = estimates.iter().map(|own| own.tolerance);
+    let priors: Vec<f64> = priors.map(|own| own.unwrap_or(f64::INFINITY)).collect();
+    let known = Knowledge {
+        used: &fitted.used,
+        covariance: &fitted.covariance,
+        second_order: &fitted.second_order,
+        priors: &priors,
+    };
     let shown: Vec<tau_kinematics::Sample<'_>> = poses.iter().map(|&pose| pose.into()).collect();
     Ok(Calibration {
-        links: output::links(
-            &machine,
-            sigmas,
-            priors,
-            prepared.registration.as_ref(),
-            poses,
-        )?,
+        links: output::links(&machine, &known, prepared.registration.as_ref(), poses)?,
         file: RobotFile {
             reference: reference(&machine, &shown).or_else(|| file.reference.clone()),
             paths: if prepared.measured_paths.is_empty() {

@@ -8,6 +8,7 @@ use tau_robot::robot_file::{Covariance, Reference, RobotFile, Value};
 
 use super::cost::closure_cost;
 use super::error::Error;
+use super::link_sigma::Knowledge;
 use super::nominal::Nominal;
 use super::registration::Registration;
 
@@ -67,20 +68,6 @@ pub struct LinkSigma {
     pub track_offset_m: [f64; 3],
     /// Of the track's direction, or of its rotation (rad).
     pub track: [f64; 3],
-}
-
-impl LinkSigma {
-    /// Of a closure, where the values of a machine are standard deviations.
-    fn of(deviations: &Machine, closure: &Instance) -> Self {
-        let three = |quantity: &str| vector_of(deviations, closure, quantity);
-        let track = three("track_direction").or_else(|| three("track_rotation"));
-        Self {
-            length_m: component_of(deviations, closure, "length", None).unwrap_or(0.0),
-            plate_joint_m: three("plate_joint").unwrap_or_default(),
-            track_offset_m: three("track_offset").unwrap_or_default(),
-            track: track.unwrap_or_default(),
-        }
-    }
 }
 
 /// A calibrated parameter.
@@ -178,15 +165,13 @@ fn rounded(value: f64) -> f64 {
     text.parse().unwrap_or(value)
 }
 
-/// One row of Table II per closure; `sigmas` and `priors` are the standard deviations of all parameters and of their priors.
+/// One row of Table II per closure.
 pub(super) fn links(
     machine: &Machine,
-    sigmas: Vec<f64>,
-    priors: Vec<f64>,
+    known: &Knowledge<'_>,
     registration: Option<&Registration>,
     poses: &[&TcpPose],
 ) -> Result<Vec<LinkResult>, Error> {
-    let deviations = [sigmas, priors].map(|values| machine.with_values(values));
     machine
         .variant
         .instances_of(ResidualKind::Closure)
@@ -195,8 +180,7 @@ pub(super) fn links(
             let value = |value: Geometry| {
                 vector(value.name()).or_else(|| machine.described(closure, value))
             };
-            let [sigma, tolerance] =
-                (deviations.each_ref()).map(|deviations| LinkSigma::of(deviations, closure));
+            let [sigma, tolerance] = known.of_link(machine, closure);
             Ok(LinkResult {
                 name: machine.closure_name(closure).to_owned(),
                 length_m: machine.length_m(closure, &[]),
