@@ -124,6 +124,7 @@ fn the_same_of_measurements_without_poses() {
     assert_eq!(fit["status"], "inconsistent", "{fit:#}");
 }
 
+/// Of a linear delta rods are as long as the arm, their joints lie on circles: lengths are known as the arm is, joints as
 /// radius and angle.
 #[test]
 fn values_of_formulas_are_known_as_their_parameters_are() {
@@ -157,4 +158,37 @@ fn values_of_formulas_are_known_as_their_parameters_are() {
         let (length, arm) = (number(&sigma["length_m"]), of(&format!("arm_{link}")));
         assert!((length / arm - 1.0).abs() < 1e-6, "{length} {arm}");
     }
+}
+
+/// `--quiet` does not hide what a search found, and what a check finds wrong.
+#[test]
+fn quiet_hides_no_verdict() {
+    let folder = tempfile::tempdir().unwrap();
+    let simulate = "tau simulate --model five_bar --seed 3 --out DIR/measured -q";
+    tau_in(folder.path(), simulate).done();
+    let check = "tau check DIR/measured -q";
+    let well = tau_in(folder.path(), check);
+    assert_eq!((well.code, well.err.as_str()), (0, ""));
+    let found = tau_in(
+        folder.path(),
+        "tau discover DIR/measured --out DIR/found -q",
+    );
+    let said = &found.err;
+    assert!(said.starts_with("verdict: The model Full"), "{said}");
+    assert!(
+        said.ends_with("nothing significant is missing.\n"),
+        "{said}"
+    );
+    assert_eq!(found.done(), "");
+    let path = folder.path().join("measured/tcp_poses.csv");
+    let text = fs::read_to_string(&path).unwrap();
+    let exchanged = text.replacen("q1_rad,q2_rad", "q2_rad,q1_rad", 1);
+    fs::write(&path, exchanged).unwrap();
+    let wrong = tau_in(folder.path(), check);
+    assert!(
+        wrong.err.starts_with("verdict: In tcp_poses.csv: "),
+        "{}",
+        wrong.err
+    );
+    assert_eq!(wrong.out, "");
 }

@@ -46,7 +46,8 @@ A robot is described in a .tau file; `tau robots` lists those that are built in.
 Exit codes: 0 done, 1 failed to converge or check failed, 2 bad input or usage."
 )]
 pub(super) struct Arguments {
-    /// Print nothing but errors, verdicts that are not `consistent` or that rows were left out of, and the JSON or CSV that was asked for
+    /// Print nothing but errors, verdicts that are not `consistent` or that rows were left out of, that of `discover`, what `check`
+    /// finds wrong, and the JSON or CSV that was asked for
     #[arg(long, short, global = true, display_order = 900)]
     pub(super) quiet: bool,
     #[command(subcommand)]

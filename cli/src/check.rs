@@ -30,7 +30,9 @@ pub(super) fn run(arguments: &arguments::Check, console: &Console<'_>) -> Result
         };
         format!("a calibration would mean nothing: {why}")
     });
+    let wrong = report::trust::terminal::wrong(&found);
     Ok(Outcome {
+        verdict: (!wrong.is_empty()).then(|| wrong.join(" ")),
         summary: format!(
             "{robot}, {folder}\n\n{}",
             report::trust::terminal::check(&found, console.width)

@@ -26,7 +26,8 @@ pub(super) struct Outcome {
     pub(super) stale: Vec<PathBuf>,
     /// Results for programs as JSON, and where they go.
     pub(super) json: Option<(String, Target)>,
-    /// Verdict on a result that is not consistent, or that rows were left out of: stands in the summary, and on standard error where that is not shown.
+    /// Verdict on a result that is not consistent, or that rows were left out of, and on any search: stands in the summary, and
+    /// on standard error where that is not shown.
     pub(super) verdict: Option<String>,
     /// Why the command fails all the same.
     pub(super) failure: Option<String>,

@@ -107,6 +107,7 @@ pub(super) fn run(
         + &written(files.iter().map(|(path, _)| path.as_path()));
     Ok(Outcome {
         summary,
+        verdict: Some(report::terminal::found(discovery)),
         remarks: [session.remarks(), catalogues.remarks].concat(),
         files,
         json: target.map(|target| {

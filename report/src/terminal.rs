@@ -82,6 +82,11 @@ pub fn discovery(found: &Discovery, width: usize) -> String {
     screen.into_text()
 }
 
+/// The first line of it, which says whether anything is missing.
+pub fn found(found: &Discovery) -> String {
+    discovery::findings::verdict(found)
+}
+
 fn discovered(screen: &mut Screen, found: &Discovery) {
     use discovery::{findings, tables};
     screen.say(&findings::verdict(found));

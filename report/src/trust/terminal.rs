@@ -41,27 +41,40 @@ pub(crate) fn of_study(screen: &mut Screen, study: &Study) {
     }
 }
 
-/// The result of `tau check`.
-pub fn check(check: &Check, width: usize) -> String {
-    let mut screen = Screen::new(width);
-    for mistake in &check.mistakes {
-        screen.say(&format!(
+/// Sentences on what is wrong with the input of `tau check`: mistakes, or noise that is not met without one.
+pub fn wrong(check: &Check) -> Vec<String> {
+    let mistakes = check.mistakes.iter().map(|mistake| {
+        format!(
             "In {}: {}. To mend it: {}.",
             mistake.file, mistake.what, mistake.mend
-        ));
-    }
-    if check.mistakes.is_empty() {
-        screen.say(&match check.misfit {
-            _ if !check.is_meaningful() => {
-                "No mistake that could be mended was recognised, yet a calibration would mean nothing.".to_owned()
-            }
-            Some(times) => format!(
+        )
+    });
+    let unexplained = match check.misfit {
+        _ if !check.mistakes.is_empty() => None,
+        _ if !check.is_meaningful() => Some(
+            "No mistake that could be mended was recognised, yet a calibration would mean nothing."
+                .to_owned(),
+        ),
+        misfit => misfit.map(|times| {
+            format!(
                 "No mistake was recognised, yet residuals of a first fit are {} times the stated noise: `tau calibrate` says \
                  where.",
                 general(times, 3)
-            ),
-            None => "No mistake was recognised.".to_owned(),
-        });
+            )
+        }),
+    };
+    mistakes.chain(unexplained).collect()
+}
+
+/// The result of `tau check`.
+pub fn check(check: &Check, width: usize) -> String {
+    let mut screen = Screen::new(width);
+    let wrong = wrong(check);
+    if wrong.is_empty() {
+        screen.say("No mistake was recognised.");
+    }
+    for sentence in &wrong {
+        screen.say(sentence);
     }
     screen.gap();
     screen.line("Files");
