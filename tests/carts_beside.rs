@@ -138,6 +138,16 @@ fn carts_that_a_variant_misses_count_less() {
     let own = files.iter().find(of).unwrap();
     let ratio = own["rms"].as_f64().unwrap() / own["expected_rms"].as_f64().unwrap();
     assert!(ratio > 1.5, "{own}");
+    // Their noise is what was found, and not as stated; that of positions is.
+    let kinds = found["kinds"].as_array().unwrap();
+    let of = |file: &str| {
+        let of = |kind: &&Value| kind["file"] == file && kind["kind"] != "rotation";
+        kinds.iter().find(of).unwrap()["estimated"].clone()
+    };
+    assert_eq!(
+        (of("cart_poses.csv"), of("tcp_positions.csv")),
+        (true.into(), false.into())
+    );
 }
 
 /// One gross row, and tracks that the variant misses: noise is taken for as large as the misfit of all others makes it, not

@@ -37,7 +37,7 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
         let unit = fit.kind.unit;
         let noise = match fit.kind.stated {
             None => "exact".to_owned(),
-            Some(_) if fit.kind.is_estimated() => {
+            Some(_) if fit.kind.is_found() => {
                 format!("{} (found)", length(fit.noise, unit))
             }
             Some(_) => length(fit.noise, unit),
@@ -262,7 +262,7 @@ pub fn json(found: &UnknownPoses) -> Value {
             "noise": fit.kind.stated.map(|_| fit.kind.sigma),
             "noise_of_rows": fit.kind.stated.map(|_| fit.noise),
             "unit": fit.kind.unit,
-            "estimated": fit.kind.is_estimated(),
+            "estimated": fit.kind.is_found(),
             "residual_over_noise": fit.residual_over_noise(),
             "repeats": fit.repeats.as_ref().map(repeats),
         })).collect::<Vec<_>>(),

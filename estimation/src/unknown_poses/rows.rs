@@ -75,6 +75,16 @@ impl Kind {
         }
     }
 
+    /// True if its noise follows from its residuals: it is to be estimated, or a variant misses what carts state.
+    pub fn is_found(&self) -> bool {
+        self.is_estimated() || self.is_missed_of_carts()
+    }
+
+    /// True for measurements of carts that a variant misses, so that they count less than they state.
+    pub(super) fn is_missed_of_carts(&self) -> bool {
+        self.is_of_carts() && self.excess() > 1.0
+    }
+
     /// True for drives without noise.
     pub fn is_exact(&self) -> bool {
         self.stated.is_none()

@@ -359,7 +359,7 @@ impl UnknownPoses {
 
     fn misses_of_carts(&self) -> Option<String> {
         let missed = self.kinds.iter().map(|kind| &kind.kind);
-        let missed = missed.filter(|kind| kind.is_of_carts() && kind.excess() > 1.0);
+        let missed = missed.filter(|kind| kind.is_missed_of_carts());
         let missed: Vec<String> = missed
             .map(|kind| {
                 let times = general(kind.excess(), 2);
