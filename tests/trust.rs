@@ -376,6 +376,24 @@ fn an_inconsistent_fit_says_so() {
     assert!(fit["mistakes"].as_array().unwrap().is_empty(), "{fit:#}");
 }
 
+/// The reasons and the list of pulls tell one figure of a parameter.
+#[test]
+fn a_pull_is_told_with_one_figure() {
+    let folder = tempfile::tempdir().unwrap();
+    let line = "tau simulate --model five_bar --seed 2228 --out DIR/measured -q";
+    tau_in(folder.path(), line).done();
+    let line = "tau calibrate DIR/measured --variant Full --out DIR/out --json -";
+    let fit = &tau_in(folder.path(), line).json()["fit"];
+    let worst = &fit["pulls"][0];
+    let told = format!(
+        "`{}` is pulled {:.2} tolerances off its nominal value.",
+        worst["parameter"].as_str().unwrap(),
+        number(&worst["tolerances"]).abs()
+    );
+    let mut why = fit["why"].as_array().unwrap().iter();
+    assert!(why.any(|why| why == told.as_str()), "{told} {fit:#}");
+}
+
 /// A variant that brings residuals to the noise is not blamed for what one without effects leaves.
 #[test]
 fn noise_that_is_met_is_stated_rightly() {

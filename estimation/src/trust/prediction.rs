@@ -109,7 +109,7 @@ pub fn of_prediction(
         verdict.chi2 = misfit.chi2;
         verdict.dof = misfit.dof;
         verdict.residual_over_noise = misfit.ratio();
-        verdict.judge(variant, None);
+        verdict.judge(None);
         verdict
     } else {
         let judged = tried::judged(&case, &prepared, &machine.values, ITERATIONS)?;
@@ -119,10 +119,8 @@ pub fn of_prediction(
         furthest = own.map(|own| Pull::of(&own, variant));
         let mut verdict = measured(&case, &judged, Pull::largest(pulls));
         verdict.know(&weighing, folder.poses_file());
-        verdict.judge(
-            variant,
-            tried::beyond_tolerance(&deviations, verdict.residual_over_noise),
-        );
+        let beyond = tried::beyond_tolerance(&deviations, verdict.residual_over_noise);
+        verdict.judge(beyond.map(|own| Pull::of(&own, variant)).as_ref());
         verdict
     };
     if verdict.status > Status::Consistent || verdict.residual_over_noise < 1.0 / 3.0 {

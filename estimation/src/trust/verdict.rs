@@ -3,7 +3,6 @@
 use std::fmt;
 
 use tau_robot::measurements::{CART_POSES, CART_POSITIONS, Folder, TcpPose};
-use tau_robot::robot::Variant;
 use tau_robot::robot_file::RobotFile;
 
 use crate::calibration::{Calibration, Error, ParameterEstimate, Prepared};
@@ -14,7 +13,7 @@ use crate::numerics::spread::spread;
 use crate::problem::Component;
 use crate::setup::Setup;
 use crate::trust::hypothesis::{self, Case};
-use crate::trust::judged::{Deviation, Judged, Misfit};
+use crate::trust::judged::{Judged, Misfit};
 use crate::trust::mistake::{Mistake, MistakeKind};
 use crate::trust::of_folder::{self, of_case};
 use crate::trust::pull::Pull;
@@ -244,7 +243,14 @@ pub fn of_calibration_knowing(
     let mut verdict = measured(&case, judged, Pull::largest(calibration.pulls()));
     verdict.know(weighing, folder.poses_file());
     let beyond = tried::beyond_tolerance(&deviations, verdict.residual_over_noise);
-    verdict.judge(&machine.variant, beyond);
+    // Told as it is listed: the judgement weighs the closures of a pose together, the calibration need not.
+    let beyond = beyond.map(|own| Pull::of(&own, &machine.variant));
+    let beyond = beyond.map(|own| {
+        let mut pulls = calibration.pulls();
+        let listed = pulls.find(|pull| pull.parameter == own.parameter);
+        listed.unwrap_or(own)
+    });
+    verdict.judge(beyond.as_ref());
     let is_off =
         tried::is_beyond_noise(&judged.misfit()) || verdict.residual_over_noise < LEAST_RATIO;
     let nominal = &case.prepared()?.nominal;
@@ -364,8 +370,8 @@ impl Verdict {
             .extend(weighing.repeats.as_ref().map(weighing_words::repeats));
     }
 
-    /// Tests residuals, and the parameter that is furthest off.
-    pub(super) fn judge(&mut self, variant: &Variant, beyond: Option<Deviation>) {
+    /// Tests residuals, and tells of a parameter that is beyond its tolerance.
+    pub(super) fn judge(&mut self, beyond: Option<&Pull>) {
         let misfit = Misfit {
             chi2: self.chi2,
             dof: self.dof,
@@ -380,12 +386,12 @@ impl Verdict {
                 general(self.dof, 4)
             ));
         }
-        if let Some(deviation) = beyond {
+        if let Some(pull) = beyond {
             self.status = self.status.max(Status::Inconsistent);
-            let name = &variant.parameters[deviation.parameter].name;
             self.why.push(format!(
-                "`{name}` is pulled {} tolerances off its nominal value.",
-                general(deviation.tolerances.abs(), 3)
+                "`{}` is pulled {} tolerances off its nominal value.",
+                pull.parameter,
+                general(pull.tolerances.abs(), 3)
             ));
         }
     }
