@@ -24,7 +24,7 @@ use super::search::{Found, Search};
 use super::waves::waves;
 use super::{Error, Input, Outcome, floor, misfit, results, structure, text};
 
-/// Chance in white noise below which residuals are said to follow each other.
+/// Chance in white noise below which residuals are said to depend on each other.
 const SERIAL: f64 = 0.01;
 /// Chance below which one of all dimensions is said to lie far from the robot file.
 const UNLIKELY: f64 = 0.01;
@@ -414,12 +414,42 @@ fn remarks(search: &Search<'_>, whiteness: Option<&Whiteness>) -> Vec<String> {
     if let Some(found) = whiteness
         && found.after.p_value.min(found.after.portmanteau_p_value) < SERIAL
     {
-        remarks.push(format!(
-            "the residuals of set 1 that are left follow each other in the order of measurement (correlation of \
-             neighbours {:.2}): noise is serial, or something unknown varies slowly; either imitates effects of time \
-             and temperature, and makes p-values and standard deviations too small",
-            found.after.lag1
-        ));
+        remarks.push(serial(found.after.lag1));
     }
     remarks
+}
+
+/// Remark on residuals that depend on each other in the order of measurement. What varies slowly makes neighbours alike: where
+/// they are opposed instead, sums over slow effects scatter less than those of independent noise.
+fn serial(lag1: f64) -> String {
+    let what_it_means = if lag1 > 0.0 {
+        "noise is serial, or something unknown varies slowly; either imitates effects of time and temperature, and makes \
+         p-values and standard deviations too small"
+    } else {
+        "noise is serial, and p-values and standard deviations, which take it for independent, may be too small or too large"
+    };
+    format!(
+        "the residuals of set 1 that are left depend on each other in the order of measurement (correlation of neighbours \
+         {lag1:.2}): {what_it_means}"
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Opposed neighbours are no sign of what varies slowly, nor of standard deviations that are too small.
+    #[test]
+    fn serial_residuals_are_told_by_their_sign() {
+        let alike = serial(0.3);
+        assert!(alike.contains("varies slowly"), "{alike}");
+        assert!(alike.ends_with("standard deviations too small"), "{alike}");
+        let opposed = serial(-0.119);
+        assert!(
+            opposed.contains("(correlation of neighbours -0.12)"),
+            "{opposed}"
+        );
+        assert!(!opposed.contains("slowly"), "{opposed}");
+        assert!(opposed.ends_with("too small or too large"), "{opposed}");
+    }
 }
