@@ -183,6 +183,13 @@ impl Uncertainty {
         Some(known_with_paths.with_track_scales(machine, 0, listed))
     }
 
+    /// The same with standard deviations so many times as large.
+    fn widened(mut self, by: f64) -> Self {
+        self.factor.scale(by);
+        self.points_m *= by;
+        self
+    }
+
     /// Number of columns of F.
     pub(crate) fn columns(&self) -> usize {
         self.factor.columns()

@@ -77,6 +77,12 @@ impl Factor {
         lanes.iter().flat_map(|lanes| lanes.0)
     }
 
+    /// The same so many times as large.
+    pub(crate) fn scale(&mut self, by: f64) {
+        let entries = self.lanes.iter_mut().flat_map(|lanes| &mut lanes.0);
+        entries.for_each(|entry| *entry *= by);
+    }
+
     /// The covariance `S·F·Fᵀ·Sᵀ` of the rows of S.
     pub(crate) fn covariance_of(&self, rows: &[Row]) -> DMatrix<f64> {
         let count = rows.len();

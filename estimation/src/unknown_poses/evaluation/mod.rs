@@ -213,7 +213,12 @@ fn evaluated(
     let variant = &*of_true_poses(setup)?;
     let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
     let prepared = Prepared::from_file(robot, variant, file, Some(folder), &all)?;
-    let of_parameters = Uncertainty::widened_of_prepared(&prepared, file);
+    // A fit follows the noise of its own rows as it was weighed.
+    let of_parameters = if rows.are_fitted {
+        Uncertainty::of_prepared(&prepared, file)
+    } else {
+        Uncertainty::widened_of_prepared(&prepared, file)
+    };
     let division = rows.division();
     let machine = prepared.machine.clone();
     let mut fit = Fit::from(&prepared, machine, file, folder, &division, false)?;
