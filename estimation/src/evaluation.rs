@@ -6,9 +6,9 @@ use tau_kinematics::{self as kinematics, Machine, Sample};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Folder, TCP_POSES, TcpPose};
 use tau_robot::robot::Arm;
-use tau_robot::robot_file::Noise;
 
 use crate::calibration::{Combination, Error, LinkResult, ParameterEstimate};
+pub use crate::expected::ErrorSigma;
 use crate::expected::Expected;
 use crate::numerics::parallel;
 use crate::trust::Verdict;
@@ -45,16 +45,6 @@ pub struct PoseError {
     pub sigma: Option<ErrorSigma>,
 }
 
-/// Standard deviations of an error of prediction: of the parameters, of drives and links, and of the measurement together,
-/// under the stated noise.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ErrorSigma {
-    /// Of the position, one per axis (µm).
-    pub position_um: [f64; 3],
-    /// Of the rotation vector, one per axis (rad), where the model predicts orientation.
-    pub orientation_rad: Option<[f64; 3]>,
-}
-
 impl PoseError {
     /// Length of the position error (µm).
     pub fn length_um(&self) -> f64 {
@@ -65,39 +55,6 @@ impl PoseError {
     fn expected_um(&self) -> Option<f64> {
         let axes = self.sigma?.position_um;
         Some(axes.iter().map(|sigma| sigma * sigma).sum::<f64>().sqrt())
-    }
-}
-
-impl ErrorSigma {
-    /// Of translation and rotation vector, by the noise of the measurement and variances (m², rad²) that a fit to the pose may
-    /// have lessened: to first order by more than there was. Motions that the plate lacks are neither predicted nor measured.
-    pub(crate) fn new(beside: [f64; 6], noise: Noise, machine: &Machine) -> Self {
-        let free = machine.pose_unknowns();
-        let with = |noise: f64, first: usize| {
-            [0, 1, 2].map(|axis| {
-                let is_free = free.contains(&(first + axis));
-                if is_free {
-                    (noise * noise + beside[first + axis]).max(0.0).sqrt()
-                } else {
-                    0.0
-                }
-            })
-        };
-        let position_m = with(noise.position_m, 0);
-        Self {
-            position_um: position_m.map(|sigma| 1e6 * sigma),
-            orientation_rad: (machine.turns()).then(|| with(noise.rotation_rad, 3)),
-        }
-    }
-
-    /// The same so many times as large.
-    #[must_use]
-    pub fn widened(self, by: f64) -> Self {
-        let wider = |sigmas: [f64; 3]| sigmas.map(|sigma| by * sigma);
-        Self {
-            position_um: wider(self.position_um),
-            orientation_rad: self.orientation_rad.map(wider),
-        }
     }
 }
 

@@ -13,13 +13,55 @@ use tau_robot::measurements::Folder;
 use tau_robot::robot_file::Noise;
 
 use crate::calibration::{Error, Prepared};
-use crate::evaluation::ErrorSigma;
 use crate::joint::Joint;
 use crate::numerics::projection::inverse_factor;
 use crate::numerics::triangle;
 use crate::samples;
 use crate::samples::frames::Frames;
 use crate::uncertainty::Uncertainty;
+
+/// Standard deviations of an error of prediction: of the parameters, of drives and links, and of the measurement together,
+/// under the stated noise.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ErrorSigma {
+    /// Of the position, one per axis (µm).
+    pub position_um: [f64; 3],
+    /// Of the rotation vector, one per axis (rad), where the model predicts orientation.
+    pub orientation_rad: Option<[f64; 3]>,
+}
+
+impl ErrorSigma {
+    /// Of translation and rotation vector, by the noise of the measurement and variances (m², rad²) that a fit to the pose may
+    /// have lessened: to first order by more than there was. Motions that the plate lacks are neither predicted nor measured.
+    fn new(beside: [f64; 6], noise: Noise, machine: &Machine) -> Self {
+        let free = machine.pose_unknowns();
+        let with = |noise: f64, first: usize| {
+            [0, 1, 2].map(|axis| {
+                let is_free = free.contains(&(first + axis));
+                if is_free {
+                    (noise * noise + beside[first + axis]).max(0.0).sqrt()
+                } else {
+                    0.0
+                }
+            })
+        };
+        let position_m = with(noise.position_m, 0);
+        Self {
+            position_um: position_m.map(|sigma| 1e6 * sigma),
+            orientation_rad: (machine.turns()).then(|| with(noise.rotation_rad, 3)),
+        }
+    }
+
+    /// The same so many times as large.
+    #[must_use]
+    pub fn widened(self, by: f64) -> Self {
+        let wider = |sigmas: [f64; 3]| sigmas.map(|sigma| by * sigma);
+        Self {
+            position_um: wider(self.position_um),
+            orientation_rad: self.orientation_rad.map(wider),
+        }
+    }
+}
 
 /// Noise and uncertainty that make the errors of a machine's predictions.
 #[derive(Debug, Clone)]

@@ -10,7 +10,7 @@ use serde::Serialize;
 use serde_json::ser::{Formatter, PrettyFormatter, Serializer};
 use serde_json::{Map, Value, json};
 use tau::assumptions::{Assumptions, PathDeviation, TrackComparison, TrackLinearity};
-use tau::calibration::{LinkResult, LinkSigma, ParameterEstimate};
+use tau::calibration::{LinkResult, LinkSigma};
 use tau::discovery::Discovery;
 use tau::evaluation::{
     Evaluation, NotPredicted, PoseError, Summary, VariantResult, without_outliers,
@@ -24,6 +24,7 @@ use tau::trust::Verdict;
 use super::discovery::findings::unconfirmed;
 use super::findings::held_out;
 use super::held_errors;
+use super::parameter_json::parameter;
 use super::trust::json as trust;
 
 /// Version of the fields: raised where one changes its meaning or goes, not where one is added.
@@ -316,19 +317,6 @@ fn link(link: &LinkResult, widening: f64) -> Value {
         "cost": link.cost_m4,
         "sigma": sigma(&link.sigma),
         "sigma_widened": sigma(&link.sigma_widened(widening)),
-    })
-}
-
-/// `sigma` as stated noise makes it, and widened by the misfit.
-pub(crate) fn parameter(parameter: &ParameterEstimate, widening: f64) -> Value {
-    json!({
-        "name": parameter.name,
-        "unit": parameter.unit,
-        "nominal": parameter.nominal,
-        "tolerance": parameter.tolerance,
-        "value": parameter.value,
-        "sigma": parameter.sigma,
-        "sigma_widened": parameter.sigma_widened(widening),
     })
 }
 

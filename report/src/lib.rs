@@ -18,6 +18,7 @@ pub mod html;
 pub mod json;
 mod machine;
 mod number;
+mod parameter_json;
 mod parts;
 mod screen;
 mod sections;

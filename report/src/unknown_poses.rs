@@ -7,8 +7,8 @@ use tau::unknown_poses::{
 
 use crate::findings;
 use crate::gauge::{gauge_json, open};
-use crate::json::parameter;
 use crate::number::general;
+use crate::parameter_json::parameter;
 use crate::screen::Screen;
 use crate::trust;
 

@@ -1,9 +1,21 @@
 //! Standard deviations of the values of a link: those of its parameters, and of what follows from parameters by a formula.
 
 use tau_kinematics::Machine;
-use tau_robot::robot::{Instance, Value};
+use tau_robot::robot::{Instance, Owner, Value};
 
-use super::output::{LinkSigma, own_parameter};
+/// Standard deviations of a row of Table II, of values that follow from formulas those of the parameters in these; zero for
+/// what is not calibrated.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct LinkSigma {
+    /// Of the length (m).
+    pub length_m: f64,
+    /// Of the plate joint (m).
+    pub plate_joint_m: [f64; 3],
+    /// Of the track offset (m).
+    pub track_offset_m: [f64; 3],
+    /// Of the track's direction, or of its rotation (rad).
+    pub track: [f64; 3],
+}
 
 /// Values of a link: length, plate joint, track offset, direction or rotation of the track.
 const VALUES: usize = 10;
@@ -117,5 +129,30 @@ fn described(machine: &Machine, closure: &Instance) -> [f64; VALUES] {
     std::array::from_fn(|k| match k.checked_sub(1) {
         None => length_m,
         Some(k) => vectors[k / 3][k % 3],
+    })
+}
+
+/// A parameter, of a quantity that is wanted, of the link, cluster or track that a closure belongs to: its index in the
+/// variant.
+pub(crate) fn own_parameter(
+    machine: &Machine,
+    closure: &Instance,
+    component: Option<usize>,
+    is_wanted: impl Fn(&str) -> bool,
+) -> Option<usize> {
+    let is_own = |owner: Owner| match owner {
+        Owner::Link(index) | Owner::Cluster(index) => index == closure.of,
+        Owner::Track(_) => true,
+        Owner::Crank(_)
+        | Owner::Robot
+        | Owner::Effect(_)
+        | Owner::Frame(_)
+        | Owner::Target { .. } => false,
+    };
+    closure.parameters.iter().copied().find(|&index| {
+        let parameter = &machine.variant.parameters[index];
+        is_wanted(&parameter.quantity)
+            && parameter.component == component
+            && is_own(parameter.owner)
     })
 }

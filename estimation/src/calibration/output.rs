@@ -8,7 +8,7 @@ use tau_robot::robot_file::{Covariance, Reference, RobotFile, Value};
 
 use super::cost::closure_cost;
 use super::error::Error;
-use super::link_sigma::Knowledge;
+use super::link_sigma::{Knowledge, LinkSigma, own_parameter};
 use super::nominal::Nominal;
 use super::registration::Registration;
 
@@ -54,20 +54,6 @@ impl LinkResult {
 /// A standard deviation at noise so many times the stated one: no more than its prior's, which noise does not widen.
 pub(crate) fn widened(sigma: f64, widening: f64, prior: f64) -> f64 {
     (widening * sigma).min(prior.max(sigma))
-}
-
-/// Standard deviations of a row of Table II, of values that follow from formulas those of the parameters in these; zero for
-/// what is not calibrated.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct LinkSigma {
-    /// Of the length (m).
-    pub length_m: f64,
-    /// Of the plate joint (m).
-    pub plate_joint_m: [f64; 3],
-    /// Of the track offset (m).
-    pub track_offset_m: [f64; 3],
-    /// Of the track's direction, or of its rotation (rad).
-    pub track: [f64; 3],
 }
 
 /// A calibrated parameter.
@@ -344,31 +330,6 @@ fn component_of(
 ) -> Option<f64> {
     own_parameter(machine, closure, component, |own| own == quantity)
         .map(|index| machine.values[index])
-}
-
-/// A parameter, of a quantity that is wanted, of the link, cluster or track that a closure belongs to: its index in the
-/// variant.
-pub(crate) fn own_parameter(
-    machine: &Machine,
-    closure: &Instance,
-    component: Option<usize>,
-    is_wanted: impl Fn(&str) -> bool,
-) -> Option<usize> {
-    let is_own = |owner: Owner| match owner {
-        Owner::Link(index) | Owner::Cluster(index) => index == closure.of,
-        Owner::Track(_) => true,
-        Owner::Crank(_)
-        | Owner::Robot
-        | Owner::Effect(_)
-        | Owner::Frame(_)
-        | Owner::Target { .. } => false,
-    };
-    closure.parameters.iter().copied().find(|&index| {
-        let parameter = &machine.variant.parameters[index];
-        is_wanted(&parameter.quantity)
-            && parameter.component == component
-            && is_own(parameter.owner)
-    })
 }
 
 #[cfg(test)]
