@@ -1,4 +1,4 @@
-//! How well results say they are known: standard deviations as stated and widened, of formulas, and what `--quiet` still says.
+//! Standard deviations in results, as stated and widened and of formulas, and verdicts that `--quiet` still says.
 
 use std::fs;
 use std::path::Path;

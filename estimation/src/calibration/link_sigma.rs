@@ -20,7 +20,7 @@ pub struct LinkSigma {
 /// Values of a link: length, plate joint, track offset, direction or rotation of the track.
 const VALUES: usize = 10;
 
-/// How well parameters are known.
+/// Covariance and priors of the calibrated parameters.
 pub(super) struct Knowledge<'a> {
     /// Indices of the calibrated ones in the variant.
     pub(super) used: &'a [usize],
@@ -83,7 +83,7 @@ impl Knowledge<'_> {
                 let slope = (high[k] - low[k]) / (2.0 * step);
                 gradient[place] = match own[k] {
                     Some(own) => f64::from(own == index),
-                    // What the link does not have is no number, and larger than none.
+                    // Values that the link does not have are no numbers, and no slope of theirs exceeds any.
                     None if slope.abs() > LEAST => slope,
                     None => 0.0,
                 };

@@ -332,7 +332,7 @@ pub(super) fn known_poses(
 mod tests {
     use super::*;
 
-    /// What is said of heights under a header.
+    /// The errors of heights under a header.
     fn said(header: &str) -> String {
         let text = format!("{header}\n1,0.1,0.2,1e-4\n2,0.3,0.4,1e-4\n");
         let shape = Shape::of_carts(1);

@@ -91,7 +91,7 @@ mod tests {
     use super::*;
     use crate::input_error::InputError;
 
-    /// What is said of a file of a linear delta with these parameters.
+    /// The errors of a file of a linear delta with these parameters.
     fn said(parameters: &str) -> String {
         let robot = Robot::from(&tau_generated::linear_delta::ROBOT);
         let text = format!(
