@@ -215,7 +215,7 @@ fn printers_that_can_not_be_are_not_exported() {
         ),
         (
             "0.3449",
-            "found parameter `arm_a` of 344.6 mm, expected more than the radius",
+            "is not a finite number at the values of `endstop_a`, `arm_a`, `radius`",
         ),
     ] {
         fs::write(&path, found.replace("0.1613", value)).unwrap();

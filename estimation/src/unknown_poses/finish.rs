@@ -114,7 +114,8 @@ impl Fit<'_> {
         covariance: DMatrix<f64>,
     ) -> DMatrix<f64> {
         let are_exact = self.assembly.kinds.iter().any(Kind::is_exact);
-        if !are_exact || !self.is_redundant() || self.misses_exact(reduced) {
+        let is_empty = covariance.is_empty();
+        if is_empty || !are_exact || !self.is_redundant() || self.misses_exact(reduced) {
             return covariance;
         }
         let factor = self.spread(&reduced.triangle, variance, |_, _| true);

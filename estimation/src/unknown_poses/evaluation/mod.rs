@@ -229,7 +229,7 @@ fn evaluated(
     fit.refuse_treatment(options.treatment)?;
     let mistakes = fit.exchanged_distances();
     let known = Known::new(&fit, of_parameters.as_ref(), rows.are_fitted);
-    let is_known = fit.take_noise_of_calibration(options)?;
+    let is_known = fit.take_noise_of_calibration(rows.are_fitted, options)?;
     let is_estimated = !is_known && fit.assembly.kinds.iter().any(Kind::is_estimated);
     let takes = Follows {
         noise: is_estimated,
@@ -355,12 +355,17 @@ impl Fit<'_> {
     }
 
     /// Takes noise that is to be estimated, and what rows are gross, from a calibration of these rows that begins at the
-    /// parameters of the file, if it leaves something of each such kind; true if it does.
+    /// parameters of the file, if it leaves something of each such kind or is the fit that gave the parameters, which has no
+    /// other noise; true if it does.
     ///
     /// The residuals of a machine that has changed are no noise, and most of them are large, so that they are no matter of
     /// gross rows either: both are sought where parameters are free within the tolerances of the drawing, which are wide
     /// beside what the file knows, and hold what these rows leave open.
-    fn take_noise_of_calibration(&mut self, options: &calibration::Options) -> Result<bool, Error> {
+    fn take_noise_of_calibration(
+        &mut self,
+        are_fitted: bool,
+        options: &calibration::Options,
+    ) -> Result<bool, Error> {
         if !self.assembly.kinds.iter().any(Kind::is_estimated) {
             return Ok(false);
         }
@@ -380,7 +385,7 @@ impl Fit<'_> {
             Err(Error::NotConverged { .. }) => return Ok(false),
             Err(error) => return Err(error),
         };
-        if !free.can_estimate_noise(&settled.reduced, &settled.leverages) {
+        if !are_fitted && !free.can_estimate_noise(&settled.reduced, &settled.leverages) {
             return Ok(false);
         }
         self.assembly.kinds = free.assembly.kinds;
