@@ -221,6 +221,44 @@ fn noise_that_readings_share_is_not_stated_too_large() {
     assert!(why.contains(OR_DRIVES), "{why}");
 }
 
+/// Readings that share half of their variance: four of them are worth 1.6, and deviations by noise of each are too small
+/// by √2.5. Widened, they are those of the parameters' errors.
+#[test]
+fn deviations_are_widened_by_what_readings_share() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |line: &str| tau_in(folder.path(), line);
+    let [mut stated, mut widened, mut count] = [0.0; 3];
+    for seed in 1..=8 {
+        run(&format!(
+            "tau simulate --model linear_delta --measure heights,distances --random --poses 25 --readings 4 \
+             --visit-noise 0.5 --seed {seed} --out DIR/{seed}"
+        ))
+        .done();
+        let truth =
+            std::fs::read_to_string(folder.path().join(format!("{seed}/truth.json"))).unwrap();
+        let truth: serde_json::Value = serde_json::from_str(&truth).unwrap();
+        let found = run(&format!(
+            "tau calibrate DIR/{seed} --model linear_delta --variant Full --split all --out DIR/out --json -"
+        ))
+        .json();
+        for own in found["parameters"].as_array().unwrap() {
+            let number = |key: &str| own[key].as_f64().unwrap();
+            let name = own["name"].as_str().unwrap();
+            if let Some(truth) = truth["parameters"][name].as_f64() {
+                let error = number("value") - truth;
+                stated += (error / number("sigma")).powi(2);
+                widened += (error / number("sigma_widened")).powi(2);
+                count += 1.0;
+            }
+        }
+    }
+    assert!(count >= 60.0, "{count}");
+    let [stated, widened] = [stated, widened].map(|sum: f64| sum / count);
+    assert!(stated > 1.9 * widened, "{stated}, {widened}");
+    // Errors of one machine go together: as if of a third of them, a mean square is known to a quarter.
+    assert!((0.4..1.9).contains(&widened), "{widened}");
+}
+
 /// Of noise that is estimated from residuals the verdict says that their size tells nothing. Where readings are repeated
 /// their scatter does, and finds nothing in a right model.
 #[test]

@@ -103,6 +103,9 @@ pub struct Verdict {
     pub outliers: Vec<Outlier>,
     /// Repeated readings, if there are any.
     pub repeats: Option<Repeats>,
+    /// Residuals of the means of repeated readings over the noise of these means, the largest of kinds where the model misses
+    /// them, poses being unknown; 0 without.
+    pub means_over_noise: f64,
     /// Loss of the fit, if it is not least squares.
     pub loss: Option<Loss>,
 }
@@ -110,19 +113,21 @@ pub struct Verdict {
 impl Verdict {
     /// Factor by which standard deviations are too small where the misfit is one of noise: √(chi2/dof) where that is
     /// inconsistent with the stated noise, else 1 (R. T. Birge, Phys. Rev. 40, 1932). Where readings are repeated, what
-    /// those of a visit share is in the standard deviations already, and the ratio is that of what is left between visits.
+    /// those of a visit share is in the standard deviations already, and the ratio is that of what is left between visits;
+    /// where poses are unknown, it is not, and the ratio is at least that of the means.
     pub fn widening(&self) -> f64 {
         let misfit = Misfit {
             chi2: self.chi2,
             dof: self.dof,
             rows: 0,
         };
-        if tried::is_beyond_noise(&misfit) {
+        let of_readings = if tried::is_beyond_noise(&misfit) {
             let ratio = self.repeats.map(|repeats| repeats.excess);
-            ratio.unwrap_or(self.residual_over_noise).max(1.0)
+            ratio.unwrap_or(self.residual_over_noise)
         } else {
             1.0
-        }
+        };
+        of_readings.max(self.means_over_noise).max(1.0)
     }
 
     /// The verdict where mistakes of the input leave no fit, for a reason: its figures are not numbers.

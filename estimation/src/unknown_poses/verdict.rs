@@ -96,6 +96,13 @@ impl UnknownPoses {
         test(fit).is_some_and(|test| test.p_value * (tests as f64) < SIGNIFICANT)
     }
 
+    /// [`Verdict::means_over_noise`].
+    fn means_over_noise(&self) -> f64 {
+        let missed = self.kinds.iter().filter(|fit| self.lacks_fit(fit));
+        let tests = missed.filter_map(|fit| fit.repeats?.lack_of_fit);
+        tests.fold(0.0, |most, test| test.over_noise.max(most))
+    }
+
     /// The other reason for means that are missed where no noise of drives is known: readings of one value were taken at one
     /// place, and do not show how well the drives come back to it.
     fn or_drives(&self) -> Option<String> {
@@ -266,6 +273,7 @@ impl UnknownPoses {
             pulls,
             why,
             outliers: self.gross.iter().map(GrossRow::outlier).collect(),
+            means_over_noise: self.means_over_noise(),
             loss: self.loss,
             ..Verdict::default()
         };
@@ -291,8 +299,10 @@ impl UnknownPoses {
         }
         let why = format!(
             "The model misses means of repeated readings of {} by more than these scatter by, though within the stated noise: \
-             it lacks something, and standard deviations, for which each reading has errors of its own, are too small.",
-            missed.join(" and ")
+             it lacks something, and standard deviations, for which each reading has errors of its own, are up to {} times \
+             as large.",
+            missed.join(" and "),
+            general(self.means_over_noise().max(1.0), 3)
         );
         [why].into_iter().chain(self.or_drives()).collect()
     }
