@@ -10,7 +10,7 @@ use super::least_norm::least_norm;
 use super::machine::Machine;
 use super::newton::{self, LONGEST_STEP, Settled};
 use super::pose::POSE_COLUMNS;
-use super::{Error, Pose};
+use super::{Closures, Error, Pose};
 
 /// Largest correction after a step, as a share of the step that the tangent foretold. Where two ways of assembling the
 /// arm meet, they part like the roots of a square: a step that needs less than half its length as correction has not
@@ -121,7 +121,8 @@ impl Machine {
     /// from the position, or the arm is reduced, only the position counts.
     ///
     /// # Errors
-    /// As [`Machine::inverse`]; [`Error::Way`] where the way passes a singular pose although its end can be reached.
+    /// As [`Machine::inverse`]; [`Error::Way`] where the way passes a singular pose although its end can be reached;
+    /// [`Error::Behind`] where commands reach the pose, but do not lead the plate there.
     pub fn inverse_along(
         &self,
         from: &Reached,
@@ -157,10 +158,19 @@ impl Machine {
                 self.inverse(to, near)
             }
         };
-        match self.follow(&like, start, goal, &unknowns) {
-            Ok(end) => finish(&near(end.pose, end.commands_m)),
-            Err(error) => finish(&near(from.pose, from.commands_m.clone())).and(Err(error)),
+        let end = match self.follow(&like, start, goal, &unknowns) {
+            Ok(end) => end,
+            Err(error) => return finish(&near(from.pose, from.commands_m.clone())).and(Err(error)),
+        };
+        let found = finish(&near(end.pose, end.commands_m))?;
+        let sense = |of: &Reached| {
+            let closures = self.closures(&options.sample(of.pose, &of.commands_m))?;
+            Ok::<_, Error>(sense(&closures, self.pose_unknowns()))
+        };
+        if sense(&found)? != sense(from)? {
+            return Err(Error::Behind);
         }
+        Ok(found)
     }
 
     /// True if a position says all that can be asked for.
@@ -252,15 +262,18 @@ impl Machine {
             return Err(too_long);
         }
         // On the two sides of a singular pose the arm turns in opposite senses.
-        let sense = |columns: nalgebra::DMatrix<f64>| columns.determinant().signum();
-        if columns.is_square() {
-            let after = self.closures(&found.sample(like))?;
-            if sense(after.jacobian.select_columns(unknowns)) != sense(columns) {
-                return Err(too_long);
-            }
+        let before = sense(&closures, unknowns);
+        if before.is_some() && sense(&self.closures(&found.sample(like))?, unknowns) != before {
+            return Err(too_long);
         }
         Ok(found)
     }
+}
+
+/// Sense in which closures open with unknowns, where these are as many: the sign of their determinant.
+fn sense(closures: &Closures, unknowns: &[usize]) -> Option<f64> {
+    let columns = closures.jacobian.select_columns(unknowns);
+    (columns.is_square()).then(|| columns.determinant().signum())
 }
 
 /// State of a machine on its way.

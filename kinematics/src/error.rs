@@ -87,6 +87,8 @@ pub enum Error {
         /// Share of the way that was followed.
         share: f64,
     },
+    /// A singular pose lies between a pose and a known one: at the commands that reach it, the plate stands elsewhere.
+    Behind,
     /// No way of assembling the arm was found at these commands.
     NoAssembly,
     /// The drives leave the plate fewer freedoms than it has, and a position does not say which pose is meant.
@@ -178,6 +180,11 @@ impl fmt::Display for Error {
                 "the way from the known pose is blocked by a singular one after {:.0} % of it, and behind it the arm \
                  may be assembled in either way",
                 100.0 * share
+            ),
+            Self::Behind => write!(
+                f,
+                "a singular pose lies between this one and the known one: the drives do not lead the plate there, but at their \
+                 commands elsewhere"
             ),
             Self::NoAssembly => {
                 write!(

@@ -118,8 +118,18 @@ impl Commanded {
         })
     }
 
+    /// The same, unless a singular pose lies between it and another, where drives do not lead the plate from one to the other:
+    /// behind it lengths of the rods change with its motions in the opposite sense. Of redundant drives nothing is said.
+    fn beside(self, other: &Self, machine: &Machine) -> Option<Self> {
+        let sense = |of: &Self| {
+            let matrix = of.held(machine);
+            (matrix.is_square()).then(|| matrix.determinant().signum())
+        };
+        (sense(&self) == sense(other)).then_some(self)
+    }
+
     /// Commands that bring the TCP of the machine, without load and errors, to a position (m); `None`
-    /// where it is out of reach. The orientation is what the arm leaves it, nearest to the one before.
+    /// where it is out of reach or behind a singular pose. The orientation is what the arm leaves it, nearest to the one before.
     pub(super) fn towards(&self, machine: &Machine, target_m: Vector3<f64>) -> Option<Self> {
         let way = target_m - self.pose.position_m;
         let steps = (way.norm() / (WAY * machine.workspace_m())).ceil().max(1.0);
@@ -130,11 +140,11 @@ impl Commanded {
             let position = self.pose.position_m + way * (step / steps);
             here = here.near(machine, position)?;
         }
-        Some(here)
+        here.beside(self, machine)
     }
 
     /// The same place with the plate turned by a rotation vector (rad) in the measurement frame; `None` where the drives
-    /// can't turn it so.
+    /// can't turn it so, or not from here.
     pub(super) fn turned(&self, machine: &Machine, turn: Vector3<f64>) -> Option<Self> {
         let steps = (turn.norm() / WAY).ceil().max(1.0);
         let mut here = self.clone();
@@ -145,7 +155,7 @@ impl Commanded {
             let state = machine.unloaded(&here.commands_m, here.pose);
             here.commands_m = closing::commands_of_pose(machine, &state, &here.commands_m)?;
         }
-        Some(here)
+        here.beside(self, machine)
     }
 
     /// The pose at other commands (m or rad), along the straight way to them; `None` where the rods do not meet there, or
@@ -171,7 +181,7 @@ impl Commanded {
                 return None;
             }
         }
-        Some(here)
+        here.beside(self, machine)
     }
 
     /// True if the drives bring the TCP to places beside this one along each axis of its freedoms. Where they do not, as
