@@ -446,6 +446,26 @@ impl<'a> Elimination<'a> {
         }
     }
 
+    /// Residuals by rows and samples, to first order after a change of the shared unknowns that poses follow.
+    pub(super) fn residuals_after(&self, change: &DVector<f64>) -> Vec<Vec<f64>> {
+        let parts = self.of_chunks(|clusters, dense| {
+            let mut found: Vec<(RowIndex, f64)> = vec![];
+            for cluster in clusters {
+                self.fill(cluster, dense);
+                let mut after = dense.rest().to_vec();
+                let columns = dense.columns.chunks_exact(after.len().max(1));
+                for (column, change) in columns.zip(change.iter()) {
+                    for (after, entry) in after.iter_mut().zip(column) {
+                        *after += entry * change;
+                    }
+                }
+                found.extend(dense.rows.iter().copied().zip(after));
+            }
+            found
+        });
+        self.by_rows(parts.into_iter().flatten())
+    }
+
     /// Residuals of each kind that are left when poses follow them to first order.
     pub(super) fn without_poses(&self) -> Vec<KindFit> {
         let noise = noise_of_rows(self.kinds, self.blocks);

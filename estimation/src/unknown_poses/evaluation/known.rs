@@ -56,6 +56,8 @@ pub(in super::super) struct Found {
     pub(super) all: Sum,
     /// The part that no parameters take away.
     pub(super) rest: Sum,
+    /// Degrees of freedom that parameters took as these rows calibrated them.
+    pub(super) absorbed: f64,
     /// Covariance of the shared unknowns as these measurements alone tell them.
     pub(super) free: DMatrix<f64>,
     /// Covariance of objects with held parameters.
@@ -168,9 +170,13 @@ impl Known {
         let free_after = of(&free);
         let by_parameters = &moved * moved.transpose();
         // A fit has moved the parameters already: to where they are, which is known as well as the file says.
+        let absorbed = if self.are_fitted {
+            factor.dot(&(&normal * &moved))
+        } else {
+            0.0
+        };
         let (all, after) = if self.are_fitted {
             let Sum { squares, degrees } = of_objects.sum;
-            let absorbed = factor.dot(&(&normal * &moved));
             let all = Sum {
                 squares,
                 degrees: degrees - absorbed,
@@ -205,6 +211,7 @@ impl Known {
         Found {
             all,
             rest: free.sum,
+            absorbed,
             free: free_after.covariance,
             held: if self.are_fitted {
                 &held + by_parameters

@@ -177,6 +177,7 @@ pub struct HeldErrors {
     pub within_tolerances: Option<Verdict>,
     all: Sum,
     rest: Sum,
+    absorbed: f64,
     /// Mean length of the links (m).
     length_m: f64,
 }
@@ -267,6 +268,7 @@ fn evaluated(
         within_tolerances: None,
         all: found.all,
         rest: found.rest,
+        absorbed: found.absorbed,
         length_m,
         predicted: fit.predicted(&prepared.machine, &values[..shared], &kinds)?,
         kinds,
@@ -418,21 +420,6 @@ impl Fit<'_> {
         Ok(solution.parameters)
     }
 
-    /// Residuals by rows and samples, to first order after a change of the shared unknowns that poses follow.
-    fn residuals_after(&self, values: &[f64], change: &DVector<f64>) -> Vec<Vec<f64>> {
-        let blocks = self.blocks.iter();
-        let mut residuals: Vec<Vec<f64>> =
-            blocks.map(|rows| vec![0.0; rows.weights.len()]).collect();
-        for raw in self.elimination(values).raw_clusters() {
-            let after = raw.complement() * (&raw.residuals + &raw.by_shared * change);
-            for (&(block, sample, residual), value) in raw.rows.iter().zip(after.iter()) {
-                let each = self.blocks[block].kinds.len();
-                residuals[block][sample * each + residual] = *value;
-            }
-        }
-        residuals
-    }
-
     /// Residuals after a change of the shared unknowns, and the shares that it absorbs.
     fn after(
         &self,
@@ -440,14 +427,15 @@ impl Fit<'_> {
         reduced: &Reduced,
         moved: &known::Moved,
     ) -> (Reduced, Vec<Vec<f64>>) {
+        let elimination = self.elimination(values);
         let after = Reduced {
-            residuals: self.residuals_after(values, &moved.change),
+            residuals: elimination.residuals_after(&moved.change),
             triangle: reduced.triangle.clone(),
             projected: reduced.projected.clone(),
             counts: reduced.counts.clone(),
             spent: reduced.spent,
         };
-        let leverages = self.elimination(values).leverages(&moved.covariance);
+        let leverages = elimination.leverages(&moved.covariance);
         (after, leverages)
     }
 
@@ -485,7 +473,7 @@ impl Fit<'_> {
 
     fn errors(&self, values: &[f64], found: &Found) -> Vec<RowError> {
         let elimination = self.elimination(values);
-        let residuals = self.residuals_after(values, &DVector::zeros(self.shared()));
+        let residuals = elimination.residuals_after(&DVector::zeros(self.shared()));
         let absorbed = elimination.leverages(&found.held);
         let by_poses = elimination.leverages(&found.followed);
         let mut errors = vec![];

@@ -47,6 +47,8 @@ impl HeldErrors {
         let is_estimated = self.kinds.iter().any(|own| own.kind.is_estimated());
         let squares = self.all.squares - self.rest.squares;
         let degrees = self.all.degrees - self.rest.degrees;
+        // Parameters that these rows calibrated are off by what tolerances hold back: of each at most as by chance.
+        let tested = degrees + self.absorbed;
         let is_misfit =
             self.rest.degrees > 0.0 && chi2_survival(self.rest.squares, self.rest.degrees) < LEVEL;
         // Noise that was estimated from the rest is known no better than by so many residuals; what the model lacks is in
@@ -59,10 +61,10 @@ impl HeldErrors {
             (_, false, _) | (true, _, false) => false,
             (true, ..) => {
                 let of_noise = self.rest.squares / self.rest.degrees;
-                let ratio = squares / degrees / of_noise.max(f64::MIN_POSITIVE);
-                f_survival(ratio, degrees, self.rest.degrees) < LEVEL
+                let ratio = squares / tested / of_noise.max(f64::MIN_POSITIVE);
+                f_survival(ratio, tested, self.rest.degrees) < LEVEL
             }
-            (false, ..) => chi2_survival(squares, degrees) < LEVEL,
+            (false, ..) => chi2_survival(squares, tested) < LEVEL,
         };
         let why = &mut verdict.why;
         let ratio = general(verdict.residual_over_noise, 3);
