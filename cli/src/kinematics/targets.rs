@@ -7,10 +7,10 @@ use tau::kinematics::{Machine, Pose, Sample};
 use tau::robot::{Plate, Robot};
 use tau_robot::input_error::{InputError, Mistakes, Source, quoted, read, utf8};
 use tau_robot::measurements::set::{
-    ANGLES, ConditionColumns, DIRECTION, ForceColumns, NO_MOTION, POSITION, Set, TEMPERATURE, TIME,
-    drop_idle, read_directions, stays, vector,
+    ANGLES, ConditionColumns, DirectionColumns, ForceColumns, NO_MOTION, POSITION, Set,
+    TEMPERATURE, TIME, drop_idle, stays, vector,
 };
-use tau_robot::measurements::table::{Column, Table};
+use tau_robot::measurements::table::Table;
 use tau_robot::measurements::{Conditions, Shape, plausible};
 
 use super::super::numbers::Numbers;
@@ -213,9 +213,7 @@ pub(super) fn of_file(
 ) -> Result<(Vec<Row>, Vec<String>), InputError> {
     let (name, text) = text_of(path)?;
     let shape = Shape::from(&machine.robot);
-    let directions: Vec<String> = (1..=shape.commands())
-        .map(|n| format!("{DIRECTION}{n}"))
-        .collect();
+    let directions = shape.direction_names();
     // Output of the program can be read again: commands are no strangers beside poses.
     let known: Vec<String> = ["pose", TIME, TEMPERATURE]
         .iter()
@@ -304,10 +302,7 @@ pub(super) fn of_file(
     remarks.extend(idle.map(|idle| format!("{name}: {idle}")));
     let conditions = ConditionColumns::read(&table, &mut mistakes);
     let forces = ForceColumns::read(&table, &shape, &mut mistakes);
-    let directions: Option<Vec<Column>> = directions
-        .iter()
-        .map(|name| read_directions(&table, name, &mut mistakes))
-        .collect();
+    let directions = DirectionColumns::read(&table, &shape, &mut mistakes);
     let numbers = table
         .column("pose")
         .map(|index| table.whole_numbers(index, &mut mistakes));
@@ -340,9 +335,7 @@ pub(super) fn of_file(
             start: position_m
                 .zip(angles_rad)
                 .map(|(position, angles)| Pose::from_zyz(position, angles)),
-            directions: directions
-                .as_ref()
-                .map(|columns| columns.iter().map(|column| column.values[row]).collect()),
+            directions: directions.at(row),
             conditions: conditions.at(row),
             tensions_n: forces.at(row),
             ..Row::new(&name, numbered.unwrap_or(counted))
