@@ -120,7 +120,7 @@ const WRONG: [Wrong; 11] = [
     }),
     ("transposed", "angles", "", |f, _| {
         for pose in &mut f.tcp_poses {
-            let r = Pose::from_zyz(pose.position_m, pose.angles_rad).rotation;
+            let r = Pose::from(&*pose).rotation;
             let inverse = Pose {
                 position: pose.position_m.into(),
                 rotation: r.inverse(),

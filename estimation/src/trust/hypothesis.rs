@@ -154,7 +154,7 @@ impl Case<'_> {
 
     fn lengths_by_pose_m(&self) -> Option<Vec<f64>> {
         let measured = self.folder.tcp_poses.first()?;
-        let pose = Pose::from_zyz(measured.position_m, measured.angles_rad);
+        let pose = Pose::from(measured);
         let machine = self.prepared().ok()?.machine;
         let layout = machine.layout(&pose, &measured.commands_m, &[]);
         let length =
@@ -329,7 +329,7 @@ pub(crate) fn neighbour<T>(rows: &[T], place: usize, by: isize) -> Option<&T> {
 
 fn change_poses(poses: &mut [TcpPose], change: impl Fn(Pose, [f64; 3]) -> Pose) {
     for measured in poses {
-        let pose = Pose::from_zyz(measured.position_m, measured.angles_rad);
+        let pose = Pose::from(&*measured);
         let changed = change(pose, measured.angles_rad);
         measured.position_m = changed.position_m();
         measured.angles_rad = changed.angles_rad();
