@@ -13,7 +13,7 @@ use crate::numerics::spread::spread;
 use crate::problem::Component;
 use crate::setup::Setup;
 use crate::trust::hypothesis::{self, Case};
-use crate::trust::judged::{Judged, Misfit};
+use crate::trust::judged::Judged;
 use crate::trust::mistake::{Mistake, MistakeKind};
 use crate::trust::of_folder::{self, of_case};
 use crate::trust::pull::Pull;
@@ -112,12 +112,7 @@ impl Verdict {
     /// inconsistent with the stated noise, else 1 (R. T. Birge, Phys. Rev. 40, 1932). Where readings are repeated, what
     /// those of a visit share is in the standard deviations already, and the ratio is that of what is left between visits.
     pub fn widening(&self) -> f64 {
-        let misfit = Misfit {
-            chi2: self.chi2,
-            dof: self.dof,
-            rows: 0,
-        };
-        if tried::is_beyond_noise(&misfit) {
+        if tried::exceeds_noise(self.chi2, self.dof) {
             let ratio = self.repeats.map(|repeats| repeats.excess);
             ratio.unwrap_or(self.residual_over_noise).max(1.0)
         } else {
@@ -372,12 +367,7 @@ impl Verdict {
 
     /// Tests residuals, and tells of a parameter that is beyond its tolerance.
     pub(super) fn judge(&mut self, beyond: Option<&Pull>) {
-        let misfit = Misfit {
-            chi2: self.chi2,
-            dof: self.dof,
-            rows: 0,
-        };
-        if tried::is_beyond_noise(&misfit) {
+        if tried::exceeds_noise(self.chi2, self.dof) {
             self.status = Status::Inconsistent;
             self.why.push(format!(
                 "Residuals are {} times what the stated noise allows (χ² {} where {} is expected).",
