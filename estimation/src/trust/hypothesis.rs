@@ -253,15 +253,23 @@ impl Hypothesis {
                     commands_m[command] = commands_m[command].to_radians();
                 }
             }
-            _ => {}
+            Self::Shifted(_)
+            | Self::Heights
+            | Self::Carts(_)
+            | Self::Axes { .. }
+            | Self::Angles { .. }
+            | Self::Frame { .. }
+            | Self::Unit(_)
+            | Self::AngleSign(_)
+            | Self::Degrees
+            | Self::Noise { .. }
+            | Self::Tolerances { .. }
+            | Self::Dimension { .. } => {}
         }
     }
 
     /// Measured poses as they would be without a mistake of columns.
     pub(crate) fn mend_poses(&self, poses: &mut [TcpPose]) {
-        for pose in &mut *poses {
-            self.mend_commands(&mut pose.commands_m, pose.directions.as_mut());
-        }
         match self {
             Self::Axes {
                 columns,
@@ -317,7 +325,17 @@ impl Hypothesis {
                 rotation: zyz(angles.map(f64::to_radians)),
                 ..pose
             }),
-            _ => {}
+            Self::Commands(_) | Self::Signs(_) | Self::Zero { .. } | Self::CommandsInDegrees(_) => {
+                for pose in poses {
+                    self.mend_commands(&mut pose.commands_m, pose.directions.as_mut());
+                }
+            }
+            Self::Shifted(_)
+            | Self::Heights
+            | Self::Carts(_)
+            | Self::Noise { .. }
+            | Self::Tolerances { .. }
+            | Self::Dimension { .. } => {}
         }
     }
 }
