@@ -176,7 +176,8 @@ impl fmt::Display for Verdict {
     }
 }
 
-/// The verdict on a calibration with the poses that it was made of and the robot file that it started from.
+/// The verdict on a calibration with the poses that it was made of and the robot file that it started from. Mistakes of the
+/// input are those of all variants; they are looked for unless `known`.
 ///
 /// # Errors
 /// It was made of other poses; data that the variant takes are missing.
@@ -185,20 +186,7 @@ pub fn of_calibration(
     file: &RobotFile,
     folder: &Folder,
     poses: &[usize],
-) -> Result<Verdict, Error> {
-    of_calibration_knowing(calibration, file, folder, poses, &mut None)
-}
-
-/// The same where mistakes may be known from another variant of the same input; they are kept for the next.
-///
-/// # Errors
-/// As [`of_calibration`].
-pub fn of_calibration_knowing(
-    calibration: &Calibration,
-    file: &RobotFile,
-    folder: &Folder,
-    poses: &[usize],
-    known: &mut Option<Vec<Mistake>>,
+    known: Option<&[Mistake]>,
 ) -> Result<Verdict, Error> {
     let machine = &calibration.machine;
     let robot = &machine.robot;
@@ -256,26 +244,26 @@ pub fn of_calibration_knowing(
     let plain = of_folder::plain(robot, &machine.variant, folder);
     let fit = (calibration.judged())
         .filter(|_| plain.name == machine.variant.name && weighing.outliers.is_empty());
-    let found = || match (suspect, known.take()) {
-        (true, None) => {
+    let found = || match known {
+        Some(known) => Ok(known.to_vec()),
+        None => {
             let variant = plain;
             let case = of_folder::case(Setup { variant, ..setup }, poses);
-            of_case(&case, fit, folder).map(|found| Some(found.mistakes))
+            of_case(&case, fit, folder).map(|found| found.mistakes)
         }
-        (_, found) => Ok(found),
     };
+    let found = || suspect.then(found).transpose();
     let reach = || {
         let measured: Vec<&TcpPose> = case.folder.tcp_poses.iter().collect();
         let known = Uncertainty::of_calibration(calibration)?;
         Reach::new(machine, &known, &measured, file.noise)
     };
     let (found, reach) = parallel::both(found, reach);
-    *known = found?;
-    if let Some(found) = known.as_ref().filter(|_| suspect) {
+    if let Some(mut found) = found? {
         // Residuals as large as the noise tell that it is stated rightly, whatever a variant without effects leaves.
-        let is_noise = |mistake: &&Mistake| mistake.kind == MistakeKind::Noise;
-        let found = found.iter().filter(|own| is_off || !is_noise(own));
-        verdict.blame(found.cloned().collect());
+        let is_noise = |mistake: &Mistake| mistake.kind == MistakeKind::Noise;
+        found.retain(|own| is_off || !is_noise(own));
+        verdict.blame(found);
     } else {
         verdict.blame(numbering::mistake(machine, folder).into_iter().collect());
     }

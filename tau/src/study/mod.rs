@@ -11,7 +11,7 @@ use tau_estimation::expected::Expected;
 use tau_estimation::numerics::order::extent;
 use tau_estimation::numerics::parallel;
 use tau_estimation::sensitivity;
-use tau_estimation::trust::{self, of_calibration_knowing};
+use tau_estimation::trust::{self, of_calibration};
 use tau_estimation::uncertainty::Uncertainty;
 use tau_estimation::weighing::Treatment;
 use tau_kinematics::{Layout, Pose};
@@ -96,13 +96,11 @@ pub fn run<R>(
     next("judging them");
     let calibrated = parallel::map_owned(calibrated, |calibrated| -> Result<_, Error> {
         let (calibration, mut found, of_rows) = calibrated?;
-        // Mistakes of the input are those of all variants.
-        let mut known = Some(check.mistakes.clone());
         found.fit = Some(match of_rows {
             Some((fitted, held)) => {
                 unknown_poses::verdict(&fitted, &held, &check.mistakes, division.is_disjoint())
             }
-            None => of_calibration_knowing(&calibration, file, folder, poses, &mut known)?,
+            None => of_calibration(&calibration, file, folder, poses, Some(&check.mistakes))?,
         });
         Ok((calibration, found))
     });
