@@ -87,8 +87,6 @@ pub enum Error {
         /// Share of the way that was followed.
         share: f64,
     },
-    /// No way of assembling the arm was found at these commands.
-    NoAssembly,
     /// The drives leave the plate fewer freedoms than it has, and a position does not say which pose is meant.
     Partial {
         /// Freedoms that they leave it.
@@ -179,12 +177,6 @@ impl fmt::Display for Error {
                  may be assembled in either way",
                 100.0 * share
             ),
-            Self::NoAssembly => {
-                write!(
-                    f,
-                    "the arm can't be assembled at these commands: no start led to a pose"
-                )
-            }
             Self::Partial { freedoms } => write!(
                 f,
                 "the plate has {freedoms} freedoms: at this position it can turn, but not into any orientation: give a full \
