@@ -272,7 +272,7 @@ fn counted(robot: &Robot, file: &RobotFile, case: &Case, arguments: &Arguments) 
                 continue;
             }
         };
-        let verdict = of_calibration(&found, file, folder, &poses).unwrap();
+        let verdict = of_calibration(&found, file, folder, &poses, None).unwrap();
         counts.add(&found, &simulated.truth.machine, verdict.widening());
         let known = Uncertainty::of_calibration(&found).unwrap();
         let largest_m = known.largest_m(&found.machine, folder, &poses).unwrap();

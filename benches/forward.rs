@@ -33,8 +33,11 @@ fn machine(name: &str) -> (Machine, Vec<f64>, Pose) {
     };
     let middle = (0..poses.len()).min_by(|&a, &b| off(a).total_cmp(&off(b)));
     let middle = &folder.tcp_poses[middle.expect("a pose")];
-    let pose = Pose::from_zyz(middle.position_m, middle.angles_rad);
-    (machine.expect("a machine"), middle.commands_m.clone(), pose)
+    (
+        machine.expect("a machine"),
+        middle.commands_m.clone(),
+        middle.into(),
+    )
 }
 
 fn path(start_m: &[f64]) -> Vec<Vec<f64>> {

@@ -183,8 +183,7 @@ fn standard_deviations_are_those_of_repeated_noise() {
                 .map(|pose| {
                     let turn = [0; 3].map(|_| random.normal() * noise.rotation_rad);
                     let shift = [0; 3].map(|_| random.normal() * noise.position_m);
-                    let pose_with_noise = Pose::from_zyz(pose.position_m, pose.angles_rad)
-                        .moved(shift.into(), turn.into());
+                    let pose_with_noise = Pose::from(pose).moved(shift.into(), turn.into());
                     TcpPose {
                         position_m: pose_with_noise.position_m(),
                         angles_rad: pose_with_noise.angles_rad(),

@@ -269,7 +269,7 @@ fn by_hand(
     }
     for (p, pose) in drawn.folder.tcp_poses.iter().enumerate() {
         let own = x.rows(60 + 6 * p, 6);
-        let measured = Pose::from_zyz(pose.position_m, pose.angles_rad);
+        let measured = Pose::from(pose);
         for k in 0..6 {
             let noise = if k < 3 {
                 NOISE.position_m

@@ -120,7 +120,7 @@ const WRONG: [Wrong; 11] = [
     }),
     ("transposed", "angles", "", |f, _| {
         for pose in &mut f.tcp_poses {
-            let r = Pose::from_zyz(pose.position_m, pose.angles_rad).rotation;
+            let r = Pose::from(&*pose).rotation;
             let inverse = Pose {
                 position: pose.position_m.into(),
                 rotation: r.inverse(),
@@ -164,7 +164,7 @@ fn judged(
     let poses = &poses.division.calibration;
     let options = calibration::Options::default();
     let verdict = calibrate(Setup::new(robot, variant, file, folder), poses, &options)
-        .and_then(|calibration| of_calibration(&calibration, file, folder, poses));
+        .and_then(|calibration| of_calibration(&calibration, file, folder, poses, None));
     verdict.map_err(|error| {
         let found = mistakes(Setup::new(robot, variant, file, folder), poses);
         Box::new((error, found.unwrap_or_default()))
@@ -220,7 +220,7 @@ fn main() {
             let (poses, options) = (&division.calibration, calibration::Options::default());
             let found =
                 calibrate(Setup::new(&robot, variant, &file, &folder), poses, &options).unwrap();
-            calibrated.add(&of_calibration(&found, &file, &folder, poses).unwrap());
+            calibrated.add(&of_calibration(&found, &file, &folder, poses, None).unwrap());
             let after = of_prediction(
                 &found.machine,
                 &found.file,

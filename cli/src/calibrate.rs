@@ -12,7 +12,7 @@ use tau_robot::number::shortest;
 use tau_robot::robot::{Input, ResidualKind};
 use tau_robot::robot_file::RobotFile;
 
-use super::deliver::{Outcome, Target, check_results, csv, written};
+use super::deliver::{Outcome, Target, check_results, csv, named};
 use super::kept::Kept;
 use super::stamp::stamp;
 use super::{Console, Failure, arguments, resolve, trust};
@@ -97,10 +97,7 @@ pub(super) fn run(
     remarks.extend(result.not_predicted.iter().map(ToString::to_string));
     let width = console.width;
     let told = || -> Result<_, Failure> {
-        let mut statistics = report::json::variant(&result);
-        statistics["variant"] = json!(variant);
-        statistics["robot"] = json!(robot);
-        statistics["folder"] = json!(folder.name);
+        let mut statistics = named(report::json::variant(&result), &session, variant);
         statistics["remarks"] = json!(remarks);
         statistics["poses"] = report::json::poses(poses.counts);
         statistics["evaluated_on"] = json!(if is_held_out {
@@ -122,21 +119,9 @@ pub(super) fn run(
     };
     let tables = || tables(&found, &found.file, verdict.widening());
     let (tables, told) = rayon::join(tables, told);
-    let [file, parameters, covariance, undetermined] = tables?;
-    let (mut summary, document) = told?;
-    let json = target.map(|target| (document.clone(), target));
-    let contents = [file, parameters, covariance, undetermined, document];
-    let paths = FILES.into_iter().map(|name| out.join(name));
-    let files: Vec<_> = paths.zip(contents).collect();
-    summary += &written(files.iter().map(|(path, _)| path.as_path()));
-    let outcome = Outcome {
-        summary,
-        remarks,
-        files,
-        json,
-        ..Outcome::default()
-    };
-    Ok(outcome.judged(&verdict, arguments.force.force))
+    let (summary, document) = told?;
+    let told = (summary, remarks, document);
+    Ok(outcome(told, tables?, target, arguments).judged(&verdict, arguments.force.force))
 }
 
 /// The same where poses are unknown.
@@ -163,11 +148,7 @@ fn unknown_poses(
     let found =
         found.map_err(|error| trust::explained(session, variant, error, target.as_ref()))?;
     let verdict = found.verdict();
-    let (robot, folder) = (&session.robot().name, &session.folder().name);
-    let mut statistics = report::unknown_poses::json(&found);
-    statistics["variant"] = json!(variant);
-    statistics["robot"] = json!(robot);
-    statistics["folder"] = json!(folder);
+    let mut statistics = named(report::unknown_poses::json(&found), session, variant);
     let mut remarks = remarks(session, variant)?;
     let folder = session.folder();
     let are_measured = !folder.cart_poses.is_empty() || !folder.cart_positions.is_empty();
@@ -177,24 +158,31 @@ fn unknown_poses(
     }
     statistics["remarks"] = json!(remarks);
     let file = session.file_of_unknown_poses(&found, &stamp());
-    let [file, parameters, covariance, undetermined] =
-        tables(&found.calibration, &file, verdict.widening())?;
+    let tables = tables(&found.calibration, &file, verdict.widening())?;
     let document = report::json::document(statistics);
+    let mut summary = format!("{}, {variant}, {}\n\n", session.robot().name, folder.name);
+    summary += &report::unknown_poses::terminal(&found, console.width);
+    let told = (summary, remarks, document);
+    Ok(outcome(told, tables, target, arguments).judged(&verdict, arguments.force.force))
+}
+
+/// The outcome with [`FILES`], the last of which programs get; told are its summary, its remarks and that document.
+fn outcome(
+    (summary, remarks, document): (String, Vec<String>, String),
+    [file, parameters, covariance, undetermined]: [String; 4],
+    target: Option<Target>,
+    arguments: &arguments::Calibrate,
+) -> Outcome {
     let json = target.map(|target| (document.clone(), target));
     let contents = [file, parameters, covariance, undetermined, document];
     let paths = FILES.into_iter().map(|name| arguments.out.join(name));
-    let files: Vec<_> = paths.zip(contents).collect();
-    let mut summary = format!("{robot}, {variant}, {}\n\n", folder.name);
-    summary += &report::unknown_poses::terminal(&found, console.width);
-    summary += &written(files.iter().map(|(path, _)| path.as_path()));
     let outcome = Outcome {
         summary,
         remarks,
-        files,
         json,
         ..Outcome::default()
     };
-    Ok(outcome.judged(&verdict, arguments.force.force))
+    outcome.writing(paths.zip(contents).collect())
 }
 
 /// Remarks on the input, and on measured tensions that the variant reads: no file states their noise.

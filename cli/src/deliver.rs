@@ -4,6 +4,8 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use serde_json::{Value, json};
+use tau::Session;
 use tau::input_error::InputError;
 use tau_report as report;
 use tau_robot::measurements::FILES;
@@ -57,6 +59,12 @@ impl Target {
 }
 
 impl Outcome {
+    /// With files to write, which the summary lists.
+    pub(super) fn writing(mut self, files: Vec<(PathBuf, String)>) -> Self {
+        self.summary += &written(&files);
+        Self { files, ..self }
+    }
+
     /// Writes the files and prints the rest.
     pub(super) fn deliver(mut self, console: &mut Console<'_>) -> Result<(), Failure> {
         let mut printed = None;
@@ -94,8 +102,16 @@ impl Outcome {
 }
 
 /// Says which files are written.
-pub(super) fn written<'a>(paths: impl IntoIterator<Item = &'a Path>) -> String {
-    listed("Written", paths)
+pub(super) fn written(files: &[(PathBuf, String)]) -> String {
+    listed("Written", files.iter().map(|(path, _)| path.as_path()))
+}
+
+/// Results for programs, with the names of what they are of.
+pub(super) fn named(mut results: Value, session: &Session, variant: &str) -> Value {
+    results["variant"] = json!(variant);
+    results["robot"] = json!(session.robot().name);
+    results["folder"] = json!(session.folder().name);
+    results
 }
 
 /// Says which files of an earlier run are removed.

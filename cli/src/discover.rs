@@ -13,7 +13,7 @@ use tau_report as report;
 use tau_robot::input_error::both;
 
 use super::arguments::Refit;
-use super::deliver::{Outcome, Target, check_results, written};
+use super::deliver::{Outcome, Target, check_results};
 use super::kept::Kept;
 use super::progress::Spinner;
 use super::stamp::stamp;
@@ -101,15 +101,12 @@ pub(super) fn run(
         page,
     ];
     let paths = FILES.into_iter().map(|name| out.join(name));
-    let files: Vec<_> = paths.zip(contents).collect();
     let summary = format!("{}, {}\n\n", robot.name, folder.name)
-        + &report::terminal::discovery(discovery, console.width)
-        + &written(files.iter().map(|(path, _)| path.as_path()));
-    Ok(Outcome {
+        + &report::terminal::discovery(discovery, console.width);
+    let outcome = Outcome {
         summary,
         verdict: Some(report::terminal::found(discovery)),
         remarks: [session.remarks(), catalogues.remarks].concat(),
-        files,
         json: target.map(|target| {
             (
                 report::json::document(report::json::discovery(discovery)),
@@ -117,7 +114,8 @@ pub(super) fn run(
             )
         }),
         ..Outcome::default()
-    })
+    };
+    Ok(outcome.writing(paths.zip(contents).collect()))
 }
 
 /// The robot file of what was found, fitted to the poses that are asked for, and the machine that it describes.

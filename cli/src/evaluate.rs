@@ -7,7 +7,7 @@ use tau::weighing::Treatment;
 use tau_report as report;
 use tau_robot::input_error::both;
 
-use super::deliver::{Outcome, Target};
+use super::deliver::{Outcome, Target, named};
 use super::kept::Kept;
 use super::{Console, Failure, arguments, resolve, trust};
 
@@ -63,10 +63,8 @@ pub(super) fn run(
         summary: format!("{title}\n\n{said}"),
         remarks,
         json: target.map(|target| {
-            let mut value = report::json::evaluation(&found, widening);
-            value["variant"] = json!(variant);
-            value["robot"] = json!(robot);
-            value["folder"] = json!(folder);
+            let value = report::json::evaluation(&found, widening);
+            let mut value = named(value, &session, variant);
             value["poses"] = report::json::poses(counts);
             value["poses"]["evaluated"] = json!(poses.len());
             value["evaluated_on"] = json!(report::json::basis(basis));
@@ -99,10 +97,7 @@ fn unknown_poses(
         summary: format!("{title}\n\n{said}"),
         remarks: remarks(session, variant)?,
         json: target.map(|target| {
-            let mut value = report::held_errors::json(&found);
-            value["variant"] = json!(variant);
-            value["robot"] = json!(robot.name);
-            value["folder"] = json!(folder);
+            let mut value = named(report::held_errors::json(&found), session, variant);
             value["evaluated_on"] = json!(report::json::basis(basis));
             (report::json::document(value), target)
         }),

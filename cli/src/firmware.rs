@@ -8,7 +8,7 @@ use tau::robot_file::RobotFile;
 use tau_robot::input_error::{Errors, both};
 use tau_robot::klipper::{self, Config, Parameters, Printer};
 
-use super::deliver::{Outcome, check_file, check_folder, written};
+use super::deliver::{Outcome, check_file, check_folder};
 use super::kept::Kept;
 use super::resolve::described;
 use super::{Failure, arguments};
@@ -52,17 +52,13 @@ pub(super) fn import(arguments: &arguments::Import) -> Result<Outcome, Failure> 
     remarks.extend(printer.unread.iter().cloned());
     let missing = config.missing_includes();
     remarks.extend(missing.map(|name| format!("{name} is included, but was not read")));
-    Ok(Outcome {
-        summary: format!(
-            "{} heights, {} distances\n{}",
-            printer.heights.len(),
-            printer.distances.len(),
-            written(files.iter().map(|(path, _)| path.as_path()))
-        ),
+    let (heights, distances) = (printer.heights.len(), printer.distances.len());
+    let outcome = Outcome {
+        summary: format!("{heights} heights, {distances} distances\n"),
         remarks,
-        files,
         ..Outcome::default()
-    })
+    };
+    Ok(outcome.writing(files))
 }
 
 /// Fails at files that are named and that the configuration does not include, so that they say nothing.
@@ -124,11 +120,10 @@ pub(super) fn export(arguments: &arguments::Export) -> Result<Outcome, Failure> 
     let remarks = remarks.collect();
     Ok(match &arguments.out {
         Some(out) => Outcome {
-            summary: written([out.as_path()]),
-            files: vec![(out.clone(), text)],
             remarks,
             ..Outcome::default()
-        },
+        }
+        .writing(vec![(out.clone(), text)]),
         None => Outcome {
             data: text,
             remarks,

@@ -40,7 +40,7 @@ pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result
     }
 
     let files = report::study_files(out, &results, &session.record(&stamp()));
-    let mut paths = written(files.iter().map(|(path, _)| path.as_path()));
+    let mut paths = written(&files);
     let stale = report::stale_figures(out, &files);
     if !stale.is_empty() {
         paths += &removed(stale.iter().map(PathBuf::as_path));

@@ -12,7 +12,6 @@ use tau_codegen::language::Model;
 use tau_codegen::language::model::Subject;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::parallel;
-use tau_estimation::numerics::projection::{Subspace, orthonormal};
 use tau_estimation::samples::Sample;
 use tau_kinematics::Surroundings;
 use tau_robot::robot::Variant;
@@ -27,6 +26,7 @@ use super::probes::Probes;
 use super::response::{Displacements, Responses};
 use super::scan::{Band, Scores, lengths};
 use super::significance::{Null, Significance};
+use crate::subspace::{Subspace, orthonormal};
 use searched::{Scan, Scans, reach};
 
 /// Candidates with their columns.

@@ -13,11 +13,12 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use tau_estimation::numerics::distribution::Random;
 use tau_estimation::numerics::parallel;
 use tau_estimation::numerics::products::transposed_times;
-use tau_estimation::numerics::projection::{Subspace, inverse_factor};
+use tau_estimation::numerics::projection::inverse_factor;
 use tau_estimation::samples::Sample;
 
 use super::constants::{Constants, count};
 use super::linear_model::LinearModel;
+use crate::subspace::Subspace;
 
 /// Resamples of the bootstrap, so many that the share of them below its bound is known to two in a hundred.
 const RESAMPLES: usize = 400;

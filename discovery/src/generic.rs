@@ -73,115 +73,16 @@ fn power(base: &Formula, exponent: i32) -> Formula {
 /// triangles follow a track piece by piece.
 pub(super) fn families(
     model: &Model,
-    (low_m, high_m): (f64, f64),
+    range_m: (f64, f64),
     triangle_count: usize,
 ) -> (Vec<Effect>, Vec<Family>) {
-    use Readable::{
-        Command, Direction, LoadAlong, LoadHorizontal, LoadVertical, Position, Temperature,
-        Tension, Time,
-    };
-    let (middle_m, half_m) = (
-        f64::midpoint(low_m, high_m),
-        (0.5 * (high_m - low_m)).max(1e-3),
-    );
-    // From −1 to 1 along the track.
-    let s = (Formula::Read(Command) - number(middle_m)) / number(half_m);
-    let legendre = [
-        s.clone(),
-        (number(3.0) * power(&s, 2) - number(1.0)) / number(2.0),
-        (number(5.0) * power(&s, 3) - number(3.0) * s.clone()) / number(2.0),
-        (number(35.0) * power(&s, 4) - number(30.0) * power(&s, 2) + number(3.0)) / number(8.0),
-    ];
-    let triangle = |k: usize| {
-        let width = 2.0 / (triangle_count - 1) as f64;
-        let off = s.clone() - number(width * k as f64 - 1.0);
-        let height = number(1.0) - Formula::Call(Function::Abs, vec![off]) / number(width);
-        Formula::Call(Function::Max, vec![number(0.0), height])
-    };
-    let triangles: Vec<Formula> = (0..triangle_count).map(triangle).collect();
-    let warm = Formula::Read(Temperature) - number(20.0);
-    let side = Formula::Read(Direction);
-    let axes = [0, 1, 2].map(Position);
-    let product = |a: usize, b: usize| {
-        Formula::Read(axes[a]) * Formula::Read(axes[b]) / power(&number(1.0), 2)
-    };
-    let commands: Vec<Readable> = (0..model.tracks.len()).map(Readable::CommandOf).collect();
-    let mut travels: Vec<Formula> = commands.iter().copied().map(si).collect();
-    for (k, &a) in commands.iter().enumerate() {
-        let products = commands[k..].iter();
-        travels.extend(products.map(|&b| si(a) * Formula::Read(b) / number(1.0)));
-    }
-    let places = [
-        axes.map(si),
-        axes.map(|axis| power(&si(axis), 2)),
-        [product(0, 1), product(1, 2), product(2, 0)],
-    ];
-
-    let smooth = ("q", legendre.to_vec());
-    let stretch = ("stretch", triangles);
-    let sides = vec![
-        side.clone(),
-        side.clone() * Formula::Read(Command) / number(1.0),
-        side * power(&si(Command), 2),
-    ];
-    let direction = ("direction", sides);
-    let warm_travel = vec![warm.clone() / number(1.0), si(Command) * warm / number(1.0)];
-    let warm_travel = ("temperature", warm_travel);
-    let temperature = first(&warm_travel, 1);
-    let time = ("time", vec![si(Time), power(&si(Time), 2)]);
-    let tension = ("tension", vec![si(Tension), power(&si(Tension), 2)]);
-    let loads = [LoadAlong, LoadHorizontal, LoadVertical];
-    let load = ("load", loads.map(si).to_vec());
-    let place = ("position", places.concat());
-    let travel = ("commands", travels);
-
+    let covariates = Covariates::of(model, range_m, triangle_count);
     let mut families = Families::default();
-    let single = Placement::Single;
     if model.guideways().next().is_some() {
-        for axis in SHIFT {
-            for covariate in [
-                &smooth,
-                &direction,
-                &warm_travel,
-                &time,
-                &load,
-                &place,
-                &travel,
-                &stretch,
-            ] {
-                families.add(single, &[axis], covariate);
-            }
-        }
-        let (smooth, sides) = (first(&smooth, 3), first(&direction, 2));
-        for axis in TURN {
-            for covariate in [&smooth, &sides, &temperature, &time, &load, &travel] {
-                families.add(single, &[axis], covariate);
-            }
-        }
-        for axes in [SHIFT, TURN] {
-            for covariate in [&smooth, &sides, &load] {
-                families.add(single, &axes, covariate);
-            }
-        }
-        for covariate in [&warm_travel, &first(&direction, 1), &smooth] {
-            families.add(Placement::PerPlace, &SHIFT[..1], covariate);
-        }
+        families.of_carts(&covariates);
     }
-    for covariate in [&smooth, &stretch, &place, &tension, &temperature, &time] {
-        families.add(single, &LENGTH, covariate);
-    }
-    let tension = first(&tension, 1);
-    for covariate in [&tension, &temperature] {
-        families.add(Placement::PerPlace, &LENGTH, covariate);
-    }
-    for axis in POSITION {
-        for covariate in [&time, &temperature, &place] {
-            families.add(single, &[axis], covariate);
-        }
-    }
-    for covariate in [&time, &temperature, &first(&place, 3)] {
-        families.add(single, &POSITION, covariate);
-    }
+    families.of_links(&covariates);
+    families.of_tcp(&covariates);
     families.scale();
     let has_drums = model.links.iter().any(|link| link.is_driven_by_angle);
     for (target, range) in PERIODS {
@@ -191,10 +92,93 @@ pub(super) fn families(
             families.periodic(target, range, Dimension::LENGTH);
         }
     }
-    for covariate in [&temperature, &tension] {
-        families.add(Placement::Shared, &LENGTH, covariate);
-    }
+    let tension = &first(&covariates.tension, 1);
+    families.add(
+        Placement::Shared,
+        &LENGTH,
+        &[&covariates.temperature, tension],
+    );
     (families.effects, families.list)
+}
+
+/// Functions that families follow.
+struct Covariates {
+    smooth: Covariate,
+    stretch: Covariate,
+    direction: Covariate,
+    warm_travel: Covariate,
+    temperature: Covariate,
+    time: Covariate,
+    tension: Covariate,
+    load: Covariate,
+    place: Covariate,
+    travel: Covariate,
+}
+
+impl Covariates {
+    fn of(model: &Model, (low_m, high_m): (f64, f64), triangle_count: usize) -> Self {
+        use Readable::{
+            Command, Direction, LoadAlong, LoadHorizontal, LoadVertical, Position, Temperature,
+            Tension, Time,
+        };
+        let (middle_m, half_m) = (
+            f64::midpoint(low_m, high_m),
+            (0.5 * (high_m - low_m)).max(1e-3),
+        );
+        // From −1 to 1 along the track.
+        let s = (Formula::Read(Command) - number(middle_m)) / number(half_m);
+        let legendre = [
+            s.clone(),
+            (number(3.0) * power(&s, 2) - number(1.0)) / number(2.0),
+            (number(5.0) * power(&s, 3) - number(3.0) * s.clone()) / number(2.0),
+            (number(35.0) * power(&s, 4) - number(30.0) * power(&s, 2) + number(3.0)) / number(8.0),
+        ];
+        let triangle = |k: usize| {
+            let width = 2.0 / (triangle_count - 1) as f64;
+            let off = s.clone() - number(width * k as f64 - 1.0);
+            let height = number(1.0) - Formula::Call(Function::Abs, vec![off]) / number(width);
+            Formula::Call(Function::Max, vec![number(0.0), height])
+        };
+        let triangles: Vec<Formula> = (0..triangle_count).map(triangle).collect();
+        let warm = Formula::Read(Temperature) - number(20.0);
+        let side = Formula::Read(Direction);
+        let axes = [0, 1, 2].map(Position);
+        let product = |a: usize, b: usize| {
+            Formula::Read(axes[a]) * Formula::Read(axes[b]) / power(&number(1.0), 2)
+        };
+        let commands: Vec<Readable> = (0..model.tracks.len()).map(Readable::CommandOf).collect();
+        let mut travels: Vec<Formula> = commands.iter().copied().map(si).collect();
+        for (k, &a) in commands.iter().enumerate() {
+            let products = commands[k..].iter();
+            travels.extend(products.map(|&b| si(a) * Formula::Read(b) / number(1.0)));
+        }
+        let places = [
+            axes.map(si),
+            axes.map(|axis| power(&si(axis), 2)),
+            [product(0, 1), product(1, 2), product(2, 0)],
+        ];
+
+        let sides = vec![
+            side.clone(),
+            side.clone() * Formula::Read(Command) / number(1.0),
+            side * power(&si(Command), 2),
+        ];
+        let warm_travel = vec![warm.clone() / number(1.0), si(Command) * warm / number(1.0)];
+        let warm_travel = ("temperature", warm_travel);
+        let loads = [LoadAlong, LoadHorizontal, LoadVertical];
+        Self {
+            smooth: ("q", legendre.to_vec()),
+            stretch: ("stretch", triangles),
+            direction: ("direction", sides),
+            temperature: first(&warm_travel, 1),
+            warm_travel,
+            time: ("time", vec![si(Time), power(&si(Time), 2)]),
+            tension: ("tension", vec![si(Tension), power(&si(Tension), 2)]),
+            load: ("load", loads.map(si).to_vec()),
+            place: ("position", places.concat()),
+            travel: ("commands", travels),
+        }
+    }
 }
 
 #[derive(Default)]
@@ -204,6 +188,42 @@ struct Families {
 }
 
 impl Families {
+    fn of_carts(&mut self, of: &Covariates) {
+        let (single, per_place) = (Placement::Single, Placement::PerPlace);
+        for axis in SHIFT.map(|axis| [axis]) {
+            self.add(single, &axis, &[&of.smooth, &of.direction, &of.warm_travel]);
+            self.add(single, &axis, &[&of.time, &of.load, &of.place, &of.travel]);
+            self.add(single, &axis, &[&of.stretch]);
+        }
+        let (cubic, sides) = (&first(&of.smooth, 3), &first(&of.direction, 2));
+        for axis in TURN.map(|axis| [axis]) {
+            self.add(single, &axis, &[cubic, sides, &of.temperature, &of.time]);
+            self.add(single, &axis, &[&of.load, &of.travel]);
+        }
+        for axes in [SHIFT, TURN] {
+            self.add(single, &axes, &[cubic, sides, &of.load]);
+        }
+        let one_side = &first(sides, 1);
+        self.add(per_place, &SHIFT[..1], &[&of.warm_travel, one_side, cubic]);
+    }
+
+    fn of_links(&mut self, of: &Covariates) {
+        let (single, per_place) = (Placement::Single, Placement::PerPlace);
+        self.add(single, &LENGTH, &[&of.smooth, &of.stretch, &of.place]);
+        self.add(single, &LENGTH, &[&of.tension, &of.temperature, &of.time]);
+        let tension = &first(&of.tension, 1);
+        self.add(per_place, &LENGTH, &[tension, &of.temperature]);
+    }
+
+    fn of_tcp(&mut self, of: &Covariates) {
+        let single = Placement::Single;
+        for axis in POSITION {
+            self.add(single, &[axis], &[&of.time, &of.temperature, &of.place]);
+        }
+        let linear = &first(&of.place, 3);
+        self.add(single, &POSITION, &[&of.time, &of.temperature, linear]);
+    }
+
     /// A family of such a name, with functions of what it follows.
     fn push(
         &mut self,
@@ -242,8 +262,14 @@ impl Families {
         });
     }
 
+    /// Families of functions of each covariate.
+    fn add(&mut self, placement: Placement, axes: &[Axis], covariates: &[&Covariate]) {
+        let covariates = covariates.iter();
+        covariates.for_each(|covariate| self.add_one(placement, axes, covariate));
+    }
+
     /// Functions of a covariate along each axis, with amplitudes of its own.
-    fn add(&mut self, placement: Placement, axes: &[Axis], (name, basis): &Covariate) {
+    fn add_one(&mut self, placement: Placement, axes: &[Axis], (name, basis): &Covariate) {
         let (mut parameters, mut terms) = (Vec::new(), Vec::new());
         for (k, &(target, component)) in axes.iter().enumerate() {
             let products = basis.iter().enumerate().map(|(i, function)| {

@@ -35,6 +35,7 @@ mod serial;
 mod significance;
 mod structural;
 mod structure;
+mod subspace;
 mod text;
 mod unknown_poses;
 mod visits;

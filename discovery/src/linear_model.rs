@@ -8,7 +8,9 @@ use tau_estimation::joint::Row;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::grouped::Grouped;
 use tau_estimation::numerics::products::transposed_times;
-use tau_estimation::numerics::projection::{Basis, Subspace};
+use tau_estimation::numerics::projection::Basis;
+
+use crate::subspace::Subspace;
 
 /// Directions that a model no longer absorbs without some of its parameters.
 pub(super) struct Freed {

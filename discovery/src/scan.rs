@@ -6,7 +6,6 @@ use std::sync::{Arc, OnceLock};
 use nalgebra::{DMatrix, DVector};
 use tau_codegen::language::Model;
 use tau_estimation::numerics::parallel;
-use tau_estimation::numerics::projection::orthonormal;
 use tau_estimation::numerics::spread::even_in_reciprocals;
 use tau_estimation::samples::Sample;
 use tau_kinematics::Surroundings;
@@ -15,6 +14,7 @@ use super::candidates::{Candidate, Readings};
 use super::p_value::PValue;
 use super::probes::Probes;
 use super::response::{Displacements, Responses};
+use crate::subspace::orthonormal;
 
 /// Least share of a peak's height that a grid point next to it shows: sinc²(½ / [`OVERSAMPLING`](tau_estimation::numerics::spread::OVERSAMPLING)) is
 /// 0.87 where commands fill their range evenly.

@@ -20,11 +20,11 @@ use super::linear_model::LinearModel;
 use super::results::{Derived, Gap, Step, UsedEffect};
 use super::score::ProfileLikelihood;
 use super::{Error, Input, Rule, held_out, serial, visits};
+use crate::subspace::Subspace;
 use moves::{Joining, Move, Without};
 pub(crate) use review::Found;
 use state::{Composition, Context, Member, State, start_of};
 use tau_estimation::joint::fit::Fit;
-use tau_estimation::numerics::projection::Subspace;
 
 /// Scores that differ by no more than a descent leaves of χ² are the same: what looks alike is not exchanged for less.
 const SCORE_TOLERANCE: f64 = 0.1;

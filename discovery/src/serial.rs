@@ -8,11 +8,11 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector};
 use tau_estimation::joint::{Component, Row};
 use tau_estimation::numerics::products::transposed_times;
-use tau_estimation::numerics::projection::Subspace;
 use tau_estimation::samples::Sample;
 
 use super::constants::Constants;
 use super::linear_model::LinearModel;
+use crate::subspace::Subspace;
 
 /// Rounds in which correlations are corrected for what the fit does to residuals.
 const ROUNDS: usize = 4;

@@ -12,11 +12,11 @@ use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
 use tau_estimation::joint::{Component, Eliminated};
-use tau_estimation::numerics::projection::Subspace;
 use tau_estimation::samples::Sample;
 
 use super::constants::Constants;
 use super::linear_model::LinearModel;
+use crate::subspace::Subspace;
 
 /// Factor by which the statistic of a signal is too large because readings of a visit share an error, at least 1.
 ///

@@ -89,8 +89,6 @@ pub enum Error {
     },
     /// A singular pose lies between a pose and a known one: at the commands that reach it, the plate stands elsewhere.
     Behind,
-    /// No way of assembling the arm was found at these commands.
-    NoAssembly,
     /// The drives leave the plate fewer freedoms than it has, and a position does not say which pose is meant.
     Partial {
         /// Freedoms that they leave it.
@@ -186,12 +184,6 @@ impl fmt::Display for Error {
                 "a singular pose lies between this one and the known one: the drives do not lead the plate there, but at their \
                  commands elsewhere"
             ),
-            Self::NoAssembly => {
-                write!(
-                    f,
-                    "the arm can't be assembled at these commands: no start led to a pose"
-                )
-            }
             Self::Partial { freedoms } => write!(
                 f,
                 "the plate has {freedoms} freedoms: at this position it can turn, but not into any orientation: give a full \

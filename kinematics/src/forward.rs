@@ -1,7 +1,6 @@
 //! Forward kinematics: from commands to the pose of the plate.
 
 use nalgebra::{Cholesky, DMatrix, Rotation3, SymmetricEigen, Unit, Vector3};
-use tau_robot::robot::Plate;
 
 use super::inputs::Sample;
 use super::inverse::Reached;
@@ -17,17 +16,6 @@ pub(crate) const SINGULAR: f64 = 1e-4;
 /// its model lacks leave tens of micrometres after calibration, commands that do not belong together
 /// leave many millimetres.
 pub const LARGEST_MISMATCH_M: f64 = 1e-3;
-/// Modes nearer to each other than this (m, rad) are the same.
-const SAME_MODE: f64 = 1e-6;
-
-/// A way of assembling the arm at given commands.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct AssemblyMode {
-    /// Pose of the plate.
-    pub pose: Pose,
-    /// Smallest singular value of the closures' Jacobian: how firmly the plate is held.
-    pub smallest_singular_value: f64,
-}
 
 impl Machine {
     /// Pose of the plate at the commands of `start`, in the assembly mode that Newton's method reaches
@@ -72,75 +60,6 @@ impl Machine {
     /// Forward kinematics without the check for singular poses, for many small steps.
     pub fn forward_unchecked(&self, start: &Sample<'_>) -> Result<Pose, Error> {
         Ok(newton::solve(self, start, self.pose_unknowns())?.pose)
-    }
-
-    /// All assembly modes at the commands of a sample, whose pose does not matter, that a systematic search finds; singular ones are left
-    /// out. First comes the one nearest to `orientation` if that is given, otherwise the one most
-    /// firmly held (largest smallest singular value): a mirrored arm is held about as firmly, so where a pose is
-    /// known, follow the arm from there ([`Self::at_reference`]).
-    ///
-    /// The search starts Newton's method on a sphere about the carts, in 26 directions and, for a full
-    /// arm, in the 24 orientations of a cube relative to `orientation`. For a reduced arm the
-    /// orientation is `orientation` throughout (the identity if none is given).
-    ///
-    /// # Errors
-    /// No start led to a pose; data missing.
-    pub fn assembly_modes(
-        &self,
-        sample: &Sample<'_>,
-        orientation: Option<Rotation3<f64>>,
-    ) -> Result<Vec<AssemblyMode>, Error> {
-        let reference = orientation.unwrap_or_else(Rotation3::identity);
-        let orientations: Vec<Rotation3<f64>> = match self.robot.plate {
-            _ if !self.turns() => vec![reference],
-            Plate::BodyInPlane => turns_in_plane().map(|turn| turn * reference).collect(),
-            _ => cube_rotations().map(|turn| turn * reference).collect(),
-        };
-        let is_in_plane = self.robot.plate.is_in_plane();
-        let (centre, radius) = self.reach(sample, reference)?;
-        let mut modes: Vec<AssemblyMode> = Vec::new();
-        for direction in directions().filter(|direction| !is_in_plane || direction.z == 0.0) {
-            for &rotation in &orientations {
-                let start = Pose {
-                    position: centre + direction * radius,
-                    rotation,
-                };
-                let Ok(settled) = newton::solve(self, &sample.at(start), self.pose_unknowns())
-                else {
-                    continue;
-                };
-                // With more links than hold the plate, the best of all poses nearby may be none.
-                let Ok(Reached { pose, .. }) = self.reached(settled).within(LARGEST_MISMATCH_M)
-                else {
-                    continue;
-                };
-                let is_known = modes.iter().any(|mode| {
-                    (mode.pose.position - pose.position).norm() < SAME_MODE
-                        && turn_between(&mode.pose, &pose.rotation) < SAME_MODE
-                });
-                if is_known {
-                    continue;
-                }
-                let closures = self.closures(&sample.at(pose))?;
-                let (smallest, _) = self.weakest_motion(&closures);
-                if smallest >= SINGULAR {
-                    modes.push(AssemblyMode {
-                        pose,
-                        smallest_singular_value: smallest,
-                    });
-                }
-            }
-        }
-        if modes.is_empty() {
-            return Err(Error::NoAssembly);
-        }
-        // Descending, so the sign turns distance into preference.
-        let preference = |mode: &AssemblyMode| match orientation {
-            Some(wanted) if self.turns() => -turn_between(&mode.pose, &wanted),
-            _ => mode.smallest_singular_value,
-        };
-        modes.sort_by(|a, b| preference(b).total_cmp(&preference(a)));
-        Ok(modes)
     }
 
     /// Columns of the closures' Jacobian that forward kinematics solves for.
@@ -243,12 +162,6 @@ impl Machine {
     }
 }
 
-/// Length of the chord between two rotations: for small turns the angle (rad), free of the rounding
-/// that the arc cosine magnifies.
-fn turn_between(pose: &Pose, rotation: &Rotation3<f64>) -> f64 {
-    (pose.rotation.matrix() - rotation.matrix()).norm() / std::f64::consts::SQRT_2
-}
-
 fn motion_in_words([x, y, z, a, b, c]: [f64; POSE_COLUMNS]) -> String {
     let (translation, rotation) = (Vector3::new(x, y, z), Vector3::new(a, b, c));
     let axis = |vector: Vector3<f64>| {
@@ -269,57 +182,9 @@ fn motion_in_words([x, y, z, a, b, c]: [f64; POSE_COLUMNS]) -> String {
     }
 }
 
-/// The 26 directions from the centre of a cube to its faces, edges and corners.
-fn directions() -> impl Iterator<Item = Vector3<f64>> {
-    (0..27)
-        .map(|k| {
-            Vector3::new(
-                f64::from(k % 3 - 1),
-                f64::from(k / 3 % 3 - 1),
-                f64::from(k / 9 - 1),
-            )
-        })
-        .filter_map(|direction| direction.try_normalize(0.5))
-}
-
-/// Eight turns about z, an eighth of a whole one apart.
-fn turns_in_plane() -> impl Iterator<Item = Rotation3<f64>> {
-    (0..8).map(|eighth| {
-        Rotation3::from_axis_angle(
-            &Vector3::z_axis(),
-            f64::from(eighth) * std::f64::consts::FRAC_PI_4,
-        )
-    })
-}
-
-/// The 24 rotations that carry a cube onto itself.
-fn cube_rotations() -> impl Iterator<Item = Rotation3<f64>> {
-    use std::f64::consts::FRAC_PI_2;
-    (0..6).flat_map(|face| {
-        let facing = if face < 4 {
-            Rotation3::from_axis_angle(&Vector3::y_axis(), f64::from(face) * FRAC_PI_2)
-        } else {
-            Rotation3::from_axis_angle(&Vector3::x_axis(), f64::from(2 * face - 9) * FRAC_PI_2)
-        };
-        (0..4).map(move |turn| {
-            facing * Rotation3::from_axis_angle(&Vector3::z_axis(), f64::from(turn) * FRAC_PI_2)
-        })
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn starts_are_distinct() {
-        let rotations: Vec<_> = cube_rotations().collect();
-        assert_eq!(rotations.len(), 24);
-        for (i, a) in rotations.iter().enumerate() {
-            assert!(rotations[..i].iter().all(|b| a.angle_to(b) > 1.0));
-        }
-        assert_eq!(directions().count(), 26);
-    }
 
     #[test]
     fn free_motions_are_named() {

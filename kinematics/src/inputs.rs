@@ -146,12 +146,11 @@ impl<'a> Sample<'a> {
 
 impl<'a> From<&'a TcpPose> for Sample<'a> {
     fn from(measured: &'a TcpPose) -> Self {
-        let pose = Pose::from_zyz(measured.position_m, measured.angles_rad);
         Self {
             directions: measured.directions.as_deref(),
             tensions_n: measured.tensions_n.as_deref(),
             conditions: measured.conditions,
-            ..Self::new(pose, &measured.commands_m)
+            ..Self::new(measured.into(), &measured.commands_m)
         }
     }
 }

@@ -16,7 +16,7 @@ mod pose;
 mod statics;
 
 pub use error::Error;
-pub use forward::{AssemblyMode, LARGEST_MISMATCH_M};
+pub use forward::LARGEST_MISMATCH_M;
 pub use inputs::{LengthNoise, Missing, Sample, Surroundings, UnknownPull};
 pub use inverse::{InverseOptions, Reached};
 pub use layout::{Layout, Rail, Rod};

@@ -1,6 +1,7 @@
 //! Poses of the plate.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use tau_robot::measurements::TcpPose;
 
 /// Columns of a pose in derivatives: translation, then rotation vector.
 pub const POSE_COLUMNS: usize = 6;
@@ -12,6 +13,12 @@ pub struct Pose {
     pub position: Vector3<f64>,
     /// R.
     pub rotation: Rotation3<f64>,
+}
+
+impl From<&TcpPose> for Pose {
+    fn from(measured: &TcpPose) -> Self {
+        Self::from_zyz(measured.position_m, measured.angles_rad)
+    }
 }
 
 impl Pose {

@@ -44,9 +44,9 @@ pub mod input_error {
 /// Forward and inverse kinematics and statics of any variant.
 pub mod kinematics {
     pub use tau_kinematics::{
-        AssemblyMode, ByPull, Closures, Error, Forces, InverseOptions, LARGEST_MISMATCH_M, Layout,
-        LengthNoise, Machine, Missing, POSE_COLUMNS, Path, Pose, Rail, Reached, Rod, Sample,
-        Segment, Statics, Surroundings, UnknownPull, track_axes, xyz, xyz_angles, zyz,
+        ByPull, Closures, Error, Forces, InverseOptions, LARGEST_MISMATCH_M, Layout, LengthNoise,
+        Machine, Missing, POSE_COLUMNS, Path, Pose, Rail, Reached, Rod, Sample, Segment, Statics,
+        Surroundings, UnknownPull, track_axes, xyz, xyz_angles, zyz,
     };
 }
 

@@ -325,7 +325,7 @@ impl<'a> Setup<'a> {
         }?;
         let reached = Reached {
             commands_m: measured.commands_m.clone(),
-            pose: Pose::from_zyz(measured.position_m, measured.angles_rad),
+            pose: measured.into(),
             mismatch_m: 0.0,
         };
         Some((

@@ -7,8 +7,8 @@ use tau::kinematics::{Machine, Pose, Sample};
 use tau::robot::{Plate, Robot};
 use tau_robot::input_error::{InputError, Mistakes, Source, quoted, read, utf8};
 use tau_robot::measurements::set::{
-    ANGLES, ConditionColumns, DIRECTION, ForceColumns, NO_MOTION, POSITION, Set, TEMPERATURE, TIME,
-    drop_idle, read_directions, stays, vector,
+    ANGLES, ConditionColumns, DirectionColumns, ForceColumns, NO_MOTION, POSITION, Set,
+    TEMPERATURE, TIME, drop_idle, stays, vector,
 };
 use tau_robot::measurements::table::{Column, Table};
 use tau_robot::measurements::{Conditions, Shape, plausible};
@@ -213,34 +213,18 @@ pub(super) fn of_file(
 ) -> Result<(Vec<Row>, Vec<String>), InputError> {
     let (name, text) = text_of(path)?;
     let shape = Shape::from(&machine.robot);
-    let directions: Vec<String> = (1..=shape.commands())
-        .map(|n| format!("{DIRECTION}{n}"))
-        .collect();
-    // Output of the program can be read again: commands are no strangers beside poses.
-    let known: Vec<String> = ["pose", TIME, TEMPERATURE]
-        .iter()
-        .chain(&POSITION)
-        .chain(&ANGLES)
-        .map(ToString::to_string)
-        .chain(directions.iter().cloned())
-        .chain(shape.force_names())
-        .chain(machine.robot.command_columns())
-        .chain(["rx_rad", "ry_rad", "rz_rad"].map(str::to_owned))
-        .collect();
-    let sigmas = known.iter().map(|name| format!("sigma_{name}"));
-    let known = sigmas.chain(["inside".to_owned()]).chain(known.clone());
-    let known: Vec<String> = known.collect();
     // Columns of motions that the plate lacks may be left out.
     let of_plate = shape.pose_names();
-    let named = |names: &[&'static str]| -> Vec<&'static str> {
-        let names = names.iter().copied();
+    let named = |names: [&'static str; 3]| -> Vec<&'static str> {
+        let names = names.into_iter();
         names.filter(|name| of_plate.contains(name)).collect()
     };
-    let (position_names, angle_names) = (named(&POSITION), named(&ANGLES));
+    let (position_names, angle_names) = (named(POSITION), named(ANGLES));
     let required = match asked {
         Asked::Poses => machine.robot.command_columns(),
         Asked::Commands => position_names.iter().map(ToString::to_string).collect(),
     };
+    let known = known_columns(&shape, &machine.robot);
     let Set {
         table,
         mut mistakes,
@@ -252,13 +236,14 @@ pub(super) fn of_file(
     let has = |name: &&str| table.column(name).is_some();
     // A reduced arm says nothing about orientation, so that a position is a start, too.
     let is_position = (asked == Asked::Commands || !machine.turns()) && !ANGLES.iter().any(has);
-    let mut pose = position_names.clone();
+    let mut pose_names = position_names.clone();
     if !is_position {
-        pose.extend(&angle_names);
+        pose_names.extend(&angle_names);
     }
-    all_or_none(&table, &pose, &mut mistakes);
-    let named: Vec<&str> = directions.iter().map(String::as_str).collect();
-    all_or_none(&table, &named, &mut mistakes);
+    all_or_none(&table, &pose_names, &mut mistakes);
+    let directions = shape.direction_names();
+    let directions: Vec<&str> = directions.iter().map(String::as_str).collect();
+    all_or_none(&table, &directions, &mut mistakes);
     if !mistakes.is_empty() {
         return Err(mistakes.into_error());
     }
@@ -268,46 +253,23 @@ pub(super) fn of_file(
         Asked::Commands => Vec::new(),
     };
     let mut three = |names: [&str; 3], needed: &[&str]| {
-        let is_there = needed.iter().all(|name| table.column(name).is_some());
-        let is_there = is_there && names.iter().any(|name| table.column(name).is_some());
+        let is_there = needed.iter().all(has) && names.iter().any(has);
         is_there.then(|| names.map(|name| table.numbers_or_zero(name, &mut mistakes)))
     };
     let mut position = three(POSITION, &position_names);
     let mut angles = three(ANGLES, &angle_names);
-    let mut remarks: Vec<String> = unknown.into_iter().collect();
     // A start is rough; what is asked for is not.
     if asked == Asked::Commands {
-        let of_pose = position.iter().flatten().chain(angles.iter().flatten());
-        for column in of_pose.filter(|own| shape.idle_names().contains(&table.name(own.index))) {
-            for (row, _) in column
-                .values
-                .iter()
-                .enumerate()
-                .filter(|(_, value)| value.abs() > NO_MOTION)
-            {
-                let (found, title) = (table.text(row, column.index), table.name(column.index));
-                let message = format!("found {found} in column `{title}`: {}", stays(shape.plate));
-                let help = "leave the column out, or ask for poses that the plate can take";
-                mistakes.add(
-                    table.place(row, column.index),
-                    message,
-                    Some(help.to_owned()),
-                );
-            }
-        }
+        let of_pose = position.iter().chain(&angles).flatten();
+        refuse_motions_that_the_plate_lacks(&table, &shape, of_pose, &mut mistakes);
     }
-    let of_pose = position
-        .iter_mut()
-        .flatten()
-        .chain(angles.iter_mut().flatten());
+    let mut remarks: Vec<String> = unknown.into_iter().collect();
+    let of_pose = position.iter_mut().chain(&mut angles).flatten();
     let idle = drop_idle(&table, &shape, of_pose).filter(|_| asked == Asked::Poses);
     remarks.extend(idle.map(|idle| format!("{name}: {idle}")));
     let conditions = ConditionColumns::read(&table, &mut mistakes);
     let forces = ForceColumns::read(&table, &shape, &mut mistakes);
-    let directions: Option<Vec<Column>> = directions
-        .iter()
-        .map(|name| read_directions(&table, name, &mut mistakes))
-        .collect();
+    let directions = DirectionColumns::read(&table, &shape, &mut mistakes);
     let numbers = table
         .column("pose")
         .map(|index| table.whole_numbers(index, &mut mistakes));
@@ -330,25 +292,55 @@ pub(super) fn of_file(
         let numbered = numbers.as_ref().and_then(|numbers| numbers.values[row]);
         let counted = u32::try_from(row + 1).unwrap_or(u32::MAX);
         let position_m = position.as_ref().map(|columns| vector(columns, row));
-        let angles_rad = match &angles {
-            Some(columns) => Some(vector(columns, row)),
-            None => (asked == Asked::Poses).then_some([0.0; 3]),
-        };
+        let angles_rad = angles.as_ref().map(|columns| vector(columns, row));
+        let angles_rad = angles_rad.or((asked == Asked::Poses).then_some([0.0; 3]));
+        let start = position_m.zip(angles_rad);
         Row {
             commands_m: commands.iter().map(|column| column.values[row]).collect(),
             position_m: position_m.unwrap_or_default(),
-            start: position_m
-                .zip(angles_rad)
-                .map(|(position, angles)| Pose::from_zyz(position, angles)),
-            directions: directions
-                .as_ref()
-                .map(|columns| columns.iter().map(|column| column.values[row]).collect()),
+            start: start.map(|(position, angles)| Pose::from_zyz(position, angles)),
+            directions: directions.at(row),
             conditions: conditions.at(row),
             tensions_n: forces.at(row),
             ..Row::new(&name, numbered.unwrap_or(counted))
         }
     });
     Ok((rows.collect(), remarks))
+}
+
+/// Columns that a CSV may have: output of the program can be read again, so that commands are no strangers beside poses.
+fn known_columns(shape: &Shape, robot: &Robot) -> Vec<String> {
+    let known: Vec<String> = (["pose", TIME, TEMPERATURE].iter())
+        .chain(&POSITION)
+        .chain(&ANGLES)
+        .map(ToString::to_string)
+        .chain(shape.direction_names())
+        .chain(shape.force_names())
+        .chain(robot.command_columns())
+        .chain(["rx_rad", "ry_rad", "rz_rad"].map(str::to_owned))
+        .collect();
+    let sigmas = known.iter().map(|name| format!("sigma_{name}"));
+    let known = sigmas.chain(["inside".to_owned()]).chain(known.clone());
+    known.collect()
+}
+
+/// Refuses entries in the columns of a pose that its plate can't take.
+fn refuse_motions_that_the_plate_lacks<'a>(
+    table: &Table<'_>,
+    shape: &Shape,
+    of_pose: impl Iterator<Item = &'a Column>,
+    mistakes: &mut Mistakes<'_>,
+) {
+    for column in of_pose.filter(|own| shape.idle_names().contains(&table.name(own.index))) {
+        let values = column.values.iter().enumerate();
+        for (row, _) in values.filter(|(_, value)| value.abs() > NO_MOTION) {
+            let (found, title) = (table.text(row, column.index), table.name(column.index));
+            let message = format!("found {found} in column `{title}`: {}", stays(shape.plate));
+            let help = "leave the column out, or ask for poses that the plate can take";
+            let place = table.place(row, column.index);
+            mistakes.add(place, message, Some(help.to_owned()));
+        }
+    }
 }
 
 /// Name and text of a CSV; `-` is standard input.

@@ -7,7 +7,6 @@ use tau_codegen::language::model::{Model, Place};
 use tau_estimation::calibration::widest;
 use tau_estimation::numerics::order::smallest_first;
 use tau_estimation::numerics::parallel;
-use tau_estimation::numerics::projection::orthonormal;
 use tau_estimation::samples::Sample;
 
 use super::super::candidates::{self, Candidate};
@@ -16,6 +15,7 @@ use super::super::response::{Displacements, Responses};
 use super::super::scan::{Band, LEAST_SHOWN, Scores, global_p, lengths, lobe, peaks};
 use super::super::significance::Null;
 use super::{CandidateSet, Score, Table, f_form};
+use crate::subspace::orthonormal;
 
 /// A searched candidate and the bands that cover its range, by their places.
 pub(super) struct Scan {

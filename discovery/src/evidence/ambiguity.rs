@@ -6,11 +6,11 @@ use nalgebra::DMatrix;
 use tau_estimation::numerics::order::largest_first;
 use tau_estimation::numerics::parallel;
 use tau_estimation::numerics::products::transposed_times;
-use tau_estimation::numerics::projection::orthonormal;
 
 use crate::candidate_set::CandidateSet;
 use crate::linear_model::{LinearModel, scale_rows};
 use crate::results::Ambiguous;
+use crate::subspace::orthonormal;
 
 /// Share of a signal from which on the statistics of the two correlate by 0.8: noise may well make the wrong one
 /// the better (the rule of geodesy, where wrong identification becomes likelier than missed detection).

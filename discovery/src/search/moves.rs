@@ -17,8 +17,8 @@ use super::super::linear_model::LinearModel;
 use super::super::significance::Null;
 use super::Search;
 use super::state::{Member, State, Unnamed};
+use crate::subspace::Subspace;
 use tau_estimation::numerics::parallel;
-use tau_estimation::numerics::projection::Subspace;
 
 /// A neighbouring model.
 pub(super) struct Move {

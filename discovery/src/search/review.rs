@@ -14,9 +14,9 @@ use super::super::separation::{Signal, separate_by};
 use super::Search;
 use super::moves::{Without, cosine};
 use super::state::{Member, State, Unnamed};
+use crate::subspace::Subspace;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::parallel;
-use tau_estimation::numerics::projection::Subspace;
 
 /// Results on an effect of the final model.
 pub(crate) struct Found {

@@ -6,13 +6,13 @@ use std::collections::BTreeSet;
 use super::super::candidate_set::{CandidateSet, Score};
 use super::super::linear_model::{Freed, LinearModel};
 use super::super::{Error, Input};
+use crate::subspace::Subspace;
 use tau_codegen::equations::PULL;
 use tau_estimation::calibration::Prepared;
 use tau_estimation::joint::Joint;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::joint::unknown::{self, Start};
 use tau_estimation::joint::variant::{free_turning, free_turning_from};
-use tau_estimation::numerics::projection::Subspace;
 use tau_robot::robot::Owner;
 
 /// An effect in a model.

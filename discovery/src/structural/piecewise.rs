@@ -10,7 +10,6 @@ use tau_estimation::evaluation::evaluate;
 use tau_estimation::numerics::distribution::chi2_survival;
 use tau_estimation::numerics::order::{largest_first, smallest_first};
 use tau_estimation::numerics::parallel;
-use tau_estimation::numerics::projection::Subspace;
 
 use nalgebra::Vector3;
 
@@ -28,6 +27,7 @@ use super::super::search::Search;
 use super::super::significance::Null;
 use super::super::{Error, Input, Outcome, held_out, search_from};
 use super::{Described, begin_at, with_structure};
+use crate::subspace::Subspace;
 use tau_codegen::language::Model;
 use tau_codegen::language::model::{Arm, Readable, TrackModel, TrackShape};
 use tau_estimation::calibration::Line;

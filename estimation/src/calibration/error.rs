@@ -32,33 +32,26 @@ pub enum Error {
 impl Error {
     /// A pose of `tcp_poses.csv` that kinematics fails on: missing columns are the input's fault.
     pub fn at_pose(pose: u32, error: kinematics::Error) -> Self {
-        match error {
-            kinematics::Error::Missing { .. } => Self::Input(InputError::whole(
-                TCP_POSES,
-                format!("pose {pose}: {error}"),
-            )),
-            error => Self::Kinematics {
-                pose,
-                error,
-                row: None,
-            },
-        }
+        Self::of_kinematics(None, pose, error)
     }
 
     /// The same of a pose whose commands stand in a row of any file.
     pub(crate) fn at_row(row: (&'static str, usize), pose: u32, error: kinematics::Error) -> Self {
-        let (file, line) = row;
-        match error {
-            kinematics::Error::Missing { .. } => Self::Input(InputError::whole(
-                format!("{file}:{line}"),
-                format!("pose {pose}: {error}"),
-            )),
-            error => Self::Kinematics {
-                pose,
-                error,
-                row: Some(row),
-            },
+        Self::of_kinematics(Some(row), pose, error)
+    }
+
+    fn of_kinematics(
+        row: Option<(&'static str, usize)>,
+        pose: u32,
+        error: kinematics::Error,
+    ) -> Self {
+        if !matches!(error, kinematics::Error::Missing { .. }) {
+            return Self::Kinematics { pose, error, row };
         }
+        let place = row.map_or(TCP_POSES.to_owned(), |(file, line)| {
+            format!("{file}:{line}")
+        });
+        Self::Input(InputError::whole(place, format!("pose {pose}: {error}")))
     }
 }
 

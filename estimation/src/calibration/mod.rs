@@ -1,5 +1,6 @@
 //! Calibration: from nominal values and measured TCP poses to the parameters of a variant.
 
+mod closure_fit;
 mod cost;
 pub(crate) mod error;
 mod link_sigma;
@@ -23,18 +24,16 @@ use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot::{Instance, ResidualKind, Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 
-use nalgebra::DMatrix;
-use tau_solver::{Problem, Solution};
-
 use crate::numerics::order::extent;
 use crate::numerics::{count, parallel, triangle};
-use crate::problem::{self, Closures, Residuals};
+use crate::problem;
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
 use crate::setup::Setup;
 use crate::trust::judged::Judged;
 use crate::weighing::{self, Treatment, Weighing};
 
+use closure_fit::{ClosureFit, total_iterations};
 pub(crate) use cost::closure_cost;
 pub use error::Error;
 use link_sigma::Knowledge;
@@ -50,9 +49,6 @@ pub(crate) use registration::{centres, set_2, set_3, turn_of};
 pub(crate) use shared_noise::factor_with_shared_noise;
 pub use stated::Stated;
 
-/// Samples of a kind that are enough to start a fit of more: their optimum is off by a few standard deviations of the fit
-/// of all, the square root of how many times as many those are.
-const ENOUGH: usize = 4000;
 /// Relative change of the cost at which a fit ends: parameters stay within 1e-6 of their standard deviations, where a
 /// valley bends within 1e-3.
 pub(crate) const EXACT_COST: f64 = 1e-12;
@@ -266,93 +262,53 @@ fn from_prepared(
         let what = format!("{given} start values, expected {expected}");
         return Err(InputError::whole(&folder.name, what).into());
     }
-    let Prepared {
-        machine, nominal, ..
-    } = prepared;
+    let machine = &prepared.machine;
     let samples = Sample::all(robot, folder, poses, &Frames::default());
-    let residuals = Residuals::new(machine, nominal, &samples, file.noise, Closures::Apart)?;
-    let used = &residuals.used;
-    // Weights of poses count squares, those of residuals the residuals themselves.
-    let weighed = |weights: &[f64], start: &[f64]| {
-        let blocks = residuals.parts.iter().map(|part| {
-            let each = part.components.len();
-            let factor = |row: usize| weights[part.samples[row / each]].sqrt();
-            part.block(|row, weight| weight * factor(row))
-        });
-        let start = start.iter().copied();
-        Problem {
-            parameters: problem::parameters(variant, used, &residuals.priors, start),
-            blocks: blocks.collect(),
-        }
-    };
-    let not_converged = |why: String| Error::NotConverged {
-        variant: variant.name.clone(),
-        why,
-    };
-    let failed = |error: tau_solver::Error| not_converged(error.to_string());
-    let measured_in = (machine, &samples[..], file.noise);
-    let solver = tau_solver::Options {
-        cost_tolerance: options.solver.cost_tolerance.max(EXACT_COST),
-        ..options.solver.clone()
-    };
-    // The minimum without the bias that the noise of the poses gives it.
-    let solved = |problem: &Problem<'_>, weights: &[f64]| -> Result<_, Error> {
-        let mut solution = tau_solver::solve(problem, &solver).map_err(failed)?;
-        if !solution.converged() || solution.parameters.iter().any(|value| !value.is_finite()) {
-            return Err(not_converged(solution.termination.to_string()));
-        }
-        let minimum = (&solution.parameters[..], solution.cost);
-        let inverse = problem::inverse_information(problem, minimum.0).map_err(failed)?;
-        solution.parameters =
-            problem::corrected(&residuals, measured_in, minimum, weights, &inverse)?;
-        Ok((solution, inverse))
-    };
+    let fit = ClosureFit::new(prepared, file.noise, &samples, &options.solver)?;
+    let used = &fit.residuals.used;
     let start: Vec<f64> = used.iter().map(|&index| start[index]).collect();
     let even = vec![1.0; poses.len()];
-    let mut problem = weighed(&even, &start);
+    let mut problem = fit.problem(&even, &start);
     let range_m = widest(measured.iter().flat_map(|pose| &pose.commands_m));
-    searched::start(&mut problem, variant, used, range_m, &solver).map_err(failed)?;
-    let mut iterations = start_from_some(&mut problem, &residuals, &solver);
-    let (mut solution, of_all) = solved(&problem, &even)?;
+    let searched = searched::start(&mut problem, variant, used, range_m, &fit.solver);
+    searched.map_err(|error| fit.failed(&error))?;
+    let mut iterations = fit.start_from_some(&mut problem);
+    let (mut solution, mut inverse) = fit.solved(&problem, &even)?;
     iterations += total_iterations(&solution);
 
     let values = problem::values(machine, used, &solution.parameters);
-    let told = |(problem, inverse): (&Problem<'_>, DMatrix<f64>),
-                at: &[f64],
-                information: &[f64]|
-     -> Result<_, Error> {
-        let identifiability = tau_solver::identifiability(problem, at).map_err(failed)?;
-        let scales = &prepared.track_scales;
-        let factor =
-            factor_with_shared_noise(&inverse, &residuals, file.noise, scales, at, information);
-        Ok((identifiability, inverse, factor))
-    };
     // Where poses count as they are, which most do, nothing waits for their weights.
     let (weighed_poses, of_even) = parallel::both(
         || weighing::weighed(prepared, &values, &samples, file.noise, options.treatment),
-        || told((&problem, of_all), &solution.parameters, &even),
+        || {
+            let factor = fit.factor(&inverse, &solution.parameters, &even);
+            fit.identifiability(&problem, &solution.parameters)
+                .map(|found| (found, factor))
+        },
     );
     let (mut weighing, judged) = weighed_poses?;
     let left: Vec<usize> = weighing.taking_part(poses).collect();
     if let Err(error) = check_poses(Setup::new(robot, variant, file, folder), &left) {
         weighing = weighing.keeping_outliers(format!("Outliers are kept: without them, {error}."));
     }
-    let (identifiability, covariance, factor) = if weighing.is_even() {
+    let (identifiability, factor) = if weighing.is_even() {
         of_even?
     } else {
-        let start = weighed(&weighing.fit, &solution.parameters);
-        solution = solved(&start, &weighing.fit)?.0;
+        let start = fit.problem(&weighing.fit, &solution.parameters);
+        solution = fit.solved(&start, &weighing.fit)?.0;
         iterations += total_iterations(&solution);
-        problem = weighed(&weighing.information, &solution.parameters);
+        problem = fit.problem(&weighing.information, &solution.parameters);
         let at = &solution.parameters;
-        let inverse = problem::inverse_information(&problem, at).map_err(failed)?;
-        told((&problem, inverse), at, &weighing.information)?
+        let weighed = problem::inverse_information(&problem, at);
+        inverse = weighed.map_err(|error| fit.failed(&error))?;
+        let factor = fit.factor(&inverse, at, &weighing.information);
+        (fit.identifiability(&problem, at)?, factor)
     };
     let name = |index: usize| problem.parameters[index].name.clone();
     let fitted = Fitted {
         values: problem::values(machine, used, &solution.parameters),
         covariance: (factor.as_deref()).map_or_else(
-            || triangle::rows(&covariance),
+            || triangle::rows(&inverse),
             |rows| triangle::squared(&rows[..used.len()]),
         ),
         // Measured poses leave no motion open along which parameters would curve.
@@ -564,34 +520,4 @@ fn correlations(covariance: &[Vec<f64>]) -> Vec<(usize, usize, f64)> {
     pairs.sort_by(|a, b| b.2.abs().total_cmp(&a.2.abs()));
     pairs.truncate(LISTED);
     pairs
-}
-
-/// Sets the start of a fit of many samples to the fit of some of them, and returns the iterations that took: the long way
-/// along a valley of the cost is cheap with few, and what these leave is a few standard deviations.
-fn start_from_some(
-    problem: &mut Problem<'_>,
-    residuals: &Residuals,
-    solver: &tau_solver::Options,
-) -> usize {
-    let parts = &residuals.parts;
-    if parts.iter().all(|part| part.samples.len() <= ENOUGH) {
-        return 0;
-    }
-    let of_some = Problem {
-        parameters: problem.parameters.clone(),
-        blocks: (parts.iter().map(|part| part.block_of_some(ENOUGH))).collect(),
-    };
-    match tau_solver::solve(&of_some, solver) {
-        Ok(solution) if solution.converged() => {
-            for (parameter, &value) in problem.parameters.iter_mut().zip(&solution.parameters) {
-                parameter.start = value;
-            }
-            total_iterations(&solution)
-        }
-        _ => 0,
-    }
-}
-
-fn total_iterations(solution: &Solution) -> usize {
-    solution.parts.iter().map(|part| part.iterations).sum()
 }

@@ -100,7 +100,7 @@ pub fn f_quantile_above(probability: f64, numerator: f64, denominator: f64) -> f
 }
 
 /// P(χ² > t) with non-centrality λ: a mixture of central ones with Poisson weights.
-pub(super) fn noncentral_chi2_survival(t: f64, degrees: f64, noncentrality: f64) -> f64 {
+pub fn noncentral_chi2_survival(t: f64, degrees: f64, noncentrality: f64) -> f64 {
     let half = 0.5 * noncentrality;
     // Terms beyond ten standard deviations of the Poisson weights are nothing.
     let last = half + 10.0 * half.sqrt() + 20.0;

@@ -70,7 +70,7 @@ pub const NOT_FINITE: &str = "its derivative at no effect is not finite";
 
 impl Sample {
     fn of_tcp(measured: &TcpPose, unit: usize) -> Self {
-        let pose = Pose::from_zyz(measured.position_m, measured.angles_rad);
+        let pose = Pose::from(measured);
         Self {
             set: 1,
             track: None,

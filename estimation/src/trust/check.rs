@@ -24,7 +24,7 @@ use crate::trust::of_folder::looked_at as of_poses;
 use crate::trust::of_folder::plain;
 use crate::trust::{mistake::Mistake, reach::Reach};
 use crate::uncertainty::Uncertainty;
-use crate::unknown_poses::{self, Rank, Recognised, RowDivision};
+use crate::unknown_poses::{self, Rank, RowDivision};
 
 /// A column's range.
 #[derive(Debug, Clone, PartialEq)]
@@ -132,15 +132,7 @@ pub fn check(
     let told = setups.iter().find(|setup| !has_scale(setup));
     let looked_at = told.or(setups.first());
     let found = looked_at.map(|&setup| match rows {
-        None => {
-            let found = of_poses(setup, poses)?;
-            Ok(Recognised {
-                another_machine: found.another_machine.filter(|_| found.mistakes.is_empty()),
-                mistakes: found.mistakes,
-                misfit: found.misfit,
-                is_without_fit: found.is_without_fit,
-            })
-        }
+        None => of_poses(setup, poses),
         Some(rows) => {
             let variant = plain(robot, setup.variant, folder);
             unknown_poses::recognised(Setup { variant, ..setup }, rows)

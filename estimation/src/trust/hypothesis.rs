@@ -154,7 +154,7 @@ impl Case<'_> {
 
     fn lengths_by_pose_m(&self) -> Option<Vec<f64>> {
         let measured = self.folder.tcp_poses.first()?;
-        let pose = Pose::from_zyz(measured.position_m, measured.angles_rad);
+        let pose = Pose::from(measured);
         let machine = self.prepared().ok()?.machine;
         let layout = machine.layout(&pose, &measured.commands_m, &[]);
         let length =
@@ -253,15 +253,23 @@ impl Hypothesis {
                     commands_m[command] = commands_m[command].to_radians();
                 }
             }
-            _ => {}
+            Self::Shifted(_)
+            | Self::Heights
+            | Self::Carts(_)
+            | Self::Axes { .. }
+            | Self::Angles { .. }
+            | Self::Frame { .. }
+            | Self::Unit(_)
+            | Self::AngleSign(_)
+            | Self::Degrees
+            | Self::Noise { .. }
+            | Self::Tolerances { .. }
+            | Self::Dimension { .. } => {}
         }
     }
 
     /// Measured poses as they would be without a mistake of columns.
     pub(crate) fn mend_poses(&self, poses: &mut [TcpPose]) {
-        for pose in &mut *poses {
-            self.mend_commands(&mut pose.commands_m, pose.directions.as_mut());
-        }
         match self {
             Self::Axes {
                 columns,
@@ -317,7 +325,17 @@ impl Hypothesis {
                 rotation: zyz(angles.map(f64::to_radians)),
                 ..pose
             }),
-            _ => {}
+            Self::Commands(_) | Self::Signs(_) | Self::Zero { .. } | Self::CommandsInDegrees(_) => {
+                for pose in poses {
+                    self.mend_commands(&mut pose.commands_m, pose.directions.as_mut());
+                }
+            }
+            Self::Shifted(_)
+            | Self::Heights
+            | Self::Carts(_)
+            | Self::Noise { .. }
+            | Self::Tolerances { .. }
+            | Self::Dimension { .. } => {}
         }
     }
 }
@@ -329,7 +347,7 @@ pub(crate) fn neighbour<T>(rows: &[T], place: usize, by: isize) -> Option<&T> {
 
 fn change_poses(poses: &mut [TcpPose], change: impl Fn(Pose, [f64; 3]) -> Pose) {
     for measured in poses {
-        let pose = Pose::from_zyz(measured.position_m, measured.angles_rad);
+        let pose = Pose::from(&*measured);
         let changed = change(pose, measured.angles_rad);
         measured.position_m = changed.position_m();
         measured.angles_rad = changed.angles_rad();

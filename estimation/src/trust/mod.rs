@@ -37,7 +37,8 @@ pub use of_folder::{mistakes, refuse};
 pub use prediction::{of_prediction, outliers_of_validation};
 pub use pull::Pull;
 pub use reach::Reach;
-pub use verdict::{FileFit, PoseFit, Status, Verdict, of_calibration, of_calibration_knowing};
+pub use recognise::Recognised;
+pub use verdict::{FileFit, PoseFit, Status, Verdict, of_calibration};
 
 /// Worst poses or rows and largest pulls that are listed.
 pub(crate) const LISTED: usize = 5;

@@ -46,7 +46,9 @@ pub(super) fn of_case(
         let of_carts = machine.and_then(|machine| numbering::mistake(machine, folder));
         found.mistakes.extend(of_carts);
     }
-    found.misfit = found.misfit.filter(|_| found.mistakes.is_empty());
+    if !found.mistakes.is_empty() {
+        (found.misfit, found.another_machine) = (None, None);
+    }
     Ok(found)
 }
 

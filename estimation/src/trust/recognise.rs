@@ -45,18 +45,20 @@ const WIDEST_TOLERANCE: f64 = 0.1;
 /// Noise that is stated so many times too large is no caution any more. Where tolerances hold a fit back, noise that is
 /// stated a thousand times too large leaves a misfit of less than that.
 const CAUTIOUS: f64 = 10.0;
-/// Mistakes of measurements and parameters, and the machine that these tell once mended.
-#[derive(Default)]
-pub(crate) struct Recognised {
-    pub(crate) mistakes: Vec<Mistake>,
-    /// `None` where no machine fits and nothing explains it: where parts of a wrong one would be tells nothing.
+/// Mistakes of measurements and parameters, or a misfit without one.
+#[derive(Debug, Default)]
+pub struct Recognised {
+    /// Mistakes that explain why a variant does not fit.
+    pub mistakes: Vec<Mistake>,
+    /// The machine that measured poses tell once mended; `None` where no machine fits and nothing explains it: where parts
+    /// of a wrong one would be tells nothing.
     pub(crate) machine: Option<Machine>,
     /// Why the measurements are not those of the machine, where nothing else explains them.
-    pub(crate) another_machine: Option<String>,
-    /// Residuals over the noise, where they exceed it significantly and nothing explains it.
-    pub(crate) misfit: Option<f64>,
-    /// True where nothing fits and nothing explains it.
-    pub(crate) is_without_fit: bool,
+    pub another_machine: Option<String>,
+    /// Residuals over the stated noise, where they exceed it significantly and no mistake explains it.
+    pub misfit: Option<f64>,
+    /// True where nothing fits and no mistake explains it.
+    pub is_without_fit: bool,
 }
 
 /// The likeliest explanation of a misfit; none where there is no misfit.

@@ -116,7 +116,12 @@ impl Tried {
 
 /// The misfit is more than chance allows.
 pub(crate) fn is_beyond_noise(misfit: &Misfit) -> bool {
-    chi2_survival(misfit.chi2, misfit.dof) < LEVEL
+    exceeds_noise(misfit.chi2, misfit.dof)
+}
+
+/// A sum of squares is more than chance allows for its degrees of freedom.
+pub(crate) fn exceeds_noise(chi2: f64, dof: f64) -> bool {
+    chi2_survival(chi2, dof) < LEVEL
 }
 
 /// The parameter furthest from its nominal value, but for one that is set free. Where residuals exceed the stated noise and

@@ -13,7 +13,7 @@ use crate::numerics::spread::spread;
 use crate::problem::Component;
 use crate::setup::Setup;
 use crate::trust::hypothesis::{self, Case};
-use crate::trust::judged::{Judged, Misfit};
+use crate::trust::judged::Judged;
 use crate::trust::mistake::{Mistake, MistakeKind};
 use crate::trust::of_folder::{self, of_case};
 use crate::trust::pull::Pull;
@@ -116,12 +116,7 @@ impl Verdict {
     /// those of a visit share is in the standard deviations already, and the ratio is that of what is left between visits;
     /// where poses are unknown, it is not, and the ratio is at least that of the means.
     pub fn widening(&self) -> f64 {
-        let misfit = Misfit {
-            chi2: self.chi2,
-            dof: self.dof,
-            rows: 0,
-        };
-        let of_readings = if tried::is_beyond_noise(&misfit) {
+        let of_readings = if tried::exceeds_noise(self.chi2, self.dof) {
             let ratio = self.repeats.map(|repeats| repeats.excess);
             ratio.unwrap_or(self.residual_over_noise)
         } else {
@@ -186,7 +181,8 @@ impl fmt::Display for Verdict {
     }
 }
 
-/// The verdict on a calibration with the poses that it was made of and the robot file that it started from.
+/// The verdict on a calibration with the poses that it was made of and the robot file that it started from. Mistakes of the
+/// input are those of all variants; they are looked for unless `known`.
 ///
 /// # Errors
 /// It was made of other poses; data that the variant takes are missing.
@@ -195,20 +191,7 @@ pub fn of_calibration(
     file: &RobotFile,
     folder: &Folder,
     poses: &[usize],
-) -> Result<Verdict, Error> {
-    of_calibration_knowing(calibration, file, folder, poses, &mut None)
-}
-
-/// The same where mistakes may be known from another variant of the same input; they are kept for the next.
-///
-/// # Errors
-/// As [`of_calibration`].
-pub fn of_calibration_knowing(
-    calibration: &Calibration,
-    file: &RobotFile,
-    folder: &Folder,
-    poses: &[usize],
-    known: &mut Option<Vec<Mistake>>,
+    known: Option<&[Mistake]>,
 ) -> Result<Verdict, Error> {
     let machine = &calibration.machine;
     let robot = &machine.robot;
@@ -266,26 +249,26 @@ pub fn of_calibration_knowing(
     let plain = of_folder::plain(robot, &machine.variant, folder);
     let fit = (calibration.judged())
         .filter(|_| plain.name == machine.variant.name && weighing.outliers.is_empty());
-    let found = || match (suspect, known.take()) {
-        (true, None) => {
+    let found = || match known {
+        Some(known) => Ok(known.to_vec()),
+        None => {
             let variant = plain;
             let case = of_folder::case(Setup { variant, ..setup }, poses);
-            of_case(&case, fit, folder).map(|found| Some(found.mistakes))
+            of_case(&case, fit, folder).map(|found| found.mistakes)
         }
-        (_, found) => Ok(found),
     };
+    let found = || suspect.then(found).transpose();
     let reach = || {
         let measured: Vec<&TcpPose> = case.folder.tcp_poses.iter().collect();
         let known = Uncertainty::of_calibration(calibration)?;
         Reach::new(machine, &known, &measured, file.noise)
     };
     let (found, reach) = parallel::both(found, reach);
-    *known = found?;
-    if let Some(found) = known.as_ref().filter(|_| suspect) {
+    if let Some(mut found) = found? {
         // Residuals as large as the noise tell that it is stated rightly, whatever a variant without effects leaves.
-        let is_noise = |mistake: &&Mistake| mistake.kind == MistakeKind::Noise;
-        let found = found.iter().filter(|own| is_off || !is_noise(own));
-        verdict.blame(found.cloned().collect());
+        let is_noise = |mistake: &Mistake| mistake.kind == MistakeKind::Noise;
+        found.retain(|own| is_off || !is_noise(own));
+        verdict.blame(found);
     } else {
         verdict.blame(numbering::mistake(machine, folder).into_iter().collect());
     }
@@ -377,12 +360,7 @@ impl Verdict {
 
     /// Tests residuals, and tells of a parameter that is beyond its tolerance.
     pub(super) fn judge(&mut self, beyond: Option<&Pull>) {
-        let misfit = Misfit {
-            chi2: self.chi2,
-            dof: self.dof,
-            rows: 0,
-        };
-        if tried::is_beyond_noise(&misfit) {
+        if tried::exceeds_noise(self.chi2, self.dof) {
             self.status = Status::Inconsistent;
             self.why.push(format!(
                 "Residuals are {} times what the stated noise allows (χ² {} where {} is expected).",

@@ -77,7 +77,7 @@ pub use heldout::{HeldOut, HeldOutFit};
 pub use objects::Object;
 pub use outcome::{GrossRow, ObjectEstimate, Rank, RowDivision, UnknownPoses};
 pub use predicted::HeldOutKind;
-pub use recognised::{Recognised, mistakes, recognised};
+pub use recognised::{mistakes, recognised};
 pub use rows::{Kind, KindFit, KindRepeats, RowPlace};
 pub use unsolved::Unsolved;
 

@@ -27,7 +27,7 @@ use crate::trust::dimensions;
 use crate::trust::drawing;
 use crate::trust::hypothesis::Hypothesis;
 use crate::trust::negative::negative_length;
-use crate::trust::recognise::{CLOSER, FEW_ITERATIONS, FEW_POSES, POSES};
+use crate::trust::recognise::{CLOSER, FEW_ITERATIONS, FEW_POSES, POSES, Recognised};
 use crate::trust::{LEVEL, Mistake, MistakeKind, NEARER, ODDS, words};
 
 /// A first look at all hypotheses.
@@ -71,19 +71,6 @@ impl Squares {
     fn are_noise(&self) -> bool {
         chi2_survival(self.sum, self.expected) > LEVEL
     }
-}
-
-/// Mistakes in the rows of a folder, or a misfit without one.
-#[derive(Debug, Default)]
-pub struct Recognised {
-    /// Mistakes that explain why a variant does not fit.
-    pub mistakes: Vec<Mistake>,
-    /// Sentence on measurements that are missed by far and that no mistake explains.
-    pub another_machine: Option<String>,
-    /// Residuals over the stated noise, where they exceed it significantly and no mistake explains it.
-    pub misfit: Option<f64>,
-    /// True where nothing fits and no mistake explains it.
-    pub is_without_fit: bool,
 }
 
 /// Mistakes in the rows of a folder that explain why a variant does not fit: none where it does, and none where it
@@ -163,6 +150,7 @@ pub fn recognised(setup: Setup<'_>, division: &RowDivision) -> Result<Recognised
                 another_machine: another_machine.filter(|_| !is_explained),
                 misfit: misfit.filter(|_| !is_explained),
                 is_without_fit: !has_fit && !is_explained,
+                machine: None,
             })
         }
         // A mistake may be the reason of a refusal before the fit.

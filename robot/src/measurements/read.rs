@@ -5,8 +5,8 @@ use std::io::ErrorKind;
 use std::path::Path;
 
 use super::set::{
-    ANGLES, ConditionColumns, DIRECTION, ForceColumns, POSITION, Set, TEMPERATURE, TIME, drop_idle,
-    file_name, read_directions, vector,
+    ANGLES, ConditionColumns, DIRECTION, DirectionColumns, ForceColumns, POSITION, Set,
+    TEMPERATURE, TIME, drop_idle, file_name, read_directions, vector,
 };
 use super::shape::{Actuator, Shape};
 use super::table::Column;
@@ -332,8 +332,11 @@ fn read_tcp_poses(
     shape: &Shape,
     remarks: &mut Vec<String>,
 ) -> Result<Vec<TcpPose>, InputError> {
-    let directions: Vec<String> = (1..=shape.commands()).map(|n| format!("dir{n}")).collect();
-    let optional = [&[TIME.to_owned(), TEMPERATURE.to_owned()], &directions[..]].concat();
+    let optional = [
+        &[TIME.to_owned(), TEMPERATURE.to_owned()],
+        &shape.direction_names()[..],
+    ]
+    .concat();
     // Columns of motions that the plate lacks may be there all the same, as trackers write them: they take no part.
     let sigmas = SIGMAS.map(str::to_owned);
     let pose_names = [POSITION, ANGLES].concat();
@@ -362,10 +365,7 @@ fn read_tcp_poses(
     let idle = drop_idle(&table, shape, of_pose);
     remarks.extend(idle.map(|idle| format!("{}: {idle}", file_name(name))));
     let conditions = ConditionColumns::read(&table, &mut mistakes);
-    let directions: Option<Vec<Column>> = directions
-        .iter()
-        .map(|name| read_directions(&table, name, &mut mistakes))
-        .collect();
+    let directions = DirectionColumns::read(&table, shape, &mut mistakes);
 
     let forces = ForceColumns::read(&table, shape, &mut mistakes);
     let sigmas = SIGMAS.map(|name| {
@@ -400,9 +400,7 @@ fn read_tcp_poses(
             position_m: vector(&position, row),
             angles_rad: vector(&angles, row),
             conditions: conditions.at(row),
-            directions: directions
-                .as_ref()
-                .map(|columns| columns.iter().map(|column| column.values[row]).collect()),
+            directions: directions.at(row),
             tensions_n: forces.at(row),
             sigmas: PoseSigmas {
                 position_m: [0, 1, 2].map(|axis| sigma(axis, row)),

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use super::plate::{DISTANCES, Distance, PlateKind, PlateRow};
 use super::set::{
-    ConditionColumns, ForceColumns, Set, TEMPERATURE, TIME, drop_idle, read_directions,
+    ConditionColumns, DirectionColumns, ForceColumns, Set, TEMPERATURE, TIME, drop_idle,
 };
 use super::shape::Shape;
 use super::table::{Column, Table};
@@ -28,14 +28,13 @@ pub(super) fn read_rows(
     shape: &Shape,
     remarks: &mut Vec<String>,
 ) -> Result<Vec<Placed<PlateRow>>, InputError> {
-    let directions: Vec<String> = (1..=shape.commands()).map(|n| format!("dir{n}")).collect();
     let sigma_names: Vec<String> = kind.columns().iter().map(|c| sigma_name(c)).collect();
     let object = kind.object().map(|(column, _)| column.to_owned());
     let columns = kind.columns().iter().map(|&column| column.to_owned());
     let optional: Vec<String> = [TIME, TEMPERATURE]
         .map(str::to_owned)
         .into_iter()
-        .chain(directions.iter().cloned())
+        .chain(shape.direction_names())
         .chain(columns)
         .chain(sigma_names.iter().cloned())
         .chain(object.clone())
@@ -71,10 +70,7 @@ pub(super) fn read_rows(
     let mut values = of_columns(&names, &mut mistakes);
     let mut sigmas = of_columns(&sigma_names, &mut mistakes);
     let conditions = ConditionColumns::read(&table, &mut mistakes);
-    let directions: Option<Vec<Column>> = directions
-        .iter()
-        .map(|name| read_directions(&table, name, &mut mistakes))
-        .collect();
+    let directions = DirectionColumns::read(&table, shape, &mut mistakes);
     let forces = ForceColumns::read(&table, shape, &mut mistakes);
     let object = object.and_then(|name| table.column(&name));
 
@@ -134,9 +130,7 @@ pub(super) fn read_rows(
             pose: pose.values[row].unwrap_or_default(),
             commands_m: commands.iter().map(|column| column.values[row]).collect(),
             conditions: conditions.at(row),
-            directions: directions
-                .as_ref()
-                .map(|columns| columns.iter().map(|column| column.values[row]).collect()),
+            directions: directions.at(row),
             tensions_n: forces.at(row),
             values: at(&values, row),
             sigmas: at(&sigmas, row),

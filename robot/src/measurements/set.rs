@@ -219,8 +219,30 @@ impl ForceColumns {
     }
 }
 
+/// The optional columns of directions, one per command.
+#[derive(Debug)]
+pub struct DirectionColumns(Option<Vec<Column>>);
+
+impl DirectionColumns {
+    /// The columns, checked, where the table has all of them.
+    pub fn read(table: &Table<'_>, shape: &Shape, mistakes: &mut Mistakes<'_>) -> Self {
+        let names = shape.direction_names().into_iter();
+        Self(
+            names
+                .map(|name| read_directions(table, &name, mistakes))
+                .collect(),
+        )
+    }
+
+    /// Sign of the last move of each command in a row, where known.
+    pub fn at(&self, row: usize) -> Option<Vec<f64>> {
+        let of_row = |columns: &Vec<Column>| columns.iter().map(|own| own.values[row]).collect();
+        self.0.as_ref().map(of_row)
+    }
+}
+
 /// A column of directions, where the table has it.
-pub fn read_directions(
+pub(super) fn read_directions(
     table: &Table<'_>,
     name: &str,
     mistakes: &mut Mistakes<'_>,

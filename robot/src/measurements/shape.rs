@@ -2,6 +2,7 @@
 
 use tau_model_dsl::model::Plate;
 
+use super::set::DIRECTION;
 use crate::robot::{Robot, command_column};
 
 /// Columns of a position.
@@ -89,6 +90,13 @@ impl Shape {
         let drives = self.drives.iter().enumerate();
         drives
             .map(|(command, drive)| command_column(command, drive.is_angle()))
+            .collect()
+    }
+
+    /// Names of the columns of directions, one per command.
+    pub fn direction_names(&self) -> Vec<String> {
+        (1..=self.commands())
+            .map(|n| format!("{DIRECTION}{n}"))
             .collect()
     }
 

@@ -32,7 +32,7 @@ impl<R> Session<R> {
                 .into());
         }
         let poses = self.poses()?.division.calibration;
-        trust::of_calibration(calibration, &self.robot_file, &self.folder, &poses)
+        trust::of_calibration(calibration, &self.robot_file, &self.folder, &poses, None)
     }
 
     /// Outliers among the poses that validate, as a calibration predicts them; none where outliers are kept.

@@ -11,8 +11,9 @@ use tau_estimation::expected::Expected;
 use tau_estimation::numerics::order::extent;
 use tau_estimation::numerics::parallel;
 use tau_estimation::sensitivity;
-use tau_estimation::trust::{self, of_calibration_knowing};
+use tau_estimation::trust::{self, Mistake, of_calibration};
 use tau_estimation::uncertainty::Uncertainty;
+use tau_estimation::unknown_poses::{HeldErrors, RowDivision, UnknownPoses};
 use tau_estimation::weighing::Treatment;
 use tau_kinematics::{Layout, Pose};
 use tau_robot::measurements::{Division, Folder, Poses};
@@ -71,40 +72,21 @@ pub fn run<R>(
     };
 
     next("calibrating the variants");
-    let poses = &division.calibration;
     let checks = || {
         let rows = rows.as_ref();
         let check = trust::check(robot, &variants, file, folder, &division, rows);
         (check, assumptions::check(robot, file, folder))
     };
     let calibrated = || {
-        parallel::map(&variants, |variant| -> Result<_, Error> {
-            if let Some(rows) = &rows {
-                let (found, of_rows, held) = unknown_poses::of_variant(session, variant, rows)?;
-                let mut result = result(&found.calibration, folder, &division)?;
-                result.links = of_rows.links;
-                return Ok((found.calibration.clone(), result, Some((found, held))));
-            }
-            let calibration = calibrate(session.setup(variant), poses, &session.options())?;
-            let mut found = result(&calibration, folder, &division)?;
-            found.validation_outliers = session.validation_outliers_of(&calibration, &division)?;
-            Ok((calibration, found, None))
+        parallel::map(&variants, |variant| {
+            Calibrated::of(session, variant, &division, rows.as_ref())
         })
     };
     let ((check, assumptions), calibrated) = parallel::both(checks, calibrated);
     let check = check?;
     next("judging them");
-    let calibrated = parallel::map_owned(calibrated, |calibrated| -> Result<_, Error> {
-        let (calibration, mut found, of_rows) = calibrated?;
-        // Mistakes of the input are those of all variants.
-        let mut known = Some(check.mistakes.clone());
-        found.fit = Some(match of_rows {
-            Some((fitted, held)) => {
-                unknown_poses::verdict(&fitted, &held, &check.mistakes, division.is_disjoint())
-            }
-            None => of_calibration_knowing(&calibration, file, folder, poses, &mut known)?,
-        });
-        Ok((calibration, found))
+    let calibrated = parallel::map_owned(calibrated, |calibrated| {
+        calibrated?.judged(session, &division, &check.mistakes)
     });
     let mut results = Vec::new();
     let mut layouts = Vec::new();
@@ -137,11 +119,7 @@ pub fn run<R>(
             .map_err(|error| remarks.push(format!("left out: sensitivities: {error}")))
             .ok()
     });
-    progress(Progress {
-        doing: "done",
-        done: steps,
-        steps,
-    });
+    next("done");
     let mut study = Study {
         robot: robot.name.clone(),
         architecture: robot.architecture(),
@@ -162,6 +140,65 @@ pub fn run<R>(
     let mut layouts = layouts.into_iter();
     study.layout = layouts.find(|layout| Some(&layout.variant) == drawn.as_ref());
     Ok(study)
+}
+
+/// A calibrated variant.
+struct Calibrated {
+    calibration: Calibration,
+    result: VariantResult,
+    /// The fit and the errors of rows that were held out, where poses are unknown.
+    of_rows: Option<(UnknownPoses, HeldErrors)>,
+}
+
+impl Calibrated {
+    fn of<R>(
+        session: &Session<R>,
+        variant: &Variant,
+        division: &Division,
+        rows: Option<&RowDivision>,
+    ) -> Result<Self, Error> {
+        let (setup, poses) = (session.setup(variant), &division.calibration);
+        let of_rows = rows.map(|rows| unknown_poses::of_variant(session, variant, rows));
+        let of_rows = of_rows.transpose()?;
+        let calibration = match &of_rows {
+            Some((found, ..)) => found.calibration.clone(),
+            None => calibrate(setup, poses, &session.options())?,
+        };
+        let mut result = result(&calibration, session.folder(), division)?;
+        match &of_rows {
+            Some((_, of_rows, _)) => result.links.clone_from(&of_rows.links),
+            None => {
+                result.validation_outliers =
+                    session.validation_outliers_of(&calibration, division)?;
+            }
+        }
+        Ok(Self {
+            calibration,
+            result,
+            of_rows: of_rows.map(|(found, _, held)| (found, held)),
+        })
+    }
+
+    /// With the verdict on it; mistakes of the input are those of all variants.
+    fn judged<R>(
+        mut self,
+        session: &Session<R>,
+        division: &Division,
+        mistakes: &[Mistake],
+    ) -> Result<(Calibration, VariantResult), Error> {
+        let (file, folder, poses) = (
+            session.robot_file(),
+            session.folder(),
+            &division.calibration,
+        );
+        self.result.fit = Some(match &self.of_rows {
+            Some((fit, held)) => {
+                unknown_poses::verdict(fit, held, mistakes, division.is_disjoint())
+            }
+            None => of_calibration(&self.calibration, file, folder, poses, Some(mistakes))?,
+        });
+        Ok((self.calibration, self.result))
+    }
 }
 
 /// Poses given by index of which a variant has an error.

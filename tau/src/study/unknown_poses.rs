@@ -57,11 +57,7 @@ pub(super) fn run<R>(
     if let (true, Some(error)) = (results.is_empty(), failure) {
         return Err(error);
     }
-    progress(Progress {
-        doing: "done",
-        done: steps,
-        steps,
-    });
+    next("done");
     let mut study = Study {
         robot: robot.name.clone(),
         architecture: robot.architecture(),
