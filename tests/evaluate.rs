@@ -412,3 +412,23 @@ fn positions_of_a_point_count_once() {
         "{ratios:?}"
     );
 }
+
+/// Tolerances that are ten thousand times what rows tell leave parameters where these would have them, to a share of a
+/// deviation that no test may take for a change.
+#[test]
+fn parameters_have_not_changed_against_the_rows_that_gave_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("drawing.toml");
+    let text = "robot = \"LinearDelta\"\n[noise]\nposition_m = 1e-7\nrotation_rad = 4e-5\n";
+    fs::write(path, text).unwrap();
+    for line in [
+        "tau simulate --model linear_delta --robot DIR/drawing.toml --measure heights,distances --random --poses 40 \
+         --out DIR/measured",
+        "tau calibrate DIR/measured --variant Full --split all --out DIR/cal",
+    ] {
+        tau_in(folder.path(), line).done();
+    }
+    let line = "tau evaluate DIR/measured --robot DIR/cal/robot.toml --variant Full --json -";
+    let fit = &tau_in(folder.path(), line).json()["fit"];
+    assert_eq!(fit["status"], "consistent", "{fit:#}");
+}

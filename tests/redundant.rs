@@ -218,3 +218,91 @@ fn small_tolerances_are_named() {
         assert_eq!(mistakes[0]["kind"], "tolerances", "{seed}: {mistakes:?}");
     }
 }
+
+/// Belts by positions, with effects, and the folder that `simulate` writes.
+fn positions(folder: &std::path::Path, robot: &str, more: &str) {
+    let line = format!(
+        "tau simulate --model {robot} --measure positions --random --poses 60 {more} --out DIR/measured -q"
+    );
+    tau_in(folder, &line).done();
+}
+
+/// Drives whose noise is to be estimated and that have none are held as exact ones are: what is written can be read again,
+/// and values are the same.
+#[test]
+fn noise_that_is_not_there_is_estimated_as_little() {
+    for robot in ROBOTS {
+        let folder = tempfile::tempdir().unwrap();
+        positions(folder.path(), robot, "--seed 100");
+        let path = folder.path().join("measured/robot.toml");
+        let text = std::fs::read_to_string(&path).unwrap();
+        let calibrated = || {
+            let line = "tau calibrate DIR/measured --variant Full --force --out DIR/cal --json -";
+            tau_in(folder.path(), line).json()
+        };
+        let exact = calibrated();
+        let estimate = format!("{text}\n[drives]\nnoise_m = \"estimate\"\n");
+        std::fs::write(&path, estimate).unwrap();
+        let found = calibrated();
+        assert_eq!(found["fit"]["status"], "consistent", "{found:#}");
+        let why = found["fit"]["why"].to_string();
+        assert!(why.contains("was estimated to be no more than"), "{why}");
+        for kind in found["kinds"].as_array().unwrap() {
+            assert!(number(&kind["redundancy"]) >= 0.0, "{kind}");
+        }
+        let pairs = |found: &Value| {
+            let own = found["parameters"].as_array().unwrap();
+            let pair = |own: &Value| (number(&own["value"]), number(&own["sigma"]));
+            own.iter().map(pair).collect::<Vec<_>>()
+        };
+        for ((exact, _), (own, sigma)) in pairs(&exact).into_iter().zip(pairs(&found)) {
+            assert!((own - exact).abs() < sigma, "{own} ± {sigma} of {exact}");
+        }
+        let line = "tau kinematics forward --variant Full --robot DIR/cal/robot.toml \
+                    --poses DIR/measured/tcp_positions.csv";
+        tau_in(folder.path(), line).done();
+    }
+}
+
+/// A base that contradicts exact drives is searched from with noise of links; what is found beside which they agree is told with
+/// the values and deviations of a calibration.
+#[test]
+fn what_reconciles_exact_drives_is_told_with_its_own_deviations() {
+    let folder = tempfile::tempdir().unwrap();
+    let effect = "--seed 7 --effect length_scale(top_left):scale=3e-4";
+    positions(folder.path(), "four_belts", effect);
+    let found = tau_in(
+        folder.path(),
+        "tau discover DIR/measured --out DIR/found --json -",
+    )
+    .json();
+    assert_eq!(effects(&found), ["length_scale(top_left)"]);
+    assert!(
+        found["remarks"].to_string().contains("they agree"),
+        "{found:#}"
+    );
+    let scale = &found["effects"][0]["parameters"]["scale"];
+    let [scale, sigma] = ["value", "sigma"].map(|key| number(&scale[key]));
+    assert!(
+        (scale - 3e-4).abs() < 4.0 * sigma && sigma < 1e-7,
+        "{scale} ± {sigma}"
+    );
+    let line = "tau calibrate DIR/measured --model DIR/found/discovered.tau --variant Discovered --out DIR/cal -q";
+    tau_in(folder.path(), line).done();
+    let sigmas = |path: &str| {
+        let text = std::fs::read_to_string(folder.path().join(path)).unwrap();
+        let sigma = |name: &str| {
+            let line = text.lines().find(|line| line.starts_with(name)).unwrap();
+            let (_, sigma) = line.split_once("sigma = ").unwrap();
+            sigma.trim_end_matches(" }").parse::<f64>().unwrap()
+        };
+        ["top_right_x", "top_right_y", "bottom_left_x", "height"].map(sigma)
+    };
+    let pairs = sigmas("found/robot.toml")
+        .into_iter()
+        .zip(sigmas("cal/robot.toml"));
+    for (searched, calibrated) in pairs {
+        let ratio = searched / calibrated;
+        assert!((0.85..1.15).contains(&ratio), "{searched} of {calibrated}");
+    }
+}

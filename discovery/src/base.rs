@@ -14,7 +14,7 @@ use tau_estimation::samples::plates::place_plates;
 use tau_estimation::trust::{self, LARGEST_MISFIT};
 use tau_robot::robot::{Owner, Variant};
 
-use super::{Error, Input, Unknown};
+use super::{Constants, Error, Input, Unknown};
 use tau_estimation::Setup;
 
 /// Noise of links, as a share of that of positions, that the search allows for where redundant drives are stated to be
@@ -72,14 +72,9 @@ pub(super) fn base_fit(
     weights.extend(outliers::weights(&about_lines).drain(weights.len()..));
     let robust = |joint| Fit::robust(joint, &values, weights.clone(), &samples, file.noise);
     let joint = Joint::new(machine.clone(), &prepared.nominal, &samples, file.noise)?;
-    let far_beyond = options.constants.far_beyond;
-    let is_met = |fit: &Fit| {
-        let scale = fit.scales[Component::Closure as usize];
-        !fit.joint.misses_exact(fit.residuals.as_slice()) && scale < far_beyond
-    };
     let fit = match robust(joint.clone()) {
         found if !joint.has_exact() => found?,
-        Ok(found) if is_met(&found) => found,
+        Ok(found) if meets_exact(&found, &options.constants) => found,
         _ => {
             let mut loose = machine;
             loose.surroundings.length_noise.links_m = LOOSE_SHARE * file.noise.position_m;
@@ -92,6 +87,12 @@ pub(super) fn base_fit(
         return Err(not_converged(&fit.joint, &why));
     }
     Ok((fit, samples))
+}
+
+/// True if a fit meets closures of exact redundant drives, and the others at a noise that is not far beyond the stated one.
+pub(super) fn meets_exact(fit: &Fit, constants: &Constants) -> bool {
+    let scale = fit.scales[Component::Closure as usize];
+    !fit.joint.misses_exact(fit.residuals.as_slice()) && scale < constants.far_beyond
 }
 
 /// The same where poses are unknown, from values by which they were estimated.

@@ -55,7 +55,9 @@ pub(super) fn finish(
         options,
         ..
     } = *input;
-    let (fit, set) = (&search.state.fit, &search.set);
+    let bound = search.state.bound(&search.context());
+    let fit = bound.unwrap_or_else(|| search.state.fit.clone());
+    let (fit, set) = (&fit.without_noise_of_exact(), &search.set);
     let (held_out, evidence) = parallel::both(
         || HeldOut::of(input, fit),
         || evidence::of_effects(search, &beforehand.linear),
@@ -88,7 +90,7 @@ pub(super) fn finish(
     outliers.sort_unstable();
     outliers.dedup();
     let whiteness = whiteness(search, beforehand.serial);
-    let mut remarks = remarks(search, whiteness.as_ref());
+    let mut remarks = remarks(search, fit, whiteness.as_ref());
     remarks.extend(held_out.not_predicted);
     let discovery = Discovery {
         base: base.to_owned(),
@@ -109,7 +111,7 @@ pub(super) fn finish(
         },
         misfit: beforehand.misfit,
         noise: misfit::noise_scales(fit),
-        effects: effects(search, found),
+        effects: effects(search, fit, found),
         piecewise_tracks: vec![],
         considered: considered(search, found),
         cannot_see: beforehand.cannot_see,
@@ -222,8 +224,8 @@ fn whiteness(search: &Search<'_>, before: Option<SerialCorrelation>) -> Option<W
     })
 }
 
-fn effects(search: &Search<'_>, found: &[Found]) -> Vec<FoundEffect> {
-    let (fit, set) = (&search.state.fit, &search.set);
+fn effects(search: &Search<'_>, fit: &Fit, found: &[Found]) -> Vec<FoundEffect> {
+    let set = &search.set;
     let place = |candidates: &[usize]| match candidates {
         [one] => set.candidates[*one].at.clone(),
         all => Place::Several(all.iter().map(|&c| set.candidates[c].at.clone()).collect()),
@@ -357,7 +359,7 @@ fn far_from_drawing(fit: &Fit) -> Vec<(Pull, String)> {
         .collect()
 }
 
-fn remarks(search: &Search<'_>, whiteness: Option<&Whiteness>) -> Vec<String> {
+fn remarks(search: &Search<'_>, fit: &Fit, whiteness: Option<&Whiteness>) -> Vec<String> {
     let mut remarks = Vec::new();
     // Without measured poses, no set of the tracker takes part.
     let Input {
@@ -388,16 +390,22 @@ fn remarks(search: &Search<'_>, whiteness: Option<&Whiteness>) -> Vec<String> {
             what.to_owned()
         });
     }
-    let search_allows = &search.state.fit.joint.machine.surroundings.length_noise;
-    let allows_more = *search_allows != length_noise(robot, search.input.file);
-    if allows_more {
+    let stated = length_noise(robot, search.input.file);
+    let allowed = |fit: &Fit| fit.joint.machine.surroundings.length_noise.clone();
+    let (search_allows, allows_more) = (allowed(&search.state.fit), allowed(fit) != stated);
+    if search_allows != stated {
         remarks.push(format!(
             "drives contradict each other by more than exact ones could, so that the search took links for as uncertain as \
-             {:.2} µm: state the noise of drives (`[drives]` of `robot.toml`)",
-            1e6 * search_allows.links_m
+             {:.2} µm: {}",
+            1e6 * search_allows.links_m,
+            if allows_more {
+                "state the noise of drives (`[drives]` of `robot.toml`)"
+            } else {
+                "with what was found, they agree, and the values are those of exact drives"
+            }
         ));
     }
-    for scale in misfit::noise_scales(&search.state.fit) {
+    for scale in misfit::noise_scales(fit) {
         let is_usual = (0.85..1.15).contains(&scale.factor);
         if !(is_usual || allows_more && scale.factor < 1.0) {
             remarks.push(format!(
@@ -406,11 +414,7 @@ fn remarks(search: &Search<'_>, whiteness: Option<&Whiteness>) -> Vec<String> {
             ));
         }
     }
-    remarks.extend(
-        far_from_drawing(&search.state.fit)
-            .into_iter()
-            .map(|own| own.1),
-    );
+    remarks.extend(far_from_drawing(fit).into_iter().map(|own| own.1));
     if let Some(found) = whiteness
         && found.after.p_value.min(found.after.portmanteau_p_value) < SERIAL
     {

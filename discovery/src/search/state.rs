@@ -3,12 +3,13 @@
 use nalgebra::{Cholesky, DVector};
 use std::collections::BTreeSet;
 
+use super::super::base::meets_exact;
 use super::super::candidate_set::{CandidateSet, Score};
 use super::super::linear_model::{Freed, LinearModel};
 use super::super::{Error, Input};
 use crate::subspace::Subspace;
 use tau_codegen::equations::PULL;
-use tau_estimation::calibration::Prepared;
+use tau_estimation::calibration::{Prepared, length_noise};
 use tau_estimation::joint::Joint;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::joint::unknown::{self, Start};
@@ -220,6 +221,26 @@ impl State {
             .collect()
     }
 
+    /// The same effects bound again by closures of exact redundant drives, if they meet these: a search whose base does not
+    /// meet them allows for noise of links. `None` where it allows for no more than is stated, or the model lacks something.
+    pub(crate) fn bound(&self, context: &Context<'_>) -> Option<Fit> {
+        let Input {
+            robot,
+            file,
+            options,
+            ..
+        } = *context.input;
+        let stated = length_noise(robot, file);
+        let mut own = self.clone();
+        let allowed = &mut own.fit.joint.machine.surroundings.length_noise;
+        if *allowed == stated || !self.unnamed.is_empty() {
+            return None;
+        }
+        *allowed = stated;
+        let fit = own.refitted(context, &self.members, None).ok()?;
+        meets_exact(&fit, &options.constants).then_some(fit)
+    }
+
     /// Fitted from where this model stands, with other effects; `last` are start values of the last of them.
     pub(crate) fn refitted(
         &self,
@@ -291,12 +312,15 @@ impl State {
             let fitted = unknown::fit(start, &unknown.poses, &set.samples, file.noise);
             return fitted.map(|(fit, _)| fit);
         }
-        let joint = Joint::new(
-            prepared.machine,
-            &prepared.nominal,
-            &set.samples,
-            file.noise,
-        )?;
+        let joint = |machine| Joint::new(machine, &prepared.nominal, &set.samples, file.noise);
+        let joint = joint(prepared.machine.clone()).and_then(|own| {
+            // Which closures the plate's motions leave follows from where the machine is.
+            if own.has_exact() {
+                joint(prepared.machine.with_values(values.clone()))
+            } else {
+                Ok(own)
+            }
+        })?;
         let start = joint.fitted(&values);
         Fit::near(
             joint,

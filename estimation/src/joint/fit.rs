@@ -7,7 +7,7 @@ use crate::calibration::{Error, searched, widest};
 use crate::joint::descent::{Descent, not_converged};
 use crate::joint::{Component, Joint};
 use crate::numerics::grouped::Grouped;
-use crate::numerics::projection::{Basis, Normal};
+use crate::numerics::projection::{Basis, Normal, without_noise_of};
 use crate::samples::Sample;
 use crate::samples::outliers;
 
@@ -151,6 +151,19 @@ impl Fit {
             basis,
             residuals,
         })
+    }
+
+    /// The same with the covariance of parameters without what stands for the noise of exact closures, which have none.
+    #[must_use]
+    pub fn without_noise_of_exact(mut self) -> Self {
+        if self.joint.has_exact() && !self.joint.misses_exact(self.residuals.as_slice()) {
+            let rows = self.joint.rows.iter().enumerate();
+            let exact = rows.filter(|(_, row)| row.component == Component::Exact);
+            let exact: Vec<usize> = exact.map(|(index, _)| index).collect();
+            let of_exact = self.basis.q.select_rows(&exact);
+            self.basis.b = without_noise_of(&self.basis.b, of_exact.tr_mul(&of_exact));
+        }
+        self
     }
 
     /// `B` of the covariance `B·Bᵀ` that the fitted values would have if the noise were the stated one.

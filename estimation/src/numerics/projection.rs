@@ -234,6 +234,20 @@ fn shift(gram: &mut DMatrix<f64>, amount: f64) {
     }
 }
 
+/// Factor of the covariance F·(1 − G)·Fᵀ, where F·Fᵀ is that of a fit and G = Fᵀ·N·F the share that rows with the normal matrix
+/// N have in it: without the noise that stands for theirs where they have none.
+pub fn without_noise_of(factor: &DMatrix<f64>, share: DMatrix<f64>) -> DMatrix<f64> {
+    if share.is_empty() {
+        return factor.clone();
+    }
+    let share = share.symmetric_eigen();
+    let mut left = factor * share.eigenvectors;
+    for (mut column, share) in left.column_iter_mut().zip(&share.eigenvalues) {
+        column *= (1.0 - share).max(0.0).sqrt();
+    }
+    left
+}
+
 /// `L⁻ᵀ` of a Gram matrix `L·Lᵀ`.
 pub fn inverse_factor(gram: DMatrix<f64>) -> Option<DMatrix<f64>> {
     let columns = gram.ncols();

@@ -10,6 +10,7 @@ use super::fit::Fit;
 use super::{Kind, KindFit, ObjectEstimate, Rank, Settled, UnknownPoses, heldout, quantity};
 use crate::calibration::{self, Calibration, Combination, Error, Fitted, combinations};
 use crate::numerics::order::extent;
+use crate::numerics::projection::without_noise_of;
 use crate::numerics::{number, triangle};
 use crate::problem::used_by_plate;
 use crate::samples::Sample;
@@ -114,18 +115,14 @@ impl Fit<'_> {
         covariance: DMatrix<f64>,
     ) -> DMatrix<f64> {
         let are_exact = self.assembly.kinds.iter().any(Kind::is_exact);
-        let is_empty = covariance.is_empty();
-        if is_empty || !are_exact || !self.is_redundant() || self.misses_exact(reduced) {
+        if !are_exact || !self.is_redundant() || self.misses_exact(reduced) {
             return covariance;
         }
         let factor = self.spread(&reduced.triangle, variance, |_, _| true);
         let elimination = self.elimination(&solution.parameters);
         let information = elimination.information_of(Kind::is_exact);
-        let share = factor.tr_mul(&(information * &factor)).symmetric_eigen();
-        let mut left = factor * share.eigenvectors;
-        for (mut column, share) in left.column_iter_mut().zip(&share.eigenvalues) {
-            column *= (1.0 - share).max(0.0).sqrt();
-        }
+        let share = factor.tr_mul(&(information * &factor));
+        let left = without_noise_of(&factor, share);
         let mut found = &left * left.transpose();
         for (index, variance) in covariance.diagonal().iter().enumerate() {
             if variance.is_infinite() {

@@ -212,16 +212,6 @@ impl Stated<'_> {
                 "add `[drives]` with `noise_m`",
             ));
         }
-        let (stated, sigma) = if are_exact {
-            let lengths = others.iter().filter(|kind| kind.unit == "m");
-            let least = lengths.map(|kind| kind.sigma).fold(f64::INFINITY, f64::min);
-            (None, CLOSURE_SHARE * least)
-        } else if drives.contains(&Some(StatedNoise::Estimate)) {
-            (Some(StatedNoise::Estimate), FIRST_GUESS_M)
-        } else {
-            let usual = usual_drive(self.0, machine.robot.commands);
-            (Some(StatedNoise::Known(usual)), usual)
-        };
         // Closures of exact drives are lengths, whatever the drives do.
         let turn = commands
             .clone()
@@ -231,6 +221,17 @@ impl Stated<'_> {
             ("rad", metres_per_radian(machine))
         } else {
             ("m", Some(1.0))
+        };
+        let (stated, sigma) = if are_exact {
+            let lengths = others.iter().filter(|kind| kind.unit == "m");
+            let least = lengths.map(|kind| kind.sigma).fold(f64::INFINITY, f64::min);
+            (None, CLOSURE_SHARE * least)
+        } else if drives.contains(&Some(StatedNoise::Estimate)) {
+            let guess = FIRST_GUESS_M / unit_m.unwrap_or(1.0);
+            (Some(StatedNoise::Estimate), guess)
+        } else {
+            let usual = usual_drive(self.0, machine.robot.commands);
+            (Some(StatedNoise::Known(usual)), usual)
         };
         Ok(Kind {
             file: DRIVES,

@@ -12,13 +12,15 @@ use super::{GrossRow, KindFit};
 use crate::calibration::Error;
 use crate::numerics::distribution::{chi2_quantile_above, chi2_survival};
 use crate::numerics::order::largest_first;
-use crate::problem::Component;
+use crate::problem::{CLOSURE_SHARE, Component};
 use crate::samples::outliers;
 
 /// Share of the worst row's distance from which on others go with it: one gross row drags others along, but not as far.
 const NEARLY_WORST: f64 = 0.7;
 /// Factor by which estimated noise changes in a round at most, so that a first round far off does not throw the others away.
 const LARGEST_CHANGE: f64 = 10.0;
+/// Noise (m) that no measurement is below, where none is stated.
+const LEAST_NOISE_M: f64 = 1e-7;
 /// Fewest rows of a file or a drive of which one can be told to be off the others: of three, a scale that one does not
 /// widen is that of two.
 const LEAST_OF_GROUP: usize = 4;
@@ -105,17 +107,29 @@ impl Fit<'_> {
     pub(super) fn estimate_noise(&mut self, reduced: &Reduced, leverages: &[Vec<f64>]) -> f64 {
         let fits = self.kind_fits(reduced, leverages);
         let mut largest = self.estimate_groups(reduced, &fits);
+        let least_m = self.least_noise_m();
         for (kind, fit) in self.assembly.kinds.iter_mut().zip(fits) {
             if !kind.is_estimated() {
                 continue;
             }
             if let Some(ratio) = fit.residual_over_noise() {
                 let ratio = ratio.clamp(LARGEST_CHANGE.recip(), LARGEST_CHANGE);
-                largest = largest.max((ratio - 1.0).abs());
-                kind.sigma *= ratio;
+                let sigma = (kind.sigma * ratio).max(least_m / kind.unit_m.unwrap_or(1.0));
+                largest = largest.max((sigma / kind.sigma - 1.0).abs());
+                kind.sigma = sigma;
             }
         }
         largest
+    }
+
+    /// Noise (m) below which none is estimated: that of exact drives beside what was measured to a stated noise. Redundant
+    /// drives that agree better have none, and closures that were held any closer would leave other derivatives to rounding.
+    fn least_noise_m(&self) -> f64 {
+        let kinds = self.assembly.kinds.iter();
+        let stated = kinds.filter(|kind| !kind.is_estimated() && !kind.is_exact());
+        let stated = stated.filter_map(|kind| Some(kind.sigma * kind.unit_m?));
+        let least = stated.reduce(f64::min);
+        CLOSURE_SHARE * least.unwrap_or(LEAST_NOISE_M)
     }
 
     /// Rows that are farther off than the largest of so many, worst first. Readings of drives are rows by themselves where

@@ -4,7 +4,7 @@ use tau_kinematics::Sample;
 
 use super::outcome::{GrossRow, SIGNIFICANT};
 use super::rows::{Kind, KindFit};
-use super::{ROUNDS, UnknownPoses};
+use super::{ROUGH_NOISE, ROUNDS, UnknownPoses};
 use crate::numerics::distribution::chi2_survival;
 use crate::trust::judged::Deviation;
 use crate::trust::tried::beyond_tolerance;
@@ -388,8 +388,14 @@ impl UnknownPoses {
 fn estimated_noise(fit: &KindFit) -> String {
     let own = fit.kind.words();
     let Kind { unit, sigma, .. } = fit.kind;
-    if fit.residual_over_noise().is_none() {
+    let Some(ratio) = fit.residual_over_noise() else {
         return format!("The noise of {own} could not be estimated: the fit follows its rows.");
+    };
+    if ratio < 1.0 - ROUGH_NOISE {
+        return format!(
+            "The noise of {own} was estimated to be no more than {} {unit}.",
+            general(sigma, 2)
+        );
     }
     format!(
         "The noise of {own} was estimated: {} {unit}; {}.",
