@@ -13,7 +13,7 @@ use super::assembly::{Assembly, Chosen};
 use super::elimination::{Elimination, Raw};
 use super::kinds::drive_sigmas;
 use super::outcome::{RowDivision, UnknownPoses};
-use super::rows::{Kind, RowPlace, Rows};
+use super::rows::{CLOSURES, Kind, RowPlace, Rows};
 use crate::calibration::error::Error;
 use crate::calibration::nominal::Nominal;
 use crate::numerics::order::place;
@@ -251,24 +251,29 @@ impl<'a> EstimatedPoses<'a> {
     }
 }
 
-/// Puts samples of set 1 where their poses are; the index of the sample of each reading, in the order of the closures.
+/// Puts samples of set 1 where their poses are; the index of the sample of each reading, in the order of the closures. All
+/// readings have one: the [folder](EstimatedPoses::folder) of which the samples are lists them.
 fn placed_samples(
     assembly: &Assembly<'_>,
     machine: &Machine,
     samples: &mut [Sample],
 ) -> Vec<usize> {
+    let key = |sample: &Sample| {
+        let commands = sample.commands_m.iter().map(|command| command.to_bits());
+        (sample.number, commands.collect::<Vec<u64>>())
+    };
+    let mut places = BTreeMap::new();
+    for (place, sample) in samples.iter().enumerate() {
+        if sample.set == 1 {
+            places.entry(key(sample)).or_insert(place);
+        }
+    }
     let mut index = vec![];
     for reading in assembly.samples() {
-        let same = |sample: &&mut Sample| {
-            sample.set == 1
-                && sample.number == reading.number
-                && sample.commands_m == reading.commands_m
-        };
-        let place = samples.iter_mut().enumerate();
-        let mut place = place.filter(|(_, sample)| same(sample));
-        let Some((place, sample)) = place.next() else {
+        let Some(&place) = places.get(&key(&reading)) else {
             continue;
         };
+        let sample = &mut samples[place];
         sample.pose = reading.pose;
         sample.plate = Some(reading.pose);
         if let Some(statics) = &machine.surroundings.statics {
@@ -313,14 +318,14 @@ impl Grouped<'_> {
         known: &BTreeMap<&[usize], &Eliminated>,
     ) -> Result<Eliminated, Error> {
         let raw = self.raw;
-        let readings = raw.rows.iter().filter(|(block, _, _)| *block == 0);
+        let readings = raw.rows.iter().filter(|(block, _, _)| *block == CLOSURES);
         let mut own: Vec<usize> = readings.map(|&(_, reading, _)| reading).collect();
         own.dedup();
         let of_samples: Vec<usize> = own.iter().map(|&reading| self.index[reading]).collect();
         let outside = raw.complement();
         let mut origins = self.origins(samples, &of_samples);
         let reference = known.get(of_samples.as_slice());
-        let is_closure = |row: usize| raw.rows[row].0 == 0;
+        let is_closure = |row: usize| raw.rows[row].0 == CLOSURES;
         let are_exact = self.assembly.kinds.iter().any(Kind::is_exact);
         let (basis, owners, exact) = reference
             .and_then(|known| {
@@ -370,7 +375,7 @@ impl Grouped<'_> {
             let quantity = (block, residual, of.ends_of(sample));
             let kind = &self.assembly.kinds[of.kinds[residual]];
             let weight = of.weights[sample * of.kinds.len() + residual];
-            let owner = if block == 0 {
+            let owner = if block == CLOSURES {
                 self.index[sample]
             } else {
                 let number = of.places[sample].pose;
@@ -381,7 +386,7 @@ impl Grouped<'_> {
             Origin {
                 sample: owner,
                 place: RowPlace {
-                    drive: (block == 0).then_some(residual),
+                    drive: (block == CLOSURES).then_some(residual),
                     ..of.places[sample]
                 },
                 quantity: *quantities.entry(quantity).or_insert(next),
@@ -403,14 +408,14 @@ impl Grouped<'_> {
         shares: &DMatrix<f64>,
         origins: &mut [Origin],
     ) -> Result<(), Error> {
-        let kinds = &self.blocks[0].kinds;
+        let kinds = &self.blocks[CLOSURES].kinds;
         let kind = &self.assembly.kinds[kinds[0]];
         if kind.unit == "m" {
             return Ok(());
         }
         let closures = closures_of(machine);
         for (row, &(block, reading, residual)) in self.raw.rows.iter().enumerate() {
-            if block > 0 {
+            if block != CLOSURES {
                 continue;
             }
             let place = place(readings, &reading);
@@ -431,14 +436,14 @@ impl Grouped<'_> {
         samples: &[Sample],
         readings: &[usize],
     ) -> Result<DMatrix<f64>, Error> {
-        let of = &self.blocks[0];
+        let of = &self.blocks[CLOSURES];
         let (count, width) = (of.kinds.len(), of.family.shape().data);
         let are_coupled = drive_sigmas(self.assembly.file, machine.robot.commands).is_some();
         let are_lengths = self.assembly.file.noise_of_links().is_some();
         let closures = closures_of(machine);
         let mut shares = DMatrix::zeros(self.raw.rows.len(), readings.len() * count);
         for (row, &(block, reading, residual)) in self.raw.rows.iter().enumerate() {
-            if block > 0 {
+            if block != CLOSURES {
                 continue;
             }
             let place = place(readings, &reading);

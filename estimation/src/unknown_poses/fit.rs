@@ -14,7 +14,7 @@ use super::dense::stacked;
 use super::elimination::{Elimination, Reduced};
 use super::gauge::{Shared, scaled};
 use super::kinds::{NoiseGroup, kinds_of_carts, moves_links_apart};
-use super::rows::{ABSORBED, RowPlace, Rows, noise_of_rows};
+use super::rows::{ABSORBED, CLOSURES, RowPlace, Rows, noise_of_rows};
 use super::starts;
 use super::{GrossRow, KindFit, Rank, RowDivision};
 use crate::calibration::{Error, Nominal, Prepared, statics};
@@ -51,8 +51,8 @@ pub(super) struct Fit<'a> {
     pub(super) groups: Vec<NoiseGroup>,
     /// Loss of single residuals, if it is not least squares.
     pub(super) loss: Option<Loss>,
-    /// True if the values that it starts from are those of a sketch.
-    pub(super) is_sketch: bool,
+    /// True if it is one of several starts, as of a sketch: each is soon given up.
+    pub(super) has_others: bool,
     /// Noise that parameters are sought at, over the stated one.
     pub(super) widened: f64,
 }
@@ -72,16 +72,24 @@ impl<'a> Fit<'a> {
         )
     }
 
-    /// From the values of a machine, under the priors of the nominal ones, which may be those of a sketch.
+    /// From the values of a machine, under the priors of the nominal ones; `has_others` where other starts are tried.
     pub(super) fn from(
         prepared: &Prepared,
         machine: Machine,
         file: &'a RobotFile,
         folder: &'a Folder,
         division: &'a RowDivision,
-        is_sketch: bool,
+        has_others: bool,
     ) -> Result<Self, Error> {
-        Self::beside_carts(vec![], prepared, machine, file, folder, division, is_sketch)
+        Self::beside_carts(
+            vec![],
+            prepared,
+            machine,
+            file,
+            folder,
+            division,
+            has_others,
+        )
     }
 
     /// The same with residuals of carts, which concern no pose.
@@ -92,7 +100,7 @@ impl<'a> Fit<'a> {
         file: &'a RobotFile,
         folder: &'a Folder,
         division: &'a RowDivision,
-        is_sketch: bool,
+        has_others: bool,
     ) -> Result<Self, Error> {
         machine.surroundings.is_sketch = starts::sketched(prepared).is_some();
         let left_out = BTreeSet::new();
@@ -145,7 +153,7 @@ impl<'a> Fit<'a> {
             gross: vec![],
             groups: vec![],
             loss: None,
-            is_sketch,
+            has_others,
             widened: 1.0,
         })
     }
@@ -186,9 +194,9 @@ impl<'a> Fit<'a> {
     /// True if a residual of a block may be a gross one. Exact closures are no measurements; others tell of a drive where
     /// links have noise, or each drive moves one of them alone.
     pub(super) fn can_be_gross(&self, block: usize) -> bool {
-        let are_exact = || self.assembly.kinds[self.blocks[0].kinds[0]].is_exact();
+        let are_exact = || self.assembly.kinds[self.blocks[CLOSURES].kinds[0]].is_exact();
         let tells_drives = || !are_exact() && moves_links_apart(&self.machine.robot);
-        block > 0 || self.file.noise_of_links().is_some() || tells_drives()
+        block != CLOSURES || self.file.noise_of_links().is_some() || tells_drives()
     }
 
     /// Residuals of blocks that may hold gross ones: block, index, residual over its noise, share that the fit leaves.
@@ -374,7 +382,7 @@ impl<'a> Fit<'a> {
             let mut weights = rows.weights.chunks_exact(rows.kinds.len());
             weights.any(|own| free.clone().all(|&axis| own[axis] > 0.0))
         };
-        let mut measured = self.blocks.iter().skip(1);
+        let mut measured = self.blocks.iter().skip(CLOSURES + 1);
         let fixes_handedness = measured.any(|rows| rows.kinds.len() >= 3 && has_all(rows));
         let places = self.assembly.places();
         let poses: BTreeSet<usize> = places.iter().copied().collect();

@@ -11,7 +11,7 @@ use tau_robot::measurements::TCP_POSES;
 
 use super::assembly::place_of;
 use super::fit::Fit;
-use super::rows::RowPlace;
+use super::rows::{CLOSURES, RowPlace};
 
 /// A pose all of whose rows are far off, or all but one, which may agree by chance.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,7 +62,7 @@ impl Fit<'_> {
         far.extend(&self.left_out);
         far.retain(|place| place.drive.is_none());
         // The first block are the closures, and carts have poses of their own.
-        let plate = self.blocks.iter().skip(1);
+        let plate = self.blocks.iter().skip(CLOSURES + 1);
         let plate = plate.filter(|rows| rows.own_each() > 0);
         let kept: BTreeSet<RowPlace> = (plate.flat_map(|rows| &rows.places).copied())
             .filter(|place| !far.contains(place))

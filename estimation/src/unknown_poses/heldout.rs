@@ -152,7 +152,7 @@ fn gross_rows(
         gross: vec![],
         groups: vec![],
         loss: None,
-        is_sketch: false,
+        has_others: false,
         widened: 1.0,
     };
     let follows = Follows {

@@ -230,10 +230,10 @@ fn recognising<'a>(
             solver: search.options(&options.solver, division.calibration.len()),
             ..options.clone()
         };
-        let is_sketch = sketch_m.is_some();
+        let has_others = sketch_m.is_some();
         let tried = |is_loose: bool, gross: &[GrossRow]| {
             let machine = machine.clone();
-            let mut fit = Fit::from(&prepared, machine, file, folder, division, is_sketch)?;
+            let mut fit = Fit::from(&prepared, machine, file, folder, division, has_others)?;
             if is_loose {
                 fit.loosen();
             }
@@ -373,7 +373,7 @@ impl Fit<'_> {
 
             values.clone_from(&solution.parameters);
             // A sketch has several starts. Others are given up as soon as those of a sketch are.
-            if rounds == 1 && !has_groups && !self.is_sketch {
+            if rounds == 1 && !has_groups && !self.has_others {
                 let mut brief = options.clone();
                 brief.solver = Search::Descent.options(&options.solver, self.assembly.poses.len());
                 for other in self.other_sides(&values) {
@@ -470,7 +470,7 @@ impl Fit<'_> {
         let kinds = self.assembly.kinds.clone();
         let exact = kinds.iter().position(Kind::is_exact);
         // A sketch has several starts, each soon given up, in place of a long way from one.
-        if self.is_sketch && exact.is_none() && heights.is_empty() {
+        if self.has_others && exact.is_none() && heights.is_empty() {
             return Ok(0);
         }
         if let Some(exact) = exact {

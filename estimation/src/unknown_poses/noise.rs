@@ -6,8 +6,7 @@ use super::assembly::Chosen;
 use super::elimination::{Elimination, Reduced};
 use super::fit::Fit;
 use super::outcome::{GroupFit, SIGNIFICANT};
-use super::rows::ABSORBED;
-use super::rows::{RowPlace, Rows};
+use super::rows::{ABSORBED, CLOSURES, RowPlace, Rows};
 use super::{GrossRow, KindFit};
 use crate::calibration::Error;
 use crate::numerics::distribution::{chi2_quantile_above, chi2_survival};
@@ -34,7 +33,7 @@ fn group_of(place: RowPlace) -> (&'static str, Option<usize>) {
 fn place_in(rows: &Rows, block: usize, residual: usize) -> RowPlace {
     let each = rows.kinds.len();
     RowPlace {
-        drive: (block == 0).then_some(residual % each),
+        drive: (block == CLOSURES).then_some(residual % each),
         ..rows.places[residual / each]
     }
 }

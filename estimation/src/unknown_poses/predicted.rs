@@ -1,7 +1,7 @@
 //! Errors of what drives alone foretell.
 
 use super::elimination::Reduced;
-use super::rows::{Kind, Rows};
+use super::rows::{CLOSURES, Kind, Rows};
 
 /// Errors of a kind of measurement on rows held out.
 #[derive(Debug, Clone, PartialEq)]
@@ -19,7 +19,7 @@ pub struct HeldOutKind {
 /// Errors of each kind of lengths that were measured, from residuals where poses follow from the drives alone.
 pub(super) fn predicted(blocks: &[Rows], kinds: &[Kind], reduced: &Reduced) -> Vec<HeldOutKind> {
     let mut predicted: Vec<HeldOutKind> = vec![];
-    for (rows, residuals) in blocks.iter().zip(&reduced.residuals).skip(1) {
+    for (rows, residuals) in blocks.iter().zip(&reduced.residuals).skip(CLOSURES + 1) {
         for (k, (residual, weight)) in residuals.iter().zip(&rows.weights).enumerate() {
             let kind = &kinds[rows.kinds[k % rows.kinds.len()]];
             if *weight == 0.0 || kind.unit != "m" {

@@ -7,6 +7,7 @@ use tau_robot::measurements::{Folder, SAME_POSE};
 use super::Rank;
 use super::elimination::Reduced;
 use super::fit::Fit;
+use super::rows::CLOSURES;
 use crate::calibration::Error;
 use crate::weighing::Treatment;
 
@@ -67,7 +68,12 @@ impl Fit<'_> {
 
     /// Refuses lengths in millimetres that are plausible in themselves, by the residuals at the start.
     pub(super) fn refuse_units(&self, reduced: &Reduced) -> Result<(), Error> {
-        for (rows, residuals) in self.blocks.iter().zip(&reduced.residuals).skip(1) {
+        for (rows, residuals) in self
+            .blocks
+            .iter()
+            .zip(&reduced.residuals)
+            .skip(CLOSURES + 1)
+        {
             if rows.kinds.len() != 1 {
                 continue;
             }

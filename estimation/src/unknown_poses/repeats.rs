@@ -18,7 +18,7 @@ use super::dense::Dense;
 use super::elimination::{Elimination, Reduced};
 use super::fit::Fit;
 use super::kinds::drive_sigmas;
-use super::rows::{ABSORBED, DRIVES, KindRepeats, RowIndex, RowPlace};
+use super::rows::{ABSORBED, CLOSURES, DRIVES, KindRepeats, RowIndex, RowPlace};
 use crate::weighing::{LackOfFit, along, apart, together};
 
 /// Readings of one quantity.
@@ -164,7 +164,7 @@ impl Fit<'_> {
         let far: BTreeSet<RowPlace> = far.map(|row| row.place).collect();
         let takes = |(block, sample, residual): RowIndex| {
             let place = RowPlace {
-                drive: (block == 0).then_some(residual),
+                drive: (block == CLOSURES).then_some(residual),
                 ..self.blocks[block].places[sample]
             };
             !far.contains(&place)
@@ -192,7 +192,7 @@ impl Fit<'_> {
     fn noisy_share(&self) -> f64 {
         let sigmas = drive_sigmas(self.file, self.machine.robot.commands);
         let noisy = sigmas.iter().flatten().filter(|sigma| **sigma > 0.0);
-        let links = self.blocks[0].kinds.len();
+        let links = self.blocks[CLOSURES].kinds.len();
         noisy.count().min(links) as f64 / links as f64
     }
 }

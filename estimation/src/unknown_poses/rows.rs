@@ -201,7 +201,7 @@ impl KindFit {
 /// the kind.
 pub(super) fn noise_of_rows(kinds: &[Kind], blocks: &[Rows]) -> Vec<f64> {
     let mut squares = vec![(0.0, 0.0); kinds.len()];
-    for rows in blocks.iter().skip(1) {
+    for rows in blocks.iter().skip(CLOSURES + 1) {
         let weights = rows.kinds.iter().cycle().zip(&rows.weights);
         for (&kind, weight) in weights.filter(|(_, weight)| **weight > 0.0) {
             squares[kind].0 += weight.powi(-2);
@@ -217,6 +217,9 @@ pub(super) fn noise_of_rows(kinds: &[Kind], blocks: &[Rows]) -> Vec<f64> {
     });
     noise.collect()
 }
+
+/// Index of the block of the closures among all: it stands first.
+pub(super) const CLOSURES: usize = 0;
 
 /// A family with its samples.
 #[derive(Debug)]

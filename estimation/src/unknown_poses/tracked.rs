@@ -8,7 +8,7 @@ use tau_robot::measurements::{PlateKind, TCP_POSES};
 
 use super::assembly::{Assembly, place_of};
 use super::estimated::Grouped;
-use super::rows::RowPlace;
+use super::rows::{CLOSURES, RowPlace};
 use super::tracker::{pose_sample, position_sample};
 use crate::problem::{Origin, Tracked};
 use crate::samples::Sample;
@@ -53,7 +53,7 @@ impl Grouped<'_> {
         for (row, (&(block, sample, residual), origin)) in rows.iter().zip(origins).enumerate() {
             let of = &self.blocks[block];
             let measured = known.get(&of.places[sample]);
-            let Some(measured) = measured.filter(|_| block > 0 && residual < 3) else {
+            let Some(measured) = measured.filter(|_| block != CLOSURES && residual < 3) else {
                 continue;
             };
             if before != Some((block, sample)) {

@@ -4,6 +4,7 @@ use tau_kinematics::Pose;
 use tau_solver::Problem;
 
 use super::kinds::drive_sigmas;
+use super::rows::CLOSURES;
 use super::tracker::of_true_poses;
 use super::{RowDivision, carts, fit::Fit, starts};
 use crate::calibration::{Calibration, Error};
@@ -65,7 +66,7 @@ impl<'a> Unsolved<'a> {
     /// Weight (1/m²) of each closure of each reading, where drives are exact, or each has noise of its own and is that of
     /// one link.
     pub fn closure_weights(&self) -> Vec<f64> {
-        let rows = &self.0.blocks[0];
+        let rows = &self.0.blocks[CLOSURES];
         let (count, width) = (rows.kinds.len(), rows.family.shape().data);
         let are_exact = drive_sigmas(self.0.file, self.0.machine.robot.commands).is_none();
         let of_row = |(row, weight): (usize, &f64)| {

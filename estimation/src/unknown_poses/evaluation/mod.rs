@@ -19,8 +19,7 @@ use super::assembly::Chosen;
 use super::elimination::{Elimination, Reduced};
 use super::fit::Fit;
 use super::predicted::{HeldOutKind, predicted};
-use super::rows::ABSORBED;
-use super::rows::{Kind, RowPlace, Rows, noise_of_rows};
+use super::rows::{ABSORBED, CLOSURES, Kind, RowPlace, Rows, noise_of_rows};
 use super::tracker::of_true_poses;
 use super::{GrossRow, ROUNDS, RowDivision, SAME_NOISE, SAME_POSE};
 use crate::calibration::{self, EXACT_COST, Error, Prepared};
@@ -325,12 +324,12 @@ impl Fit<'_> {
 
     /// True if drives are more than the freedoms of the plate.
     pub(super) fn is_redundant(&self) -> bool {
-        self.blocks[0].kinds.len() > self.assembly.free.len()
+        self.blocks[CLOSURES].kinds.len() > self.assembly.free.len()
     }
 
     /// True if exact drives contradict each other: redundant closures are further off than what stands for their noise.
     pub(super) fn misses_exact(&self, reduced: &Reduced) -> bool {
-        let (kinds, residuals) = (&self.blocks[0].kinds, &reduced.residuals[0]);
+        let (kinds, residuals) = (&self.blocks[CLOSURES].kinds, &reduced.residuals[CLOSURES]);
         let squares: f64 = residuals.iter().map(|residual| residual * residual).sum();
         self.is_redundant()
             && self.assembly.kinds[kinds[0]].is_exact()
@@ -488,17 +487,18 @@ impl Fit<'_> {
                 }
                 let kind = rows.kinds[k % each];
                 // Weights of links' closures are their slopes, those of others their own noise.
-                let noise = self.assembly.kinds[kind].sigma / if block == 0 { 1.0 } else { weight };
+                let noise =
+                    self.assembly.kinds[kind].sigma / if block == CLOSURES { 1.0 } else { weight };
                 let is_judged = 1.0 - by_poses[block][k] > 1.0 - ABSORBED;
                 let variance = (1.0 - absorbed[block][k]).max(0.0);
                 let error = residuals[block][k] * noise;
                 errors.push(RowError {
                     place: RowPlace {
-                        drive: (block == 0).then_some(k % each),
+                        drive: (block == CLOSURES).then_some(k % each),
                         ..rows.places[k / each]
                     },
                     kind,
-                    coordinate: (block > 0 && each > 1).then(|| COORDINATES[k % each]),
+                    coordinate: (block != CLOSURES && each > 1).then(|| COORDINATES[k % each]),
                     error,
                     error_m: (self.assembly.kinds[kind].unit_m).map(|unit_m| error * unit_m),
                     redundancy: (1.0 - by_poses[block][k]).max(0.0),
