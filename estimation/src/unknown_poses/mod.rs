@@ -15,6 +15,7 @@ mod compared;
 mod coupled;
 mod curvature;
 mod dense;
+mod directions;
 mod elimination;
 pub mod errors_in_variables;
 mod estimated;
