@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-pub use super::shape::{ANGLES, POSITION};
+pub use super::shape::{ANGLES, DIRECTION, POSITION};
 use super::shape::{Shape, force_name};
 use super::table::{Column, Table, spelt};
 use super::{Conditions, plausible};
@@ -15,8 +15,6 @@ pub const TIME: &str = "time_s";
 pub const TEMPERATURE: &str = "temperature_c";
 /// Beginning of the names of columns that hold the noise of others.
 pub(crate) const SIGMA: &str = "sigma_";
-/// Column of the side of approach.
-pub const DIRECTION: &str = "dir";
 
 /// A motion (m or rad) that the plate lacks is none up to here: as far as a pose may be off the one asked for.
 pub const NO_MOTION: f64 = 1e-6;

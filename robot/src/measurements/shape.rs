@@ -2,9 +2,10 @@
 
 use tau_model_dsl::model::Plate;
 
-use super::set::DIRECTION;
 use crate::robot::{Robot, command_column};
 
+/// Column of the side of approach.
+pub const DIRECTION: &str = "dir";
 /// Columns of a position.
 pub const POSITION: [&str; 3] = ["x_m", "y_m", "z_m"];
 /// Columns of angles.
