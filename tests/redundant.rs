@@ -218,3 +218,29 @@ fn small_tolerances_are_named() {
         assert_eq!(mistakes[0]["kind"], "tolerances", "{seed}: {mistakes:?}");
     }
 }
+
+/// Drives that scatter by 2 mm leave 1.4 mm of two belts too many on average: 2 mm of each, over the four.
+#[test]
+fn links_may_miss_by_what_the_noise_of_drives_makes() {
+    let folder = tempfile::tempdir().unwrap();
+    simulate(
+        folder.path(),
+        "four_belts",
+        5,
+        "--measure readings --noise-drives 2e-3",
+    );
+    let line =
+        "tau calibrate DIR/measured --model four_belts --variant Full --split all --out DIR/cal -q";
+    tau_in(folder.path(), line).done();
+    let forward = |more: &str| {
+        let line = format!(
+            "tau kinematics forward --model four_belts --variant Full --robot DIR/cal/robot.toml {more}"
+        );
+        tau_in(folder.path(), &line)
+    };
+    forward("--poses DIR/measured/readings.csv").done();
+    // One belt too short by a tenth of a metre.
+    let ran = forward("--commands 1.8527,1.8527,1.8527,1.7527");
+    assert_eq!(ran.code, 1, "{}", ran.out);
+    assert!(ran.err.contains("allowed are 7.0 mm"), "{}", ran.err);
+}
