@@ -1,6 +1,8 @@
 //! Machines with more drives than freedoms, whose drives are exact: what the poses do not say of the closures binds
 //! parameters, and is neither residual nor noise.
 
+use std::fs;
+
 use serde_json::Value;
 
 use crate::discovery_folders::effects;
@@ -217,6 +219,29 @@ fn small_tolerances_are_named() {
         assert_eq!(mistakes.len(), 1, "{seed}: {mistakes:?}");
         assert_eq!(mistakes[0]["kind"], "tolerances", "{seed}: {mistakes:?}");
     }
+}
+
+/// Drives that scatter by a fifth of what is stated.
+#[test]
+fn residuals_far_below_the_noise_are_not_left_to_chance() {
+    let folder = tempfile::tempdir().unwrap();
+    simulate(
+        folder.path(),
+        "four_belts",
+        5,
+        "--measure positions --noise-drives 1e-4",
+    );
+    let path = folder.path().join("measured/robot.toml");
+    let text = fs::read_to_string(&path).unwrap();
+    assert!(text.contains("noise_m = 0.0001"), "{text}");
+    fs::write(&path, text.replace("noise_m = 0.0001", "noise_m = 0.0005")).unwrap();
+    let line = "tau calibrate DIR/measured --model four_belts --variant Full --out DIR/cal -q";
+    tau_in(folder.path(), line).done();
+    let fit = evaluated(folder.path(), "four_belts", "cal/robot.toml");
+    assert_eq!(fit["status"], "consistent");
+    let why = fit["why"].to_string();
+    assert!(why.contains("the noise is stated too large"), "{why}");
+    assert!(!why.contains("as chance allows"), "{why}");
 }
 
 /// Drives that scatter by 2 mm leave 1.4 mm of two belts too many on average: 2 mm of each, over the four.
