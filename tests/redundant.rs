@@ -221,6 +221,49 @@ fn small_tolerances_are_named() {
     }
 }
 
+/// An effect of twenty tolerances of the catalogue: with these as the prior, a calibration would draw it back to 1.8e-5.
+#[test]
+fn what_was_found_is_calibrated_as_it_was_found() {
+    for (robot, link) in [("four_lines", "a"), ("four_belts", "top_left")] {
+        let folder = tempfile::tempdir().unwrap();
+        let line = format!(
+            "tau simulate --model {robot} --random --poses 120 --seed 7 --measure positions --payload 5 --noise-force 0.02 \
+             --effect link_compliance({link}):strain=2e-5 --out DIR/measured"
+        );
+        tau_in(folder.path(), &line).done();
+        let line = "tau discover DIR/measured --out DIR/out --json -";
+        let found = tau_in(folder.path(), line).json();
+        assert_eq!(effects(&found), [format!("link_compliance({link})")]);
+        assert_eq!(found["status"], "explained", "{robot}");
+        let strain = number(&found["effects"][0]["parameters"]["strain"]["value"]);
+        let model = "--model DIR/out/discovered.tau --variant Discovered";
+        let line = format!("tau calibrate DIR/measured {model} --out DIR/cal --json -");
+        let fitted = tau_in(folder.path(), &line).json();
+        let fit = &fitted["fit"];
+        assert_eq!(fit["status"], "consistent", "{robot}: {fit}");
+        for file in ["out", "cal"] {
+            let text = fs::read_to_string(folder.path().join(file).join("robot.toml")).unwrap();
+            let own = text.split("strain = ").nth(1).unwrap();
+            let [value, tol, sigma] = ["value = ", "tol = ", "sigma = "].map(|key| {
+                let rest = own.split(key).nth(1).unwrap();
+                let number = rest.split([',', ' ']).next().unwrap();
+                number.parse::<f64>().unwrap()
+            });
+            assert!((tol - 1e-5).abs() < 1e-10, "{robot}: {tol}");
+            assert!(
+                (value - strain).abs() < 3.0 * sigma,
+                "{robot}: {value} {sigma}"
+            );
+        }
+        let line = format!("tau evaluate DIR/measured {model} --robot DIR/out/robot.toml --json -");
+        let why = tau_in(folder.path(), &line).json()["fit"]["why"].to_string();
+        assert!(
+            why.contains("exact drives that contradict each other"),
+            "{why}"
+        );
+    }
+}
+
 /// Drives that scatter by a fifth of what is stated.
 #[test]
 fn residuals_far_below_the_noise_are_not_left_to_chance() {
