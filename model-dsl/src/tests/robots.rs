@@ -367,7 +367,8 @@ fn tolerances_of_a_use() {
     let of = |more: &str| {
         let text = format!(
             "effect backlash on cart {{ param gap: length tol 0.1 mm; along += gap * direction; }}\
-             robot R {{ track one; cluster a on one {{ link l, m, n; }} variant N {{ arm full; tracks linear; }}
+             robot R {{ plate point; track one, two, three;
+             cluster a on one {{ link l; }} cluster b on two {{ link m; }} cluster c on three {{ link n; }} variant N {{ arm full; tracks linear; }}
              variant B = N + backlash(one){more}; }}"
         );
         crate::check_text(&text).map(|model| model.variants[1].effects[0].tolerance_factor)
