@@ -284,14 +284,14 @@ fn a_second_harmonic_earns_its_place() {
         let line = "variant Discovered = Full + rack_pitch(two)";
         let parameters = &found.effects[0].parameters;
         if second == 0.0 {
-            assert!(found.model_text.contains(&format!("{line};")));
+            assert!(found.model_text.contains(&format!("{line} tol * 10;")));
             assert_eq!(parameters.len(), 3);
             continue;
         }
         assert!(
             found
                 .model_text
-                .contains(&format!("{line} with second_sine, second_cosine;"))
+                .contains(&format!("{line} with second_sine, second_cosine tol * 10;"))
         );
         for (name, hidden) in [
             ("sine", 2.5e-5),
@@ -366,7 +366,7 @@ fn a_users_own_effect_is_found_and_written_down() {
     let text = &found.model_text;
     assert!(text.contains("the flank that its last move"), "{text}");
     assert!(
-        text.contains("variant Discovered = Full + lost_motion(one);"),
+        text.contains("variant Discovered = Full + lost_motion(one) tol * 10;"),
         "{text}"
     );
     tau_codegen::language::check_text(text).unwrap();

@@ -345,7 +345,7 @@ fn an_effect_of_ones_own_is_found_by_its_name() {
     }
     let text = with["model_text"].as_str().unwrap();
     assert!(text.contains(RIPPLE.trim()), "{text}");
-    assert!(text.contains("variant Discovered = Full + link_ripple(l3b);"));
+    assert!(text.contains("variant Discovered = Full + link_ripple(l3b) tol * 10;"));
 
     let without = found(&folder, "");
     let is_certain = without["status"] == "explained" && !effects(&without).is_empty();

@@ -180,6 +180,7 @@ fn all_effects_together_agree_with_dual_numbers() {
                         } else {
                             vec![]
                         },
+                        tolerance_factor: 1.0,
                     })
             })
             .collect();
@@ -260,16 +261,19 @@ fn a_users_own_effect_agrees_with_dual_numbers() {
             effect: index("belt_stretch"),
             place: at(0),
             with: vec![],
+            tolerance_factor: 1.0,
         },
         EffectUse {
             effect: index("bearing_play"),
             place: at(2),
             with: vec![],
+            tolerance_factor: 1.0,
         },
         EffectUse {
             effect: index("backlash"),
             place: at(0),
             with: vec![],
+            tolerance_factor: 1.0,
         },
     ];
     model.variants = vec![variant];

@@ -1,6 +1,8 @@
 //! Machines with more drives than freedoms, whose drives are exact: what the poses do not say of the closures binds
 //! parameters, and is neither residual nor noise.
 
+use std::fs;
+
 use serde_json::Value;
 
 use crate::discovery_folders::effects;
@@ -305,4 +307,96 @@ fn what_reconciles_exact_drives_is_told_with_its_own_deviations() {
         let ratio = searched / calibrated;
         assert!((0.85..1.15).contains(&ratio), "{searched} of {calibrated}");
     }
+}
+
+/// An effect of twenty tolerances of the catalogue: with these as the prior, a calibration would draw it back to 1.8e-5.
+#[test]
+fn what_was_found_is_calibrated_as_it_was_found() {
+    for (robot, link) in [("four_lines", "a"), ("four_belts", "top_left")] {
+        let folder = tempfile::tempdir().unwrap();
+        let line = format!(
+            "tau simulate --model {robot} --random --poses 120 --seed 7 --measure positions --payload 5 --noise-force 0.02 \
+             --effect link_compliance({link}):strain=2e-5 --out DIR/measured"
+        );
+        tau_in(folder.path(), &line).done();
+        let line = "tau discover DIR/measured --out DIR/out --json -";
+        let found = tau_in(folder.path(), line).json();
+        assert_eq!(effects(&found), [format!("link_compliance({link})")]);
+        assert_eq!(found["status"], "explained", "{robot}");
+        let strain = number(&found["effects"][0]["parameters"]["strain"]["value"]);
+        let model = "--model DIR/out/discovered.tau --variant Discovered";
+        let line = format!("tau calibrate DIR/measured {model} --out DIR/cal --json -");
+        let fitted = tau_in(folder.path(), &line).json();
+        let fit = &fitted["fit"];
+        assert_eq!(fit["status"], "consistent", "{robot}: {fit}");
+        for file in ["out", "cal"] {
+            let text = fs::read_to_string(folder.path().join(file).join("robot.toml")).unwrap();
+            let own = text.split("strain = ").nth(1).unwrap();
+            let [value, tol, sigma] = ["value = ", "tol = ", "sigma = "].map(|key| {
+                let rest = own.split(key).nth(1).unwrap();
+                let number = rest.split([',', ' ']).next().unwrap();
+                number.parse::<f64>().unwrap()
+            });
+            assert!((tol - 1e-5).abs() < 1e-10, "{robot}: {tol}");
+            assert!(
+                (value - strain).abs() < 3.0 * sigma,
+                "{robot}: {value} {sigma}"
+            );
+        }
+        let line = format!("tau evaluate DIR/measured {model} --robot DIR/out/robot.toml --json -");
+        let why = tau_in(folder.path(), &line).json()["fit"]["why"].to_string();
+        assert!(
+            why.contains("exact drives that contradict each other"),
+            "{why}"
+        );
+    }
+}
+
+/// Drives that scatter by a fifth of what is stated.
+#[test]
+fn residuals_far_below_the_noise_are_not_left_to_chance() {
+    let folder = tempfile::tempdir().unwrap();
+    simulate(
+        folder.path(),
+        "four_belts",
+        5,
+        "--measure positions --noise-drives 1e-4",
+    );
+    let path = folder.path().join("measured/robot.toml");
+    let text = fs::read_to_string(&path).unwrap();
+    assert!(text.contains("noise_m = 0.0001"), "{text}");
+    fs::write(&path, text.replace("noise_m = 0.0001", "noise_m = 0.0005")).unwrap();
+    let line = "tau calibrate DIR/measured --model four_belts --variant Full --out DIR/cal -q";
+    tau_in(folder.path(), line).done();
+    let fit = evaluated(folder.path(), "four_belts", "cal/robot.toml");
+    assert_eq!(fit["status"], "consistent");
+    let why = fit["why"].to_string();
+    assert!(why.contains("the noise is stated too large"), "{why}");
+    assert!(!why.contains("as chance allows"), "{why}");
+}
+
+/// Drives that scatter by 2 mm leave 1.4 mm of two belts too many on average: 2 mm of each, over the four.
+#[test]
+fn links_may_miss_by_what_the_noise_of_drives_makes() {
+    let folder = tempfile::tempdir().unwrap();
+    simulate(
+        folder.path(),
+        "four_belts",
+        5,
+        "--measure readings --noise-drives 2e-3",
+    );
+    let line =
+        "tau calibrate DIR/measured --model four_belts --variant Full --split all --out DIR/cal -q";
+    tau_in(folder.path(), line).done();
+    let forward = |more: &str| {
+        let line = format!(
+            "tau kinematics forward --model four_belts --variant Full --robot DIR/cal/robot.toml {more}"
+        );
+        tau_in(folder.path(), &line)
+    };
+    forward("--poses DIR/measured/readings.csv").done();
+    // One belt too short by a tenth of a metre.
+    let ran = forward("--commands 1.8527,1.8527,1.8527,1.7527");
+    assert_eq!(ran.code, 1, "{}", ran.out);
+    assert!(ran.err.contains("allowed are 7.0 mm"), "{}", ran.err);
 }

@@ -441,8 +441,8 @@ fn one_of(options: [&'static str; 2]) -> ArgGroup {
 /// it the nearest measured pose of the folder; without a folder the command fails and says how to give it.
 /// A pose in the same row of the CSV counts before it, then the row before, for the first row --start.
 /// Where the pose is singular the command fails and says how the plate is free to move; where there are more
-/// links than hold the plate and they differ from their lengths by more than a millimetre at best, it fails,
-/// too.
+/// links than hold the plate and they differ from their lengths by more than a millimetre at best, and by more
+/// than the stated noise of drives and links makes likely, it fails, too.
 #[derive(Debug, Args)]
 #[command(group(one_of(["commands", "poses"])), after_help = "\
 Examples:

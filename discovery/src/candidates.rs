@@ -250,15 +250,18 @@ impl Candidate {
             && self.functions.have_columns_of(&other.functions)
     }
 
-    /// Its use in a model, extended by its optional parameters or not.
-    pub(super) fn used(&self, model: &Model, extended: bool) -> EffectUse {
+    /// Its use in a model that finds it there, extended by its optional parameters or not. Its prior keeps what the data do
+    /// not tell within what is plausible, so many tolerances, and must not pull back what they do.
+    pub(super) fn used(&self, model: &Model, extended: bool, plausible: f64) -> EffectUse {
         let parameters = &model.effects[self.effect].parameters;
+        let has_tolerance = parameters.iter().any(|own| own.tolerance.is_some());
         EffectUse {
             effect: self.effect,
             place: self.place,
             with: (0..parameters.len())
                 .filter(|&k| extended && parameters[k].optional)
                 .collect(),
+            tolerance_factor: if has_tolerance { plausible } else { 1.0 },
         }
     }
 

@@ -424,7 +424,8 @@ impl<'a> Search<'a> {
         let model = &self.set.model;
         let used = |member: &Member| {
             let described = &self.set.candidates[member.candidate];
-            UsedEffect::of(model, &described.used(model, member.extended))
+            let plausible = self.input.options.constants.implausible;
+            UsedEffect::of(model, &described.used(model, member.extended, plausible))
         };
         members.iter().map(used).collect()
     }

@@ -136,6 +136,7 @@ mod tests {
             name: name.to_owned(),
             place: Place::Cart("one".to_owned()),
             with: vec![],
+            tolerance_factor: 10.0,
         };
         let variant = Derived {
             base: "N".to_owned(),

@@ -215,8 +215,8 @@ fn with_known_tensions(
 }
 
 impl Outcome {
-    /// The calibration of what was found where poses are unknown, under the priors of the search: those of effects keep
-    /// within what is plausible, and do not pull back what the data say.
+    /// The calibration of what was found where poses are unknown. A parameter that is searched has many minima in its
+    /// range: it starts where it was found.
     ///
     /// # Errors
     /// As [`unknown_poses::calibrate`].
@@ -231,40 +231,24 @@ impl Outcome {
         let found: BTreeSet<String> = (self.discovery.effects.iter())
             .map(|effect| format!("{}({})", effect.name, effect.place))
             .collect();
-        let mut effects: BTreeMap<String, BTreeMap<String, Value>> = BTreeMap::new();
-        let mut tolerances = vec![];
+        let mut file = file.clone();
         for parameter in &variant.parameters {
-            let Some(key) = effect_key(parameter).filter(|key| found.contains(*key)) else {
+            let key = effect_key(parameter).filter(|key| found.contains(*key));
+            let at = self.values.get(&parameter.name);
+            let (Some(key), Some(&at), None, Some((low, high))) =
+                (key, at, parameter.tolerance, parameter.search)
+            else {
                 continue;
             };
-            // A parameter that is searched has many minima in its range: it starts where it was found.
-            let (at, tol) = match (parameter.tolerance, parameter.search) {
-                (Some(tolerance), _) => {
-                    tolerances.push((key, &parameter.quantity, tolerance));
-                    (parameter.nominal, self.constants.implausible * tolerance)
-                }
-                (None, Some((low, high))) => {
-                    (self.values.get(&parameter.name).copied(), high - low)
-                }
-                (None, None) => continue,
+            let value = Value {
+                value: vec![at],
+                tol: high - low,
+                ..Value::default()
             };
-            let values = effects.entry(key.to_owned()).or_default();
-            let value = values.entry(parameter.quantity.clone()).or_default();
-            value.value.push(at.unwrap_or_default());
-            value.tol = tol;
+            let values = file.effects.entry(key.to_owned()).or_default();
+            values.insert(parameter.quantity.clone(), value);
         }
-        let mut wide = file.clone();
-        wide.effects.extend(effects);
-        let options = calibration::Options::default();
-        let setup = Setup::new(&robot, variant, &wide, folder);
-        let mut fitted = unknown_poses::calibrate(setup, rows, &options)?;
-        let effects = &mut fitted.calibration.file.effects;
-        for (key, quantity, tol) in tolerances {
-            let values = effects.get_mut(key);
-            if let Some(value) = values.and_then(|values| values.get_mut(quantity)) {
-                value.tol = tol;
-            }
-        }
-        Ok(fitted)
+        let setup = Setup::new(&robot, variant, &file, folder);
+        unknown_poses::calibrate(setup, rows, &calibration::Options::default())
     }
 }

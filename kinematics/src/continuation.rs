@@ -3,7 +3,6 @@
 use nalgebra::{DVector, Rotation3, Vector3};
 use tau_robot::robot_file::Reference;
 
-use super::forward::LARGEST_MISMATCH_M;
 use super::inputs::Sample;
 use super::inverse::{InverseOptions, Reached};
 use super::least_norm::least_norm;
@@ -98,7 +97,7 @@ impl Machine {
     /// As [`Machine::forward`]; [`Error::Way`] where the way passes a singular pose although its end can be reached.
     pub fn forward_along(&self, from: &[f64], to: &Sample<'_>) -> Result<Reached, Error> {
         if from == to.commands_m || from.len() != to.commands_m.len() {
-            return self.forward_fitted(to)?.within(LARGEST_MISMATCH_M);
+            return self.forward_within_noise(to);
         }
         let start = Standing {
             pose: to.pose,
@@ -106,12 +105,10 @@ impl Machine {
         };
         let goal = Goal::Commands(to.commands_m);
         match self.follow(to, start, goal, self.pose_unknowns()) {
-            Ok(end) => self
-                .forward_fitted(&to.at(end.pose))?
-                .within(LARGEST_MISMATCH_M),
+            Ok(end) => self.forward_within_noise(&to.at(end.pose)),
             // An error at the end of the way says more than its being blocked.
             Err(error) => {
-                let there = self.forward_fitted(to)?.within(LARGEST_MISMATCH_M);
+                let there = self.forward_within_noise(to);
                 there.and(Err(error))
             }
         }

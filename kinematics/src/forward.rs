@@ -12,10 +12,13 @@ use super::{Error, Pose, newton};
 /// moves the plate by ten millimetres.
 pub(crate) const SINGULAR: f64 = 1e-4;
 /// Largest root mean square mismatch of the link lengths (m) at which [`Machine::forward`] takes a pose
-/// for that of the commands. Only a machine with more links than hold the plate has any: noise and what
-/// its model lacks leave tens of micrometres after calibration, commands that do not belong together
-/// leave many millimetres.
+/// for that of the commands, unless noise of drives and links makes more likely. Only a machine with more
+/// links than hold the plate has any: noise and what its model lacks leave tens of micrometres after
+/// calibration, commands that do not belong together leave many millimetres.
 pub const LARGEST_MISMATCH_M: f64 = 1e-3;
+/// Mismatch that noise is not believed to make, in that which it makes on average: of a single excess link, five standard
+/// deviations.
+const BEYOND_NOISE: f64 = 5.0;
 
 impl Machine {
     /// Pose of the plate at the commands of `start`, in the assembly mode that Newton's method reaches
@@ -23,9 +26,32 @@ impl Machine {
     ///
     /// # Errors
     /// No solution from there; a singular pose; data missing; more links than hold the plate, which
-    /// can't all have their lengths, by more than [`LARGEST_MISMATCH_M`].
+    /// can't all have their lengths, by more than [`LARGEST_MISMATCH_M`] and than noise of drives and links makes likely.
     pub fn forward(&self, start: &Sample<'_>) -> Result<Pose, Error> {
-        Ok(self.forward_fitted(start)?.within(LARGEST_MISMATCH_M)?.pose)
+        Ok(self.forward_within_noise(start)?.pose)
+    }
+
+    /// The same, with the mismatch.
+    pub(crate) fn forward_within_noise(&self, start: &Sample<'_>) -> Result<Reached, Error> {
+        let reached = self.forward_fitted(start)?;
+        if reached.mismatch_m <= LARGEST_MISMATCH_M {
+            return Ok(reached);
+        }
+        let from_noise_m = self.mismatch_from_noise_m(&start.at(reached.pose))?;
+        reached.within(LARGEST_MISMATCH_M.max(BEYOND_NOISE * from_noise_m))
+    }
+
+    /// Root mean square mismatch (m) that noise of drives and links makes at a pose: its scatter, less what moves the plate.
+    fn mismatch_from_noise_m(&self, sample: &Sample<'_>) -> Result<f64, Error> {
+        let closures = self.closures(sample)?;
+        let scatter = self.surroundings.length_noise.scatter(&closures.jacobian);
+        let moving = closures
+            .jacobian
+            .select_columns(self.pose_unknowns())
+            .qr()
+            .q();
+        let left = &scatter - &moving * moving.tr_mul(&scatter);
+        Ok(left.norm() / (self.closure_count() as f64).sqrt())
     }
 
     /// The same, but however far the links are off their lengths at that pose: where there are more of

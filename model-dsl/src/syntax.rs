@@ -2,7 +2,7 @@
 
 use std::rc::Rc;
 
-use proc_macro2::Ident;
+use proc_macro2::{Ident, Span};
 
 use crate::diagnostics::Location;
 use crate::model::{Arm, BinaryOperator, Plate, TrackShape};
@@ -231,5 +231,7 @@ pub(crate) struct EffectUse {
     pub(crate) places: Vec<Ident>,
     /// `with a, b`: optional parameters that it takes.
     pub(crate) with: Vec<Ident>,
+    /// `tol * 10`: tolerances of its parameters, in those of the effect.
+    pub(crate) tolerance_factor: Option<(f64, Span)>,
     pub(crate) location: Location,
 }

@@ -296,6 +296,7 @@ mod tests {
                 unit_m: None,
                 stated: None,
                 sigma: 1.234e-5,
+                is_loose: false,
             },
             rows: 12_000,
             noise: 1.234e-5,

@@ -297,7 +297,7 @@ impl Table<'_> {
                 let named = (parameter.name.as_str(), unit.as_str());
                 self.push(&Entry {
                     nominal: Some(&[parameter.nominal; 3]),
-                    tolerance: parameter.tolerance,
+                    tolerance: parameter.tolerance.map(|tol| used.tolerance_factor * tol),
                     search: parameter.search,
                     ..Entry::unknown(&name, Owner::Effect(index), named, parameter.components)
                 });

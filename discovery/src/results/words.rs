@@ -274,8 +274,8 @@ impl fmt::Display for Verdict {
     }
 }
 
-/// An effect in a variant. It displays as the description writes it: `rack_pitch(two) with sine2, cosine2`.
-#[derive(Debug, Clone, PartialEq, Eq)]
+/// An effect in a variant. It displays without its tolerances: `rack_pitch(two) with sine2, cosine2`.
+#[derive(Debug, Clone, PartialEq)]
 pub struct UsedEffect {
     /// Name in the catalogue.
     pub name: String,
@@ -283,6 +283,8 @@ pub struct UsedEffect {
     pub place: Place,
     /// Optional parameters that it takes.
     pub with: Vec<String>,
+    /// Tolerances of its parameters, in those of the effect.
+    pub tolerance_factor: f64,
 }
 
 impl UsedEffect {
@@ -294,13 +296,16 @@ impl UsedEffect {
             name: effect.name.clone(),
             place: Place::of(model, used.place),
             with: names.collect(),
+            tolerance_factor: used.tolerance_factor,
         }
     }
 }
 
 impl fmt::Display for UsedEffect {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { name, place, with } = self;
+        let Self {
+            name, place, with, ..
+        } = self;
         write!(f, "{name}({place:#})")?;
         match with.as_slice() {
             [] => Ok(()),
@@ -310,7 +315,7 @@ impl fmt::Display for UsedEffect {
 }
 
 /// A variant as another one with effects. It displays as the line that derives what was found.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Derived {
     /// Name of the other variant.
     pub base: String,
@@ -321,7 +326,13 @@ pub struct Derived {
 impl Derived {
     /// The line of the description that derives it, as a variant of a name.
     pub(crate) fn line(&self, name: &str) -> String {
-        let effects = self.effects.iter().map(|effect| format!(" + {effect}"));
+        let effects = self.effects.iter().map(|effect| {
+            let tolerances = match effect.tolerance_factor {
+                1.0 => String::new(),
+                factor => format!(" tol * {factor}"),
+            };
+            format!(" + {effect}{tolerances}")
+        });
         format!(
             "variant {name} = {}{};",
             self.base,

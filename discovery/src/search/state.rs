@@ -255,10 +255,12 @@ impl State {
             own_effects,
         } = *context;
         let mut model = set.model.clone();
-        let used: Vec<_> = members
-            .iter()
-            .map(|member| set.candidates[member.candidate].used(&model, member.extended))
-            .collect();
+        let plausible = input.options.constants.implausible;
+        let used = |member: &Member| {
+            let described = &set.candidates[member.candidate];
+            described.used(&model, member.extended, plausible)
+        };
+        let used: Vec<_> = members.iter().map(used).collect();
         model.variants[base].effects.extend(used);
         let variant = match members.split_last() {
             Some((newest, others)) if others == self.members => {
@@ -279,15 +281,6 @@ impl State {
             Prepared::new(robot, &variant, file, Some(folder), &division.calibration)?;
         let noise = &self.fit.joint.machine.surroundings.length_noise;
         (prepared.machine.surroundings.length_noise).clone_from(noise);
-        // A found effect is there: its prior keeps what the data do not tell within what is plausible,
-        // and must not pull back what they do.
-        let found = own_effects..own_effects + members.len();
-        let implausible = input.options.constants.implausible;
-        for (nominal, parameter) in prepared.nominal.iter_mut().zip(&variant.parameters) {
-            if matches!(parameter.owner, Owner::Effect(effect) if found.contains(&effect)) {
-                nominal.tolerance = nominal.tolerance.map(|t| implausible * t);
-            }
-        }
         let known = self.fit.joint.values(&self.fit.fitted);
         let old = &self.fit.joint.machine.variant;
         let mut values = prepared.machine.values.clone();

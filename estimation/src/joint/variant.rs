@@ -231,6 +231,7 @@ pub fn add(model: &mut Model, variant: usize, effect: Effect, places: impl Itera
         effect: index,
         place,
         with: vec![],
+        tolerance_factor: 1.0,
     });
     model.variants[variant].effects.extend(used);
 }

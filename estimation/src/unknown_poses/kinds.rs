@@ -140,6 +140,7 @@ impl Stated<'_> {
             unit_m: (unit == "m").then_some(1.0),
             stated: Some(stated),
             sigma,
+            is_loose: false,
         }
     }
 
@@ -240,6 +241,7 @@ impl Stated<'_> {
             unit_m,
             stated,
             sigma,
+            is_loose: false,
         })
     }
 }
@@ -259,6 +261,7 @@ pub(super) fn kinds_of_carts(noise: Noise) -> [Kind; 3] {
         unit_m: (unit == "m").then_some(1.0),
         stated: Some(StatedNoise::Known(sigma)),
         sigma,
+        is_loose: false,
     })
 }
 

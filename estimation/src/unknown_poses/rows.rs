@@ -49,6 +49,8 @@ pub struct Kind {
     pub stated: Option<StatedNoise>,
     /// Standard deviation that residuals are weighed by; of rows that state their own, a factor on those.
     pub sigma: f64,
+    /// True of exact drives that contradict each other: the noise that they are given is a bound that nothing states.
+    pub is_loose: bool,
 }
 
 impl Kind {

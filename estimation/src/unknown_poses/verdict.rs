@@ -318,9 +318,9 @@ impl UnknownPoses {
                 "Residuals are {} times their noise{}, {} of them beyond what the fit absorbs.",
                 general((chi2 / dof).sqrt(), 3),
                 if is_too_large {
-                    ", which is stated too large"
+                    too_large(self.kinds.iter().map(|fit| &fit.kind), ", which")
                 } else {
-                    ""
+                    String::new()
                 },
                 general(dof, 3)
             )
@@ -406,4 +406,12 @@ fn estimated_noise(fit: &KindFit) -> String {
             ESTIMATED_FROM_RESIDUALS
         }
     )
+}
+
+/// Reason why residuals are less than their noise by more than chance.
+pub(super) fn too_large<'a>(mut kinds: impl Iterator<Item = &'a Kind>, noise: &str) -> String {
+    if kinds.any(|kind| kind.is_loose) {
+        return ": exact drives that contradict each other are taken for as noisy as what was measured".to_owned();
+    }
+    format!("{noise} is stated too large")
 }

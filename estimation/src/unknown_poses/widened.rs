@@ -59,6 +59,7 @@ impl Fit<'_> {
         for kind in kinds.filter(|kind| kind.is_exact()) {
             kind.sigma /= CLOSURE_SHARE;
             kind.stated = Some(StatedNoise::Known(kind.sigma));
+            kind.is_loose = true;
         }
     }
 

@@ -8,6 +8,7 @@ use super::variant::Context;
 use crate::diagnostics::{Diagnostic, Diagnostics, Location};
 use crate::model::{Effect, EffectUse, Link, Place, Readable, Subject};
 use crate::names::{nearest, suggest};
+use crate::plausible::SMALLEST_OF_PARAMETER;
 use crate::syntax;
 
 impl Context<'_> {
@@ -102,6 +103,7 @@ impl Context<'_> {
             effect,
             place,
             with,
+            tolerance_factor: tolerance_factor(used, &checked.effect, diagnostics)?,
         };
         Some((found, used.location))
     }
@@ -300,4 +302,37 @@ fn with(
     }
     indices.sort_unstable();
     (diagnostics.count() == before).then_some(indices)
+}
+
+/// Factor of the tolerances that a use gives: 1 where it gives none.
+fn tolerance_factor(
+    used: &syntax::EffectUse,
+    effect: &Effect,
+    diagnostics: &mut Diagnostics,
+) -> Option<f64> {
+    let Some((factor, location)) = used.tolerance_factor else {
+        return Some(1.0);
+    };
+    if factor <= 0.0 {
+        let help = "a factor above one makes room for an effect that is known to be there";
+        diagnostics.error(
+            location,
+            "the factor of tolerances must be greater than zero",
+            help,
+        );
+        return None;
+    }
+    let mut tolerances = effect.parameters.iter().filter_map(|own| own.tolerance);
+    if tolerances
+        .any(|tolerance| !(SMALLEST_OF_PARAMETER..f64::INFINITY).contains(&(factor * tolerance)))
+    {
+        let message = format!(
+            "tolerances of `{}` times {factor:?} are no tolerances",
+            effect.name
+        );
+        let help = "a tolerance is one standard deviation: check the factor";
+        diagnostics.error(location, message, help);
+        return None;
+    }
+    Some(factor)
 }

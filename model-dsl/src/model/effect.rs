@@ -5,7 +5,7 @@ use super::geometry::{Link, Plate};
 use crate::units::Dimension;
 
 /// An effect at a place.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct EffectUse {
     /// Index of the effect.
     pub effect: usize,
@@ -14,6 +14,9 @@ pub struct EffectUse {
     /// Optional parameters that it takes, as indices in [`Effect::parameters`], ascending; the others
     /// stay at their nominal values and are no parameters of the variant.
     pub with: Vec<usize>,
+    /// Factor by which the tolerances of its parameters are those of the effect: more than one where it is known to be
+    /// there, and a prior that expects a sound machine would pull it back.
+    pub tolerance_factor: f64,
 }
 
 impl EffectUse {

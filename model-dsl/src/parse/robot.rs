@@ -5,7 +5,7 @@ use std::rc::Rc;
 use proc_macro2::{Delimiter, Ident};
 
 use super::cursor::Parser;
-use super::quantity::{list, quantity};
+use super::quantity::{list, number, quantity};
 use super::{Parse, choice, effect, formula, unknown_item, unknown_word};
 use crate::diagnostics::{Diagnostic, Diagnostics, Location};
 use crate::model::{Arm, Plate, TrackShape};
@@ -446,10 +446,20 @@ fn effect_use(parser: &mut Parser<'_>) -> Parse<EffectUse> {
             with.push(parser.name("an optional parameter")?);
         }
     }
+    let tolerance_factor = if parser.eat_word("tol").is_some() {
+        if parser.eat("*").is_none() {
+            let help = "write `tol * 10` for ten times the tolerances that the effect gives its parameters";
+            return Err(parser.expected("`*`").help(help));
+        }
+        Some(number(parser)?)
+    } else {
+        None
+    };
     Ok(EffectUse {
         effect,
         places,
         with,
+        tolerance_factor,
         location,
     })
 }

@@ -69,6 +69,7 @@ fn gantry_tau() {
             source: None,
         },
         with: vec![],
+        tolerance_factor: 1.0,
     };
     assert_eq!(model.variants[5].effects, [at_two]);
 
@@ -358,4 +359,35 @@ fn a_reference_says_where_the_machine_stands() {
     .unwrap();
     assert_eq!(found.commands, [-0.05, 0.2]);
     assert_eq!(found.orientation, [1e-3, 0.0, 0.0]);
+}
+
+/// Tolerances of an effect's use are those of the effect times a factor.
+#[test]
+fn tolerances_of_a_use() {
+    let of = |more: &str| {
+        let text = format!(
+            "effect backlash on cart {{ param gap: length tol 0.1 mm; along += gap * direction; }}\
+             robot R {{ plate point; track one, two, three;
+             cluster a on one {{ link l; }} cluster b on two {{ link m; }} cluster c on three {{ link n; }} variant N {{ arm full; tracks linear; }}
+             variant B = N + backlash(one){more}; }}"
+        );
+        crate::check_text(&text).map(|model| model.variants[1].effects[0].tolerance_factor)
+    };
+    assert_eq!(of("").unwrap().to_bits(), 1f64.to_bits());
+    assert_eq!(of(" tol * 10").unwrap().to_bits(), 10f64.to_bits());
+    for (more, expected) in [
+        (" tol 10", "expected `*`"),
+        (
+            " tol * 0",
+            "the factor of tolerances must be greater than zero",
+        ),
+        (
+            " tol * 1e-300",
+            "tolerances of `backlash` times 1e-300 are no tolerances",
+        ),
+        (" tol * ten", "expected a number"),
+    ] {
+        let found = of(more).unwrap_err().to_string();
+        assert!(found.contains(expected), "{found}");
+    }
 }

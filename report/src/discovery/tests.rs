@@ -45,6 +45,7 @@ fn step(base: &str, effects: &[(&str, &str, &[&str])], mean_um: f64) -> Step {
         name: (*name).to_owned(),
         place: cart(place),
         with: with.iter().map(|name| (*name).to_owned()).collect(),
+        tolerance_factor: 10.0,
     };
     let model = Derived {
         base: base.to_owned(),

@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use super::super::outcome::GrossRow;
 use super::super::rows::AXES;
 use super::super::rows::Kind;
-use super::super::verdict::ESTIMATED_FROM_RESIDUALS;
+use super::super::verdict::{ESTIMATED_FROM_RESIDUALS, too_large};
 use super::HeldErrors;
+use super::known::Sum;
 use crate::numerics::distribution::{chi2_survival, f_survival};
 use crate::numerics::order::largest_first;
 use crate::trust::{
@@ -73,11 +74,20 @@ impl HeldErrors {
             (true, false) => "noise and what is not known of the parameters make",
             (true, true) => "noise leaves in a fit to",
         };
+        // Noise that was estimated is as large as it looks, and parameters that are known better than stated are not its.
+        let is_small = |sum: &Sum| {
+            let is_tested = !is_estimated && sum.degrees > 0.0;
+            is_tested && chi2_survival(sum.squares, sum.degrees) > 1.0 - LEVEL
+        };
         let chance = if is_misfit || has_moved {
             verdict.status = Status::Inconsistent;
-            ""
+            String::new()
+        } else if is_small(&self.rest) {
+            too_large(self.kinds.iter().map(|own| &own.kind), ": the noise")
+        } else if is_small(&self.all) {
+            String::new()
         } else {
-            ", as chance allows"
+            ", as chance allows".to_owned()
         };
         why.push(format!(
             "With the parameters held, residuals are {ratio} times what {known} them{chance} (χ² {} where {} is expected).",

@@ -131,7 +131,7 @@ impl World {
         if let Some((set, candidates)) = candidates {
             let used = candidates
                 .iter()
-                .map(|member| set.candidates[member.candidate].used(&model, member.extended));
+                .map(|member| set.candidates[member.candidate].used(&model, member.extended, 1.0));
             let used: Vec<_> = used.collect();
             model.variants[0].effects = used;
         }
