@@ -180,3 +180,31 @@ fn stretch_at_rough_pulls_is_one_effect() {
         assert!(sigma > 0.05 * STRAIN, "{seed}: {sigma}");
     }
 }
+
+/// An effect that reads tensions brings the pulls as parameters in front of all others. Closures that it does not touch are
+/// taken over from the model before, with the values that the variant holds: another parameter's would put joints centimetres
+/// off, and a family without a name would be told in place of the effect.
+#[test]
+fn effects_of_tensions_are_named_where_pulls_are_known_to_a_tolerance() {
+    let folder = tempfile::tempdir().unwrap();
+    let stated = "robot = \"FourBelts\"\n[drives]\nnoise_m = 2e-4\n[payload]\nmass_kg = 9.0\n\
+                  centre_m = [0.0, 0.0, 0.0]\ngravity_m_s2 = [0.0, -9.81, 0.0]\n";
+    fs::write(folder.path().join("drawing.toml"), stated).unwrap();
+    for seed in 1..=3 {
+        let line = format!(
+            "tau simulate --model four_belts --robot DIR/drawing.toml --measure readings --random --poses 160 --seed {seed} \
+             --effect anchor_compliance(top_left):yielding=8e-6 --out DIR/{seed}"
+        );
+        tau_in(folder.path(), &line).done();
+        let line = format!("tau discover DIR/{seed} --out DIR/found{seed} --json -");
+        let found = tau_in(folder.path(), &line).json();
+        assert_eq!(found["status"], "explained", "{seed}: {found:#}");
+        assert_eq!(effects(&found), ["anchor_compliance(top_left)"], "{seed}");
+        let yielding = &found["effects"][0]["parameters"]["yielding"];
+        let [value, sigma] = ["value", "sigma"].map(|key| number(&yielding[key]));
+        assert!(
+            (value - 8e-6).abs() < 4.0 * sigma,
+            "{seed}: {value} ± {sigma}"
+        );
+    }
+}

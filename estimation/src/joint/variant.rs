@@ -6,7 +6,7 @@ use tau_codegen::language::model::{
     Target, Term,
 };
 use tau_codegen::language::units::Dimension;
-use tau_robot::robot::{Arm, Instance, Variant};
+use tau_robot::robot::{Arm, Input, Instance, Variant};
 use tau_runtime::ResidualKind;
 
 use crate::numerics::parallel;
@@ -260,20 +260,23 @@ fn stretching(model: &Model, variant: usize) -> Option<Model> {
     (!tracks.is_empty()).then(|| on_carts(model, variant, STRETCHING, &targets, tracks))
 }
 
-/// Takes over instances of another variant whose parameters are there by the same names.
+/// Takes over instances of another variant whose parameters, and those that it holds, are there by the same names.
 fn adopt(into: &mut Variant, from: &Variant, wanted: impl Fn(&Instance) -> bool) {
+    let index = |of: usize| into.index_of(&from.parameters[of].name);
     let adopted: Vec<Instance> = from
         .instances
         .iter()
         .filter(|instance| wanted(instance))
         .map(|instance| {
-            let name_of = |index: &usize| &from.parameters[*index].name;
             let mut adopted = instance.clone();
-            adopted.parameters = instance
-                .parameters
-                .iter()
-                .map(|index| into.index_of(name_of(index)))
-                .collect();
+            for parameter in &mut adopted.parameters {
+                *parameter = index(*parameter);
+            }
+            for input in &mut adopted.inputs {
+                if let Input::Held(parameter) = input {
+                    *parameter = index(*parameter);
+                }
+            }
             adopted
         })
         .collect();
