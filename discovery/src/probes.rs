@@ -211,26 +211,19 @@ fn is_of_set_1(sample: &Sample) -> bool {
 /// A base as fitted, with the constants on its targets at zero.
 fn with_targets(mut compiled: Variant, base: &Joint, fitted: &[f64]) -> Machine {
     let base_variant = &base.machine.variant;
-    let values = base.values(fitted);
     let own = |name: &str| base_variant.parameters.iter().position(|p| p.name == name);
-    let values: Vec<f64> = compiled
-        .parameters
-        .iter()
-        .map(|parameter| own(&parameter.name).map_or(0.0, |index| values[index]))
-        .collect();
+    let by_name = |values: &[f64]| -> Vec<f64> {
+        let names = compiled.parameters.iter().map(|own| own.name.as_str());
+        let of = |name| own(name).and_then(|index| values.get(index).copied());
+        names.map(|name| of(name).unwrap_or(0.0)).collect()
+    };
+    let values = by_name(&base.values(fitted));
+    let mut surroundings = base.machine.surroundings.clone();
+    surroundings.held = by_name(&surroundings.held);
     // The whitening needs closures by pose, which the base has.
-    let by_pose: Vec<_> = base
-        .machine
-        .closure_instances()
-        .cloned()
-        .map(|mut instance| {
-            for index in &mut instance.parameters {
-                let name = &base_variant.parameters[*index].name;
-                *index = compiled.index_of(name);
-            }
-            instance
-        })
-        .collect();
+    let index = |of: usize| compiled.index_of(&base_variant.parameters[of].name);
+    let of_base = base.machine.closure_instances();
+    let by_pose: Vec<_> = of_base.map(|own| own.renumbered(index)).collect();
     compiled
         .instances
         .retain(|instance| instance.kind != ResidualKind::ClosureByPose);
@@ -239,7 +232,7 @@ fn with_targets(mut compiled: Variant, base: &Joint, fitted: &[f64]) -> Machine 
         robot: base.machine.robot.clone(),
         variant: compiled,
         values,
-        surroundings: base.machine.surroundings.clone(),
+        surroundings,
     }
 }
 

@@ -113,6 +113,23 @@ pub struct Instance {
     pub inputs: Vec<Input>,
 }
 
+impl Instance {
+    /// The same function in another variant, where parameters, also those that the variant holds, have other indices.
+    #[must_use]
+    pub fn renumbered(&self, index: impl Fn(usize) -> usize) -> Self {
+        let mut own = self.clone();
+        for parameter in &mut own.parameters {
+            *parameter = index(*parameter);
+        }
+        for input in &mut own.inputs {
+            if let Input::Held(parameter) = input {
+                *parameter = index(*parameter);
+            }
+        }
+        own
+    }
+}
+
 /// The drives and the plate of a robot, by which its parts are called.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Architecture {

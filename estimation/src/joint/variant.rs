@@ -6,7 +6,7 @@ use tau_codegen::language::model::{
     Target, Term,
 };
 use tau_codegen::language::units::Dimension;
-use tau_robot::robot::{Arm, Input, Instance, Variant};
+use tau_robot::robot::{Arm, Instance, Variant};
 use tau_runtime::ResidualKind;
 
 use crate::numerics::parallel;
@@ -262,24 +262,9 @@ fn stretching(model: &Model, variant: usize) -> Option<Model> {
 
 /// Takes over instances of another variant whose parameters, and those that it holds, are there by the same names.
 fn adopt(into: &mut Variant, from: &Variant, wanted: impl Fn(&Instance) -> bool) {
+    let wanted = from.instances.iter().filter(|instance| wanted(instance));
     let index = |of: usize| into.index_of(&from.parameters[of].name);
-    let adopted: Vec<Instance> = from
-        .instances
-        .iter()
-        .filter(|instance| wanted(instance))
-        .map(|instance| {
-            let mut adopted = instance.clone();
-            for parameter in &mut adopted.parameters {
-                *parameter = index(*parameter);
-            }
-            for input in &mut adopted.inputs {
-                if let Input::Held(parameter) = input {
-                    *parameter = index(*parameter);
-                }
-            }
-            adopted
-        })
-        .collect();
+    let adopted: Vec<Instance> = wanted.map(|own| own.renumbered(index)).collect();
     into.instances.extend(adopted);
 }
 
