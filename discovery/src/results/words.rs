@@ -207,7 +207,7 @@ pub enum Separation {
     NotInSet1,
     /// The poses of set 1 that tell most where they are measured once more.
     Repeat {
-        /// Their numbers, ascending.
+        /// Their numbers, ascending, each as often as it is measured.
         poses: Vec<u32>,
         /// The conditions.
         treatment: Treatment,
@@ -249,7 +249,13 @@ impl fmt::Display for Separation {
                  {raised:.1} at most, {needed:.1} are needed"
             );
         }
-        let poses: Vec<String> = poses.iter().map(u32::to_string).collect();
+        let readings = poses.chunk_by(|a, b| a == b);
+        let poses: Vec<String> = readings
+            .map(|own| match own.len() {
+                1 => own[0].to_string(),
+                times => format!("{} ({times} times)", own[0]),
+            })
+            .collect();
         let known = TREATMENTS.iter().find(|known| known.0 == *treatment);
         write!(
             f,

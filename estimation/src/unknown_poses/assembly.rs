@@ -112,6 +112,7 @@ pub(super) struct Assembly<'a> {
     pub(super) folder: &'a Folder,
     pub(super) file: &'a RobotFile,
     pub(super) poses: Vec<UnknownPose>,
+    /// Index of the pose of each number; readings of one dwell are of one pose.
     pub(super) index: BTreeMap<u32, usize>,
     pub(super) objects: Vec<Object>,
     pub(super) kinds: Vec<Kind>,
@@ -147,8 +148,8 @@ impl<'a> Assembly<'a> {
             }
             _ => assembly.place(machine)?,
         }
-        let at = |pose: &UnknownPose| (pose.number, pose.base.position);
-        let poses = assembly.poses.iter().map(at).collect();
+        let at = |(number, pose): (&u32, &usize)| (*number, assembly.poses[*pose].base.position);
+        let poses = assembly.index.iter().map(at).collect();
         assembly.objects = collect_objects(folder, &file.measuring, &poses)?;
         Ok(assembly)
     }
@@ -170,27 +171,11 @@ impl<'a> Assembly<'a> {
             .flat_map(|row| row.poses)
             .collect();
         let takes = |pose: u32| chosen.poses.contains(&pose) || in_distances.contains(&pose);
-        let mut add = |number: u32, reading: DriveReading| {
-            let next = self.poses.len();
-            let index = *self.index.entry(number).or_insert(next);
-            if index == next {
-                self.poses.push(UnknownPose {
-                    number,
-                    base: Pose::from_zyz([0.0; 3], [0.0; 3]),
-                    readings: vec![],
-                });
-            }
-            let readings = &mut self.poses[index].readings;
-            // Drives that read the same were left where they were: that tells nothing twice.
-            if readings
-                .iter()
-                .all(|known| known.commands_m != reading.commands_m)
-            {
-                readings.push(reading);
-            }
-        };
-        for pose in &self.folder.tcp_poses {
+        let dwells = self.folder.dwells();
+        let mut numbers = BTreeMap::new();
+        for (pose, dwell) in self.folder.tcp_poses.iter().zip(dwells) {
             if takes(pose.pose) {
+                let number = *numbers.entry(dwell).or_insert(pose.pose);
                 let reading = DriveReading {
                     commands_m: pose.commands_m.clone(),
                     directions: pose.directions.clone(),
@@ -204,7 +189,8 @@ impl<'a> Assembly<'a> {
                         drive: None,
                     },
                 };
-                add(pose.pose, reading);
+                let index = self.add(number, reading);
+                self.index.insert(pose.pose, index);
             }
         }
         for row in &self.folder.plate_rows {
@@ -216,9 +202,36 @@ impl<'a> Assembly<'a> {
                     conditions: row.conditions,
                     place: place_of(row),
                 };
-                add(row.pose, reading);
+                self.add(row.pose, reading);
             }
         }
+    }
+
+    /// Adds readings of the drives at the pose of a number; its index.
+    fn add(&mut self, number: u32, reading: DriveReading) -> usize {
+        let next = self.poses.len();
+        let index = *self.index.entry(number).or_insert(next);
+        if index == next {
+            self.poses.push(UnknownPose {
+                number,
+                base: Pose::from_zyz([0.0; 3], [0.0; 3]),
+                readings: vec![],
+            });
+        }
+        let readings = &mut self.poses[index].readings;
+        // Drives that read the same were left where they were: that tells nothing twice.
+        if readings
+            .iter()
+            .all(|known| known.commands_m != reading.commands_m)
+        {
+            readings.push(reading);
+        }
+        index
+    }
+
+    /// Number that the pose of a number has in [`Self::poses`].
+    pub(super) fn number_of(&self, number: u32) -> Option<u32> {
+        Some(self.poses[*self.index.get(&number)?].number)
     }
 
     /// Puts poses where the machine stands at their commands, whatever was measured.

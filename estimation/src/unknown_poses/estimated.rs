@@ -301,7 +301,7 @@ fn pose_of(sample: Sample) -> TcpPose {
 pub(super) struct Grouped<'b> {
     pub(super) raw: &'b Raw,
     pub(super) blocks: &'b [Rows],
-    assembly: &'b Assembly<'b>,
+    pub(super) assembly: &'b Assembly<'b>,
     /// Index of the sample of each reading.
     index: &'b [usize],
 }
@@ -376,9 +376,9 @@ impl Grouped<'_> {
             let owner = if block == CLOSURES {
                 self.index[sample]
             } else {
-                let number = of.places[sample].pose;
+                let number = self.assembly.number_of(of.places[sample].pose);
                 let mut own = own.iter().copied();
-                own.find(|&own| samples[own].number == number)
+                own.find(|&own| Some(samples[own].number) == number)
                     .unwrap_or_default()
             };
             Origin {

@@ -81,8 +81,9 @@ impl Fit<'_> {
         } else {
             0.0
         };
+        let is_there = |number: u32| self.assembly.number_of(number) == Some(pose.number);
         let of_poses = self.folder.tcp_poses.iter();
-        let of_poses = of_poses.filter(|row| row.pose == pose.number && is_meant(TCP_POSES));
+        let of_poses = of_poses.filter(|row| is_there(row.pose) && is_meant(TCP_POSES));
         let of_poses = of_poses.map(|row| Place {
             measured: Pose::from_zyz(row.position_m, row.angles_rad),
             drawn,
@@ -90,7 +91,7 @@ impl Fit<'_> {
         });
         let of_positions = self.folder.rows_of(PlateKind::Position);
         let of_positions =
-            of_positions.filter(|row| row.pose == pose.number && is_meant(row.kind.file()));
+            of_positions.filter(|row| is_there(row.pose) && is_meant(row.kind.file()));
         let of_positions = of_positions.map(|row| {
             let target = self.drawn_target(row);
             let position = drawn.position + drawn.rotation * target;

@@ -60,7 +60,8 @@ impl Grouped<'_> {
                 before = Some((block, sample));
                 let is_own = |&&own: &&usize| {
                     let of = &samples[own];
-                    of.number == measured.number && of.commands_m == measured.commands_m
+                    self.assembly.number_of(measured.number) == Some(of.number)
+                        && of.commands_m == measured.commands_m
                 };
                 tracked.push(Tracked {
                     sample: own.iter().find(is_own).copied().unwrap_or(origin.sample),

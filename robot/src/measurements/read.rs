@@ -278,15 +278,16 @@ fn file_by_columns(table: &Path, shape: &Shape) -> Option<&'static str> {
     }
 }
 
-/// Remarks on files whose name is nearly that of measurements. Columns tell better which are meant.
+/// Remarks on tables that hold measurements by their columns, or nearly by their name, and are called otherwise. Columns tell
+/// better which are meant.
 fn misspelt(folder: &Path, shape: &Shape) -> Vec<String> {
     let names = other_names(folder)
         .into_iter()
         .filter(|name| is_table(name));
     let meant = names.filter_map(|name| {
-        let near = nearest(&name, FILES)?;
-        let meant = file_by_columns(&folder.join(&name), shape);
-        Some((meant.unwrap_or(near), name))
+        let by_columns = file_by_columns(&folder.join(&name), shape);
+        let meant = by_columns.or_else(|| nearest(&name, FILES))?;
+        Some((meant, name))
     });
     meant
         .map(|(meant, name)| {

@@ -136,10 +136,7 @@ impl Split {
                 calibration: poses.to_vec(),
                 validation: poses.to_vec(),
             },
-            Self::First(count) => {
-                let begun = visits.iter().take(count).map(|&visit| visit + 1).max();
-                by(&|visit| visit < begun.unwrap_or(0))
-            }
+            Self::First(count) => by(&|visit| visit < count),
             Self::Fraction { share, seed } => {
                 let count = visits.iter().map(|&visit| visit + 1).max().unwrap_or(0);
                 let mut order: Vec<usize> = (0..count).collect();

@@ -2,10 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use super::Folder;
+use super::{Folder, TcpPose};
 
 /// Commands that differ by less (m) are the same: below what drives resolve.
 const SAME_M: f64 = 1e-6;
+/// Temperatures that differ by less (K) are the same: a metre of steel grows by [`SAME_M`].
+const SAME_K: f64 = 0.1;
 
 /// For each row of numbers, commands (m) among them, the number of the visit that it belongs to: rows that agree in all
 /// of them are readings of one visit. Visits are counted from 0 in the order of their first reading.
@@ -27,5 +29,35 @@ impl Folder {
     /// For each pose of set 1, by index, the number of its visit: readings at the same commands are of one.
     pub fn visits(&self) -> Vec<usize> {
         visits(self.tcp_poses.iter().map(|pose| pose.commands_m.as_slice()))
+    }
+
+    /// For each pose of set 1, by index, the index of the first reading at which the machine stood where it stands there:
+    /// readings in a row, at the same commands from the same sides and at one temperature, with no motion between them.
+    pub fn dwells(&self) -> Vec<usize> {
+        let mut first = 0;
+        (0..self.tcp_poses.len())
+            .map(|index| {
+                let stays = index > 0
+                    && stands_still(&self.tcp_poses[index - 1], &self.tcp_poses[index])
+                    && is_as_warm(&self.tcp_poses[first], &self.tcp_poses[index]);
+                if !stays {
+                    first = index;
+                }
+                first
+            })
+            .collect()
+    }
+}
+
+fn stands_still(before: &TcpPose, pose: &TcpPose) -> bool {
+    let bits = |values: &[f64]| -> Vec<u64> { values.iter().map(|value| value.to_bits()).collect() };
+    let sides = |pose: &TcpPose| pose.directions.as_deref().map(bits);
+    bits(&before.commands_m) == bits(&pose.commands_m) && sides(before) == sides(pose)
+}
+
+fn is_as_warm(first: &TcpPose, pose: &TcpPose) -> bool {
+    match (first.conditions.temperature_c, pose.conditions.temperature_c) {
+        (Some(first), Some(own)) => (first - own).abs() < SAME_K,
+        (first, own) => first == own,
     }
 }
