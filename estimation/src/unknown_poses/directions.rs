@@ -5,6 +5,9 @@ use nalgebra::DMatrix;
 /// A direction that no reference has more than this share of can't be lined up with it; a row with less of it is none of
 /// its own.
 const ACROSS: f64 = 1e-6;
+/// Rows of which shares that differ by less than this part are left are taken in their order. Readings of a pose differ by
+/// the noise of their commands alone: the largest share would be that of the residual with one sign.
+const ALIKE: f64 = 1e-2;
 
 /// Orthonormal directions in the image of a projection, so many of them, each with the row that it says most of: those of
 /// some rows first, as long as these leave anything, and the number of directions behind, which have no share in them.
@@ -18,8 +21,10 @@ pub(super) fn pivoted(
     let (mut pivots, mut first) = (vec![], 0);
     for k in 0..count {
         let among = |wanted: &dyn Fn(usize) -> bool| {
-            let rows = (0..left.nrows()).filter(|&row| wanted(row));
-            rows.max_by(|&a, &b| left[(a, a)].total_cmp(&left[(b, b)]))
+            let mut rows = (0..left.nrows()).filter(|&row| wanted(row));
+            let shares = rows.clone().map(|row| left[(row, row)]);
+            let least = (1.0 - ALIKE) * shares.fold(0.0, f64::max);
+            rows.find(|&row| left[(row, row)] >= least)
         };
         let own = among(&is_first).filter(|&row| first == k && left[(row, row)] > ACROSS);
         first += usize::from(own.is_some());
@@ -88,6 +93,22 @@ mod tests {
         assert_eq!((pivots[0], rest), (5, 3));
         assert!((basis.tr_mul(&basis) - DMatrix::identity(4, 4)).norm() < 1e-12);
         assert!(basis.row(5).columns(1, 3).norm() < 1e-12);
+    }
+
+    /// Rows of a second reading, whose derivatives are larger or smaller by rounding's order, are never taken for those of the
+    /// first.
+    #[test]
+    fn the_rows_of_readings_that_are_alike_are_taken_in_their_order() {
+        let first = random(6, 4, 1);
+        for seed in 2..10 {
+            let second = &first + 1e-5 * random(6, 4, seed);
+            let columns = DMatrix::from_fn(12, 4, |row, column| {
+                [&first, &second][row / 6][(row % 6, column)]
+            });
+            let (_, mut pivots, _) = pivoted(&outside(&columns), 6, |_| false);
+            pivots.sort_unstable();
+            assert_eq!(pivots, [0, 1, 2, 3, 4, 5]);
+        }
     }
 
     #[test]

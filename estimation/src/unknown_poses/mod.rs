@@ -272,6 +272,14 @@ fn recognising<'a>(
         Some(length_m) => starts::best(&prepared, length_m, division, fitted, mirrored),
         None => fitted(nominal(), division, Search::Stated),
     };
+    // Rows are suspected only beside the best fit that they have as they are.
+    let leads_nowhere = matches!(first, Err(Error::NotConverged { .. }));
+    let is_widened = leads_nowhere && at_sight.is_none() && sketch_m.is_none();
+    let first = if is_widened {
+        widened().or(first)
+    } else {
+        first
+    };
     let is_met = || first.as_ref().is_ok_and(UnknownPoses::is_met);
     let mut mistakes = match at_sight {
         Some(mistake) if !is_met() => vec![mistake],
@@ -280,6 +288,7 @@ fn recognising<'a>(
     };
     let is_explained = sketch_m.is_some() || mistakes.iter().any(|mistake| mistake.is_absurd);
     let found = match first {
+        found if is_widened => found,
         Ok(found) if !is_explained && found.outweighs_tolerances() => widened().or(Ok(found)),
         Err(Error::NotConverged { .. } | Error::Kinematics { .. }) if !is_explained => widened(),
         found => found,

@@ -50,7 +50,7 @@ fn the_reason_for_a_verdict_on_another_variant_is_said() {
         let name = study.variants[index].name.clone();
         let text = crate::terminal::study(&study, 200);
         let says_why = text.contains(&format!(
-            "Verdict on {name}, whose residuals come nearest to the noise: "
+            "Verdict on {name}, the consistent variant whose residuals come nearest to the noise: "
         ));
         assert_eq!(says_why, name != best, "{text}");
     }

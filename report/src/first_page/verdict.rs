@@ -40,7 +40,7 @@ pub(super) fn of_study(study: &Study) -> Markup {
                 b { (variant.name) }
                 @if study.variants.len() > 1 {
                     @if let Some(rows) = &study.rows { ", the variant with the smallest errors of measurements that " (compared_rows(rows)) }
-                    @else { ", the variant that comes nearest to the noise" }
+                    @else { ", the " (consistent(verdict)) "variant that comes nearest to the noise" }
                 }
                 ": "
                 (prose(&why.join(" ")))
@@ -49,6 +49,14 @@ pub(super) fn of_study(study: &Study) -> Markup {
             @let others = trust::others(study, &variant.name);
             @if !others.is_empty() { p.aside { "The others: " (others.join(", ")) "." } }
         }
+    }
+}
+
+/// The variants among which one that is judged comes nearest to the noise.
+fn consistent(verdict: &Verdict) -> &'static str {
+    match verdict.status {
+        Status::Consistent => "consistent ",
+        _ => "",
     }
 }
 

@@ -50,13 +50,17 @@ impl Folder {
 }
 
 fn stands_still(before: &TcpPose, pose: &TcpPose) -> bool {
-    let bits = |values: &[f64]| -> Vec<u64> { values.iter().map(|value| value.to_bits()).collect() };
+    let bits =
+        |values: &[f64]| -> Vec<u64> { values.iter().map(|value| value.to_bits()).collect() };
     let sides = |pose: &TcpPose| pose.directions.as_deref().map(bits);
     bits(&before.commands_m) == bits(&pose.commands_m) && sides(before) == sides(pose)
 }
 
 fn is_as_warm(first: &TcpPose, pose: &TcpPose) -> bool {
-    match (first.conditions.temperature_c, pose.conditions.temperature_c) {
+    match (
+        first.conditions.temperature_c,
+        pose.conditions.temperature_c,
+    ) {
         (Some(first), Some(own)) => (first - own).abs() < SAME_K,
         (first, own) => first == own,
     }

@@ -4,7 +4,7 @@ use tau_discovery::Discovery;
 use tau_estimation::assumptions::Assumptions;
 use tau_estimation::evaluation::VariantResult;
 use tau_estimation::sensitivity::Sensitivity;
-use tau_estimation::trust::{Check, Verdict};
+use tau_estimation::trust::{Check, Status, Verdict};
 use tau_estimation::unknown_poses::RowDivision;
 use tau_kinematics::Layout;
 use tau_robot::measurements::PoseCounts;
@@ -45,7 +45,7 @@ pub struct Study {
 
 impl Study {
     /// The verdict on the variant whose residuals come nearest to the noise, or, where poses were not measured, which has the
-    /// smallest errors of what was held out. Mistakes of the input are on every variant;
+    /// smallest errors of what was held out; where some are consistent, of these. Mistakes of the input are on every variant;
     /// what one alone misses, such as a value that it holds, is the variant's own.
     pub fn fit(&self) -> Option<(&VariantResult, &Verdict)> {
         let judged = self.variants.iter();
@@ -57,6 +57,10 @@ impl Study {
                 verdict.residual_over_noise
             }
         };
-        judged.min_by(|a, b| key(a).total_cmp(&key(b)))
+        let is_missed = |own: &(&VariantResult, &Verdict)| own.1.status != Status::Consistent;
+        judged.min_by(|a, b| {
+            let by_status = is_missed(a).cmp(&is_missed(b));
+            by_status.then(key(a).total_cmp(&key(b)))
+        })
     }
 }
