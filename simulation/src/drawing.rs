@@ -93,16 +93,14 @@ impl<'a> Drawing<'a> {
 
     /// Takes the tolerance from what a variant holds at its nominal value.
     pub(super) fn hold(&mut self, variant: &str) {
-        let model = self.robot.model.as_ref();
-        let variant = model.and_then(|model| model.variant(variant));
+        let model = &self.robot.model;
+        let variant = model.variant(variant);
         for held in variant.map_or(&[][..], |variant| &variant.holds) {
             let tolerances = &mut self.tolerances;
             match *held {
                 Held::Parameter(index) => {
-                    let name = model.map(|model| &model.parameters[index].name);
-                    tolerances
-                        .parameters
-                        .extend(name.map(|name| (name.clone(), 0.0)));
+                    let name = model.parameters[index].name.clone();
+                    tolerances.parameters.insert(name, 0.0);
                 }
                 Held::Crank(track, value) => {
                     let index = usize::from(value == CrankValue::Axis);
@@ -125,9 +123,7 @@ impl<'a> Drawing<'a> {
 
     /// Computes what formulas say from the numbers of a machine that are its own.
     pub(super) fn follow(&self, machine: &mut Machine) {
-        let Some(model) = &self.robot.model else {
-            return;
-        };
+        let model = &self.robot.model;
         for (track, described) in model.tracks.iter().enumerate() {
             let Some(described) = &described.crank else {
                 continue;
@@ -298,7 +294,7 @@ fn bound(formula: &Formula, of: &dyn Fn(&Formula) -> Option<f64>) -> Formula {
 
 /// Tensions of links that pull by ones which the description leaves unknown, with the remedy.
 fn unknown_pulls(robot: &Robot) -> Option<String> {
-    let links = &robot.model.as_ref()?.links;
+    let links = &robot.model.links;
     let is_unknown = |link: &&Link| link.pull.as_ref().is_some_and(|pull| pull.value.is_none());
     let names: Vec<&str> = links
         .iter()
@@ -325,10 +321,7 @@ fn links(
         let track = robot.clusters[link.cluster].track;
         let shared = track.and_then(|track| file.tracks.get(&robot.tracks[track]));
         let own = [file.links.get(&link.name), shared];
-        let described = robot
-            .model
-            .as_ref()
-            .and_then(|model| model.links.get(index));
+        let described = robot.model.links.get(index);
         let mut find = |quantity: &str, components: usize| -> (Vec<f64>, f64) {
             if !robot.has_parameter(index, quantity) {
                 return (vec![0.0; components], 0.0);
@@ -393,9 +386,8 @@ fn cranks(
 ) -> (Vec<Option<Crank>>, Vec<[f64; 2]>) {
     let tracks = robot.tracks.iter().enumerate();
     let of_track = tracks.map(|(track, name)| {
-        let model = robot.model.as_ref();
-        let described = model.and_then(|model| model.tracks.get(track)?.crank.as_ref());
-        let Some(described) = described else {
+        let described = robot.model.tracks.get(track);
+        let Some(described) = described.and_then(|track| track.crank.as_ref()) else {
             return (None, [0.0; 2]);
         };
         let stated = file.cranks.get(name);
@@ -427,11 +419,7 @@ fn parameters(
     file: &RobotFile,
     lacks: &mut dyn FnMut(String),
 ) -> (BTreeMap<String, Vec<f64>>, BTreeMap<String, f64>) {
-    let described = robot
-        .model
-        .as_ref()
-        .map_or(&[][..], |model| &model.parameters);
-    let found = described.iter().map(|parameter| {
+    let found = robot.model.parameters.iter().map(|parameter| {
         let name = &parameter.name;
         let stated = file.parameters.get(name).filter(|_| !parameter.exact);
         let stated = stated.map(|value| (value.value.clone(), value.tol));

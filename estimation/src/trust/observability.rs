@@ -43,9 +43,7 @@ pub(super) fn observabilities(
     file: &RobotFile,
     folder: &Folder,
 ) -> Vec<Observability> {
-    let Some(model) = &robot.model else {
-        return vec![];
-    };
+    let model = &*robot.model;
     // The shipped catalogue compiles beside any description; its own effects go before.
     let extended = language::effects_from_text(CATALOGUE, model);
     let model = extended.as_ref().unwrap_or(model);

@@ -29,15 +29,10 @@ pub(super) fn names<'r>(
     let links: Vec<&str> = robot.links.iter().map(|link| link.name.as_str()).collect();
     let clusters: Vec<&str> = robot.clusters.iter().map(|c| c.name.as_str()).collect();
     let tracks: Vec<&str> = robot.tracks.iter().map(String::as_str).collect();
-    let model = robot.model.as_ref();
-    let cranks: Vec<&str> = model.map_or_else(Vec::new, |model| {
-        let tracks = model.tracks.iter().filter(|track| track.crank.is_some());
-        tracks.map(|track| track.name.as_str()).collect()
-    });
-    let parameters: Vec<&str> = model.map_or_else(Vec::new, |model| {
-        let fitted = model.parameters.iter().filter(|own| !own.exact);
-        fitted.map(|own| own.name.as_str()).collect()
-    });
+    let cranks = (robot.model.tracks.iter()).filter(|track| track.crank.is_some());
+    let cranks: Vec<&str> = cranks.map(|track| track.name.as_str()).collect();
+    let parameters = (robot.model.parameters.iter()).filter(|own| !own.exact);
+    let parameters: Vec<&str> = parameters.map(|own| own.name.as_str()).collect();
     for (section, what, known) in [
         ("links", "link", &links),
         ("clusters", "cluster", &clusters),
@@ -370,9 +365,7 @@ fn of_machine(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, robot: &Robot, mi
 
 /// True if a parameter stands in the length of a link that a drum winds up, whose angle may be of many turns.
 fn winds(robot: &Robot, parameter: &str) -> bool {
-    let Some(model) = &robot.model else {
-        return false;
-    };
+    let model = &robot.model;
     let reads = |part: &Formula| match part {
         Formula::OfRobot(index, _) => {
             let read = model.parameters.get(*index);

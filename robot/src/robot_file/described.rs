@@ -188,10 +188,7 @@ fn write_template(out: &mut String, robot: &Robot) -> fmt::Result {
         if quantities_of(robot, index).next().is_none() {
             continue;
         }
-        let described = robot
-            .model
-            .as_ref()
-            .and_then(|model| model.links.get(index));
+        let described = robot.model.links.get(index);
         let separator = if index == 0 { "" } else { "\n" };
         writeln!(out, "{separator}[links.{}]", key(&link.name))?;
         for (name, quantity, meaning) in quantities_of(robot, index) {

@@ -46,7 +46,7 @@ impl<'a> Dimensions<'a> {
 
     /// Centre (m) and axis of a crank by its index among the tracks; `None` of a track, or where nothing gives them.
     pub fn crank(&self, track: usize) -> Option<[[f64; 3]; 2]> {
-        let model = self.robot.model.as_ref()?;
+        let model = &self.robot.model;
         let of_track = model.tracks.get(track)?;
         let crank = of_track.crank.as_ref()?;
         let of = |value: CrankValue| {
@@ -64,7 +64,7 @@ impl<'a> Dimensions<'a> {
     /// Tension (N) to which a link is pulled; `None` where it holds its length, or nothing states the tension.
     pub fn pull_n(&self, link: usize) -> Option<f64> {
         let own = self.robot.links.get(link)?;
-        let model = self.robot.model.as_ref()?;
+        let model = &self.robot.model;
         let pull = model.links.get(link)?.pull.as_ref()?;
         let stated = self.file.links.get(&own.name);
         let stated = stated.and_then(|values| values.pull.as_ref()?.value.first().copied());
@@ -80,7 +80,7 @@ impl<'a> Dimensions<'a> {
         let mut stated = values.into_iter().flatten();
         let stated = stated.find_map(|values| quantity_of(values, value.name()));
         stated.map(|value| value.value.clone()).or_else(|| {
-            let model = self.robot.model.as_ref()?;
+            let model = &self.robot.model;
             let given = &model.links.get(link)?.defaults;
             Some(match value {
                 Geometry::Length => given.length.value?.to_vec(),
@@ -96,7 +96,7 @@ impl<'a> Dimensions<'a> {
             Formula::Read(Readable::Command) => command,
             Formula::OfLink(Geometry::Length, _) => self.length_m(link, &[]),
             Formula::OfLink(value, component) => Some(self.vector(link, value)?[component]),
-            _ => self.of_robot(self.robot.model.as_ref()?, leaf),
+            _ => self.of_robot(&self.robot.model, leaf),
         }
     }
 

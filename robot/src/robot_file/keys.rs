@@ -42,8 +42,6 @@ impl RobotFile {
 
 /// Values that the description itself gives, by link.
 pub(crate) fn described_links(robot: &Robot) -> Vec<LinkValues> {
-    // Nothing is described of a robot made by hand.
-    let links = robot.model.iter().flat_map(|model| &model.links);
     let value = |value: Option<&[f64]>, tolerance: Option<f64>| {
         let value = value?.to_vec();
         let size = value.iter().fold(1.0, |size: f64, v| size.max(v.abs()));
@@ -73,7 +71,7 @@ pub(crate) fn described_links(robot: &Robot) -> Vec<LinkValues> {
                 .and_then(|[pull, tolerance]| value(Some(&[pull]), Some(tolerance))),
         }
     };
-    links.map(of_link).collect()
+    robot.model.links.iter().map(of_link).collect()
 }
 
 /// A value of a crank that is a parameter.
@@ -89,10 +87,7 @@ pub(crate) struct OfCrank {
 /// The values of cranks that are parameters, with the names of the cranks.
 pub(crate) fn crank_values(robot: &Robot) -> Vec<(String, OfCrank)> {
     use language::model::CrankValue;
-    let Some(model) = &robot.model else {
-        return Vec::new();
-    };
-    let tracks = model.tracks.iter();
+    let tracks = robot.model.tracks.iter();
     let cranks = tracks.filter_map(|track| Some((&track.name, track.crank.as_ref()?)));
     let values = cranks.flat_map(|(name, crank)| {
         CrankValue::ALL.map(|value| {
@@ -124,17 +119,16 @@ pub fn crank_key(quantity: &str) -> &'static str {
 
 /// The parameters of the whole machine that are none of its constants.
 pub(crate) fn machine_parameters(robot: &Robot) -> Vec<language::model::RobotParameter> {
-    let model = robot.model.as_ref();
-    let parameters = model.map_or_else(Vec::new, |model| model.parameters.clone());
+    let parameters = robot.model.parameters.iter();
     parameters
-        .into_iter()
         .filter(|parameter| !parameter.exact)
+        .cloned()
         .collect()
 }
 
 /// Reference of the description.
 pub fn described_reference(robot: &Robot) -> Option<Reference> {
-    let model = robot.model.as_ref()?;
+    let model = &robot.model;
     let reference = model.reference.as_ref()?;
     Some(Reference {
         has_angles: model.drives().iter().any(|drive| drive.is_angle),
