@@ -17,6 +17,7 @@ use tau_runtime as runtime;
 pub use tau_runtime::{Arm, Input, Owner, ResidualFamily, ResidualKind, TrackModel, TrackShape};
 
 use crate::input_error::{self, InputError};
+pub use crate::link_key::LinkKey;
 
 /// A robot: its structure and its variants.
 #[derive(Clone, Default)]
@@ -202,22 +203,24 @@ impl Robot {
         self.model.links.get(link)?.defaults.formula(value)
     }
 
-    /// True if a quantity of a link, such as `plate_joint`, is a parameter that a file or the description gives.
-    pub fn has_parameter(&self, link: usize, quantity: &str) -> bool {
+    /// True if a value of a link is a parameter that a file or the description gives.
+    pub fn has_parameter(&self, link: usize, key: LinkKey) -> bool {
         let track = (self.links.get(link)).and_then(|link| self.clusters.get(link.cluster)?.track);
         let on_crank = track.is_some_and(|track| self.is_crank(track));
-        let exists = match quantity {
-            "plate_joint" => !self.plate.is_point(),
-            "track_direction" => track.is_some() && !on_crank,
-            "pull" => {
+        let exists = match key {
+            LinkKey::Geometry(Value::PlateJoint) => !self.plate.is_point(),
+            LinkKey::Geometry(Value::TrackDirection) => track.is_some() && !on_crank,
+            LinkKey::Pull => {
                 let link = self.model.links.get(link);
                 link.is_some_and(|link| link.uncertain_pull().is_some())
             }
-            _ => true,
+            LinkKey::Geometry(_) | LinkKey::TrackRotation => true,
         };
-        let is_formula =
-            Value::find(quantity).is_some_and(|value| self.formula_of(link, value).is_some());
-        exists && !is_formula
+        let formula = match key {
+            LinkKey::Geometry(value) => self.formula_of(link, value),
+            LinkKey::TrackRotation | LinkKey::Pull => None,
+        };
+        exists && formula.is_none()
     }
 
     /// A robot from its description, compiled at run time: its functions are interpreted.

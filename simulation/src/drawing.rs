@@ -3,12 +3,10 @@
 use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
-use tau_codegen::language::model::{
-    CrankValue, Formula, Held, Link, Model, Quantity, Value as Geometry,
-};
+use tau_codegen::language::model::{CrankValue, Formula, Held, Link, Model, Value as Geometry};
 use tau_robot::input_error::{Errors, InputError, quoted};
-use tau_robot::robot::Robot;
-use tau_robot::robot_file::keys::{crank_key, quantity_of};
+use tau_robot::robot::{LinkKey, Robot};
+use tau_robot::robot_file::keys::crank_key;
 use tau_robot::robot_file::{LinkValues, Origin, Reference, RobotFile, Value};
 
 use super::machine::Machine;
@@ -322,31 +320,25 @@ fn links(
         let shared = track.and_then(|track| file.tracks.get(&robot.tracks[track]));
         let own = [file.links.get(&link.name), shared];
         let described = robot.model.links.get(index);
-        let mut find = |quantity: &str, components: usize| -> (Vec<f64>, f64) {
-            if !robot.has_parameter(index, quantity) {
+        let mut find = |value: Geometry| -> (Vec<f64>, f64) {
+            let key = LinkKey::Geometry(value);
+            let components = key.components();
+            if !robot.has_parameter(index, key) {
                 return (vec![0.0; components], 0.0);
             }
-            let stated = own.into_iter().flatten();
-            let stated = stated.filter_map(|values: &LinkValues| quantity_of(values, quantity));
-            let found = stated.map(|value| (value.value.clone(), value.tol)).next();
-            let found = found.or_else(|| {
-                let given = &described?.defaults;
-                match quantity {
-                    "length" => given_by(&given.length),
-                    "plate_joint" => given_by(&given.plate_joint),
-                    "track_offset" => given_by(&given.track_offset),
-                    _ => given_by(&given.track_direction),
-                }
-            });
+            let mut stated = own.into_iter().flatten();
+            let stated = stated.find_map(|values: &LinkValues| values.get(key));
+            let found = stated.map(|value| (value.value.clone(), value.tol));
+            let found = found.or_else(|| given_by(described?.defaults.given(value)));
             found.unwrap_or_else(|| {
-                lacks(format!("the {quantity} of link `{}`", link.name));
+                lacks(format!("the {} of link `{}`", value.name(), link.name));
                 (vec![0.0; components], 0.0)
             })
         };
-        let (length, of_length) = find("length", 1);
-        let (joint, of_joint) = find("plate_joint", 3);
-        let (offset, of_offset) = find("track_offset", 3);
-        let (direction, of_direction) = find("track_direction", 3);
+        let (length, of_length) = find(Geometry::Length);
+        let (joint, of_joint) = find(Geometry::PlateJoint);
+        let (offset, of_offset) = find(Geometry::TrackOffset);
+        let (direction, of_direction) = find(Geometry::TrackDirection);
         let pull = described.and_then(|link| link.pull.as_ref());
         let stated = own[0].and_then(|values| values.pull.as_ref());
         rods.push(Rod {
@@ -372,7 +364,8 @@ fn links(
                 (Some(stated), Some(_)) => stated.tol,
                 (_, pull) => pull.and_then(|pull| pull.tolerance).unwrap_or(0.0),
             },
-            is_free_to_turn: robot.has_parameter(index, "track_direction"),
+            is_free_to_turn: robot
+                .has_parameter(index, LinkKey::Geometry(Geometry::TrackDirection)),
         });
     }
     (rods, tolerances)
@@ -398,7 +391,7 @@ fn cranks(
             let stated = stated.and_then(|values| values.get(crank_key(value.name())));
             let found = stated.map(|value: &Value| (value.value.clone(), value.tol));
             found
-                .or_else(|| given_by(described.quantity(value)))
+                .or_else(|| given_by(described.quantity(value).given()))
                 .unwrap_or_else(|| {
                     lacks(format!("the {} of crank `{name}`", value.name()));
                     (vec![0.0; 3], 0.0)
@@ -435,8 +428,8 @@ fn parameters(
 }
 
 /// Value and tolerance that a description gives.
-fn given_by<const N: usize>(quantity: &Quantity<N>) -> Option<(Vec<f64>, f64)> {
-    Some((quantity.value?.to_vec(), quantity.tolerance.unwrap_or(0.0)))
+fn given_by((value, tolerance): (Option<&[f64]>, Option<f64>)) -> Option<(Vec<f64>, f64)> {
+    Some((value?.to_vec(), tolerance.unwrap_or(0.0)))
 }
 
 fn three(values: &[f64]) -> Vector3<f64> {

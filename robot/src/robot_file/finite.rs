@@ -24,7 +24,7 @@ pub(super) fn values(
         _ => dimensions.vector(link, value).map(|own| own.to_vec()),
     };
     for (link, own) in robot.model.links.iter().enumerate() {
-        for value in VALUES {
+        for value in Value::ALL {
             let Some(formula) = own.defaults.formula(value) else {
                 continue;
             };
@@ -52,13 +52,6 @@ pub(super) fn values(
         }
     }
 }
-
-const VALUES: [Value; 4] = [
-    Value::Length,
-    Value::PlateJoint,
-    Value::TrackOffset,
-    Value::TrackDirection,
-];
 
 /// Names of the parameters that a formula of a link reads, also by other values of the link, from the left.
 fn parameters<'m>(formula: &Formula, model: &'m Model, link: usize, names: &mut Vec<&'m str>) {
