@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use tau::discovery::results::{Dimension, Discovery, Pattern, Place, Readable};
+use tau::discovery::results::{Dimension, Discovery, Order, Pattern, Place, Readable};
 use tau::discovery::{Options, discover};
 use tau::measurements::{Folder, Shape};
 use tau::robot_file::RobotFile;
@@ -121,7 +121,7 @@ fn serial_noise_is_told_from_white_noise() {
     };
     let serial = simulated(&[], 0.7);
     let found = serial.whiteness.as_ref().unwrap();
-    assert_eq!(found.order, "time");
+    assert_eq!(found.order, Order::Time);
     // Every other pose calibrates, so that neighbours correlate by 0.7².
     assert!((0.2..0.6).contains(&found.after.lag1), "{found:?}");
     assert!(found.after.p_value < 1e-4 && says_so(&serial));

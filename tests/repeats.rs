@@ -44,7 +44,7 @@ fn fit(variant: &str, file: &RobotFile, folder: &Folder) -> UnknownPoses {
 }
 
 fn repeats_of(found: &UnknownPoses, file: &str) -> KindRepeats {
-    let own = found.kinds.iter().find(|fit| fit.kind.file == file);
+    let own = found.kinds.iter().find(|fit| fit.kind.of.file() == file);
     own.unwrap().repeats.unwrap()
 }
 

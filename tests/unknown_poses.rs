@@ -362,7 +362,7 @@ fn noise_is_estimated_by_kind() {
         found
             .kinds
             .iter()
-            .find(|fit| fit.kind.file == file)
+            .find(|fit| fit.kind.of.file() == file)
             .unwrap()
     };
     // The simulation takes the general noise, 10 µm, for what is to be estimated, three times as large as stated.

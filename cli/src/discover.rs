@@ -5,10 +5,9 @@ use tau::input_error::InputError;
 use tau::kinematics::Layout;
 use tau::measurements::Split;
 use tau::robot_file::RobotFile;
-use tau::{Robot, Session, study};
+use tau::{Session, study};
 use tau_codegen::CompiledRobot;
 use tau_codegen::emit;
-use tau_codegen::language;
 use tau_report as report;
 use tau_robot::input_error::both;
 
@@ -61,9 +60,9 @@ pub(super) fn run(
                 spinner.show(doing);
             })
         },
-        || compiled(robot),
+        || tau_codegen::compile(&robot.model, &robot.description),
     );
-    let (found, compiled) = (found?, compiled?);
+    let found = found?;
     spinner.show("writing what was found");
     let discovery = &found.discovery;
     let (code, stated) = rayon::join(
@@ -162,13 +161,6 @@ fn base(session: &Session, named: Option<&str>) -> Result<String, InputError> {
         None => (session.base()).map_err(|error| error.help("name one with `--base`")),
     };
     base.map(|variant| variant.name.clone())
-}
-
-fn compiled(robot: &Robot) -> Result<CompiledRobot, InputError> {
-    let text = &robot.description;
-    let model = language::check_text(text)
-        .map_err(|errors| InputError::of_description(&robot.name, text, &errors))?;
-    Ok(tau_codegen::compile(&model, text))
 }
 
 /// The code of the description that was found, as `tau generate` writes it; `known` is the robot without it.

@@ -15,7 +15,7 @@ pub(super) fn run(columns: usize) -> Outcome {
     let mut summary = String::new();
     for (name, robot) in tau_generated::ROBOTS {
         let robot = Robot::from(robot);
-        let docs = robot.model.as_ref().map_or(&[][..], |model| &model.docs);
+        let docs = &robot.model.docs;
         let about = docs.first().map_or("", String::as_str);
         let commands = robot.command_columns().join(", ");
         let measured = measured_by(&robot).join(", ");

@@ -12,7 +12,7 @@ use tau_estimation::samples::frames::Frames;
 use tau_estimation::samples::outliers;
 use tau_estimation::samples::plates::place_plates;
 use tau_estimation::trust::{self, LARGEST_MISFIT};
-use tau_robot::robot::{Owner, Variant};
+use tau_robot::robot::{LinkKey, Value, Variant};
 
 use super::{Constants, Error, Input, Unknown};
 use tau_estimation::Setup;
@@ -131,10 +131,7 @@ fn mean_length_m(fit: &Fit) -> f64 {
     let parameters = fit.joint.machine.variant.parameters.iter();
     let lengths = parameters.zip(fit.joint.values(&fit.fitted));
     let lengths: Vec<f64> = lengths
-        .filter(|(parameter, _)| {
-            let is_of_arm = matches!(parameter.owner, Owner::Link(_) | Owner::Cluster(_));
-            is_of_arm && parameter.quantity == "length"
-        })
+        .filter(|(parameter, _)| LinkKey::of(parameter) == Some(LinkKey::Geometry(Value::Length)))
         .map(|(_, length_m)| length_m)
         .collect();
     lengths.iter().sum::<f64>() / lengths.len() as f64

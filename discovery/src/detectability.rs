@@ -110,7 +110,7 @@ pub(super) fn detectability(
             absorbed.push(index);
             continue;
         }
-        // What tolerances alone hold against an effect may give it a score, but never confirms it: it is tried, and no
+        // Tolerances that alone speak against an effect may give it a score, but never confirm it: it is tried, and no
         // amplitude is promised.
         let amplitude = lambda.sqrt() / best.measured;
         if !is_measured || is_implausible(amplitude) {

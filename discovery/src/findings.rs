@@ -17,15 +17,13 @@ use super::evidence::{self, whiteness::Series};
 use super::held_out::HeldOut;
 use super::linear_model::LinearModel;
 use super::results::{
-    Considered, Discovery, ErrorOf, Estimate, FoundEffect, Gap, LeftOut, Place, Pull, Rival,
+    Considered, Discovery, ErrorOf, Estimate, FoundEffect, Gap, LeftOut, Order, Place, Pull, Rival,
     SerialCorrelation, Status, Unseen, Validation, Verdict, Whiteness,
 };
 use super::search::{Found, Search};
 use super::waves::waves;
 use super::{Error, Input, Outcome, floor, misfit, results, structure, text};
 
-/// Chance in white noise below which residuals are said to depend on each other.
-const SERIAL: f64 = 0.01;
 /// Chance below which one of all dimensions is said to lie far from the robot file.
 const UNLIKELY: f64 = 0.01;
 
@@ -216,7 +214,11 @@ fn removable_um(gap: Gap, floor: &floor::Floor) -> f64 {
 fn whiteness(search: &Search<'_>, before: Option<SerialCorrelation>) -> Option<Whiteness> {
     let series = Series::of(&search.state.linear(&search.set), &search.set.samples)?;
     Some(Whiteness {
-        order: if series.is_by_time { "time" } else { "row" },
+        order: if series.is_by_time {
+            Order::Time
+        } else {
+            Order::Row
+        },
         poses: series.len(),
         lags: series.lags(),
         before: before?,
@@ -416,7 +418,7 @@ fn remarks(search: &Search<'_>, fit: &Fit, whiteness: Option<&Whiteness>) -> Vec
     }
     remarks.extend(far_from_drawing(fit).into_iter().map(|own| own.1));
     if let Some(found) = whiteness
-        && found.after.p_value.min(found.after.portmanteau_p_value) < SERIAL
+        && found.after.is_significant()
     {
         remarks.push(serial(found.after.lag1));
     }

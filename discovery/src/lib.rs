@@ -326,7 +326,7 @@ fn discovered(
             .into());
     }
     let completed = file.completed(robot);
-    let model = &language::check_text(&robot.description).map_err(|errors| not_sound(&errors))?;
+    let model = &*robot.model;
     if let Some(folder) = measured::with_unknown_poses(folder, &completed, robot) {
         progress("estimating the poses");
         let described = (robot, model, base);

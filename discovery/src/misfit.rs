@@ -176,7 +176,7 @@ fn of_unknown_poses(fit: &Fit) -> Vec<Misfit> {
         for (row, origin) in group.origins.iter().enumerate() {
             let free = group.basis.row(row).norm_squared();
             // Exact rows, which the plate follows, leave nothing to judge.
-            if origin.unit != "m" || free < LEAST_FREE {
+            if origin.is_angle || free < LEAST_FREE {
                 continue;
             }
             let expected = (free - absorbed.row(row).norm_squared()).max(LEAST_LEFT * free);

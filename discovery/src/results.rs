@@ -422,11 +422,24 @@ pub struct Ambiguous {
     pub kappa_reverse: f64,
 }
 
+/// Name of the finding that all links have closures of their own.
+pub const FULL_ARM: &str = "full_arm";
+
+/// Order of measurements.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Order {
+    /// By the column of time.
+    Time,
+    /// By the rows of the file, where that column is missing.
+    Row,
+}
+
 /// Serial correlation of the residuals of set 1.
 #[derive(Debug, Clone, Serialize)]
 pub struct Whiteness {
-    /// `time`, or `row` where the column is missing.
-    pub order: &'static str,
+    /// Order that neighbours are taken in.
+    pub order: Order,
     /// Number of poses.
     pub poses: usize,
     /// Number of lags of the portmanteau statistic.
@@ -448,6 +461,16 @@ pub struct SerialCorrelation {
     pub portmanteau: f64,
     /// Chance of so high a value in white noise.
     pub portmanteau_p_value: f64,
+}
+
+/// Chance in white noise below which residuals are said to depend on each other.
+const SERIAL: f64 = 0.01;
+
+impl SerialCorrelation {
+    /// True if residuals depend on each other, by neighbours or by all lags together.
+    pub fn is_significant(&self) -> bool {
+        self.p_value.min(self.portmanteau_p_value) < SERIAL
+    }
 }
 
 /// Evidence for an effect in the residuals.

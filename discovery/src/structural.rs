@@ -21,13 +21,10 @@ use super::candidate_set::f_form;
 use super::constants::Constants;
 use super::p_value::PValue;
 use super::results::{
-    Considered, Derived, Discovery, FoundEffect, Gap, Misfit, Place, Status, Step, UsedEffect,
-    Verdict,
+    Considered, Derived, Discovery, FULL_ARM, FoundEffect, Gap, Misfit, Place, Status, Step,
+    UsedEffect, Verdict,
 };
 use super::{Error, not_described, text};
-
-/// Name of the candidate by which all links get closures of their own.
-const FULL_ARM: &str = "full_arm";
 
 /// A robot with its description, checked.
 pub(super) type Described = (Robot, Model);

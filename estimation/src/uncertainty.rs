@@ -5,7 +5,7 @@
 //! noise of its measurement. Where carts go along measured paths, the noise of the points of these is added; that it is
 //! in the parameters as well, which it moves by far less, is not regarded. Joints' ways are longer or shorter than these
 //! [where carts turn](crate::calibration::track_scale): these scales do move the parameters, and stand in F with them.
-//! What else the model lacks is not in it.
+//! Effects that the model lacks are not in it.
 
 use nalgebra::{DMatrix, DVector, Matrix6};
 use tau_kinematics::{Error, Machine, POSE_COLUMNS, Sample};

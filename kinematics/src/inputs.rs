@@ -43,8 +43,7 @@ pub struct UnknownPull {
 impl UnknownPull {
     /// The first one of a robot.
     pub fn of(robot: &Robot) -> Option<Self> {
-        let links = &robot.model.as_ref()?.links;
-        let mut links = links.iter();
+        let mut links = robot.model.links.iter();
         let link =
             links.find(|link| link.pull.as_ref().is_some_and(|pull| pull.value.is_none()))?;
         Some(Self {

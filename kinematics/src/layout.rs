@@ -260,7 +260,7 @@ impl Machine {
         let Formula::OfRobot(index, component) = *leaf else {
             return None;
         };
-        let parameter = self.robot.model.as_ref()?.parameters.get(index)?;
+        let parameter = self.robot.model.parameters.get(index)?;
         let component = (parameter.components > 1).then_some(component);
         let index = (self.variant).parameter(Owner::Robot, &parameter.name, component)?;
         self.values.get(index).copied()
@@ -268,14 +268,7 @@ impl Machine {
 
     /// Axis and centre of a crank.
     fn crank(&self, track: usize) -> Option<[Vector3<f64>; 2]> {
-        let crank = self
-            .robot
-            .model
-            .as_ref()?
-            .tracks
-            .get(track)?
-            .crank
-            .as_ref()?;
+        let crank = self.robot.model.tracks.get(track)?.crank.as_ref()?;
         Some([CrankValue::Axis, CrankValue::Centre].map(|value| {
             Vector3::from_fn(|k, _| match crank.formula(value) {
                 Some(Formula::Vector(components)) => components[k]

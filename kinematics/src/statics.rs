@@ -206,8 +206,7 @@ impl Rod {
     fn new(robot: &Robot, dimensions: Dimensions<'_>, link: usize) -> Option<Self> {
         let vector = |value| dimensions.vector(link, value).map(Vector3::from);
         let track = robot.clusters.get(robot.links[link].cluster)?.track;
-        let model = robot.model.as_ref();
-        let described = model.and_then(|model| model.links.get(link));
+        let described = robot.model.links.get(link);
         Some(Self {
             plate_joint: vector(Value::PlateJoint)?,
             track_offset: vector(Value::TrackOffset)?,

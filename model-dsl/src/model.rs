@@ -12,7 +12,7 @@ pub use geometry::{
 };
 
 /// A robot as described: the output of the language, the input of code generation.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Model {
     /// Name, in upper camel case by custom.
     pub name: String,

@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 use tau::session::Basis;
 use tau::study::results::Study;
-use tau::unknown_poses::{HeldErrors, KindErrors, RowDivision, RowError, RowPlace};
+use tau::unknown_poses::{HeldErrors, KindErrors, Measurand, RowDivision, RowError, RowPlace};
 
 use crate::number::general;
 use crate::screen::Screen;
@@ -48,7 +48,7 @@ pub fn terminal(found: &HeldErrors, basis: Basis, width: usize) -> String {
     screen.line("Farthest off");
     for own in worst(found).into_iter().take(LISTED) {
         let kind = kind_of(found, own);
-        let unit = kind.map_or("m", |kind| kind.kind.unit);
+        let unit = kind.map_or("m", |kind| kind.kind.of.unit());
         let sigmas = own.sigmas().unwrap_or_default();
         screen.say_within(
             "  ",
@@ -94,10 +94,10 @@ pub fn terminal(found: &HeldErrors, basis: Basis, width: usize) -> String {
 /// Errors by kind of measurement, those that can be judged beside what was to be expected.
 fn by_kind(kinds: &[KindErrors]) -> Table {
     let rows = kinds.iter().map(|own| {
-        let size = |value: f64| Cell::Number(length(value, own.kind.unit));
+        let size = |value: f64| Cell::Number(length(value, own.kind.of.unit()));
         let mut row = vec![
-            text(own.kind.file),
-            text(own.kind.quantity),
+            text(own.kind.of.file()),
+            text(own.kind.of.quantity()),
             Cell::Number(own.rows.to_string()),
             size(own.noise),
         ];
@@ -159,30 +159,26 @@ pub(crate) fn table(study: &Study) -> Table {
             .iter()
             .filter_map(|own| Some((own, own.held.as_ref()?)))
     };
-    let mut kinds: Vec<(&str, &str, &str)> = vec![];
+    let mut kinds: Vec<Measurand> = vec![];
     for own in held().flat_map(|(_, held)| &held.kinds) {
-        let kind = (own.kind.file, own.kind.quantity, own.kind.unit);
-        if own.is_judged() && !kinds.contains(&kind) {
-            kinds.push(kind);
+        if own.is_judged() && !kinds.contains(&own.kind.of) {
+            kinds.push(own.kind.of);
         }
     }
-    let heading = |(file, quantity, unit): &(&str, &str, &str)| {
-        let what = if *quantity == "closure" {
-            "links"
-        } else {
-            quantity
+    let heading = |of: &Measurand| {
+        let quantity = match of {
+            Measurand::Closure { .. } => "links",
+            other => other.quantity(),
         };
-        format!(
-            "{file}, {what} ({})",
-            if *unit == "m" { "µm" } else { "µrad" }
-        )
+        let unit = if of.is_angle() { "µrad" } else { "µm" };
+        format!("{}, {quantity} ({unit})", of.file())
     };
     let headings: Vec<String> = kinds.iter().map(heading).collect();
     let rows = held().map(|(variant, held)| {
         let mut row = vec![text(&variant.name)];
         for kind in &kinds {
             let mut own = held.kinds.iter().filter(|own| own.is_judged());
-            let own = own.find(|own| (own.kind.file, own.kind.quantity, own.kind.unit) == *kind);
+            let own = own.find(|own| own.kind.of == *kind);
             let cell = |value: f64| Cell::Number(general(1e6 * value, 3));
             row.extend(own.map_or(vec![Cell::Empty, Cell::Empty], |own| {
                 vec![cell(own.rms), cell(own.expected_rms)]
@@ -218,15 +214,15 @@ pub(crate) fn of_variant(found: &HeldErrors) -> Value {
 
 fn kind(own: &KindErrors) -> Value {
     json!({
-        "file": own.kind.file,
-        "kind": own.kind.quantity,
+        "file": own.kind.of.file(),
+        "kind": own.kind.of.quantity(),
         "rows": own.rows,
         "redundancy": own.redundancy,
         "judged": own.is_judged(),
         "noise": own.kind.stated.map(|_| own.kind.sigma),
         "noise_of_rows": own.kind.stated.map(|_| own.noise),
         "estimated": own.kind.is_estimated(),
-        "unit": own.kind.unit,
+        "unit": own.kind.of.unit(),
         "rms": own.rms,
         "expected_rms": own.expected_rms,
         "max": own.max,
@@ -244,11 +240,11 @@ pub fn json(found: &HeldErrors) -> Value {
             "pose": own.place.pose,
             "other_pose": own.place.other_pose,
             "link": link(found, &own.place),
-            "kind": kind.map(|kind| kind.quantity),
+            "kind": kind.map(|kind| kind.of.quantity()),
             "coordinate": own.coordinate,
             "error": own.error,
             "expected": own.expected,
-            "unit": kind.map(|kind| kind.unit),
+            "unit": kind.map(|kind| kind.of.unit()),
         })
     });
     json!({
@@ -287,12 +283,10 @@ mod tests {
 
     #[test]
     fn errors_by_kind_are_no_wider_than_the_terminal() {
-        let kind = |file, quantity, unit| KindErrors {
+        let kind = |of| KindErrors {
             index: 0,
             kind: Kind {
-                file,
-                quantity,
-                unit,
+                of,
                 unit_m: None,
                 stated: None,
                 sigma: 1.234e-5,
@@ -305,8 +299,8 @@ mod tests {
             expected_rms: 1.234e-5,
             max: 1.234e-5,
         };
-        let lengths = kind("cart_positions.csv", "position", "m");
-        let angles = kind("tcp_poses.csv", "rotation", "rad");
+        let lengths = kind(Measurand::CartPoint);
+        let angles = kind(Measurand::PoseRotation);
         for width in [60, 80, 100] {
             for kinds in [&[lengths][..], &[lengths, angles]] {
                 let mut screen = Screen::new(width);

@@ -96,7 +96,7 @@ fn discovered(screen: &mut Screen, found: &Discovery) {
     let unnamed = findings::unnamed(found);
     if !found.effects.is_empty() || !unnamed.is_empty() {
         screen.gap();
-        let heading = format!("What is wrong with the {}", findings::what_errs(found));
+        let heading = format!("What is wrong with the {}", findings::device(found));
         screen.line(&heading);
     }
     for effect in &found.effects {

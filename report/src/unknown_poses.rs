@@ -34,7 +34,7 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
     ));
     // A plate that can't turn has no rows of rotation.
     for fit in found.kinds.iter().filter(|fit| fit.rows > 0) {
-        let unit = fit.kind.unit;
+        let unit = fit.kind.of.unit();
         let noise = match fit.kind.stated {
             None => "exact".to_owned(),
             Some(_) if fit.kind.is_found() => {
@@ -45,7 +45,7 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
         let ratio = fit
             .residual_over_noise()
             .map_or_else(|| "-".to_owned(), |ratio| format!("{ratio:.2}"));
-        let (file, quantity, rows) = (fit.kind.file, fit.kind.quantity, fit.rows);
+        let (file, quantity, rows) = (fit.kind.of.file(), fit.kind.of.quantity(), fit.rows);
         screen.line(&format!(
             "  {file:<20}{quantity:>10}{rows:>8} {noise:>20} {ratio:>14}"
         ));
@@ -255,13 +255,13 @@ pub fn json(found: &UnknownPoses) -> Value {
         "determined": rank.determined,
         "gauge": gauge_json(rank),
         "kinds": found.kinds.iter().map(|fit| json!({
-            "file": fit.kind.file,
-            "kind": fit.kind.quantity,
+            "file": fit.kind.of.file(),
+            "kind": fit.kind.of.quantity(),
             "rows": fit.rows,
             "redundancy": fit.redundancy,
             "noise": fit.kind.stated.map(|_| fit.kind.sigma),
             "noise_of_rows": fit.kind.stated.map(|_| fit.noise),
-            "unit": fit.kind.unit,
+            "unit": fit.kind.of.unit(),
             "estimated": fit.kind.is_found(),
             "residual_over_noise": fit.residual_over_noise(),
             "repeats": fit.repeats.as_ref().map(repeats),

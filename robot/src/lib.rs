@@ -4,6 +4,7 @@ pub mod effects;
 pub mod fingerprint;
 pub mod input_error;
 pub mod klipper;
+mod link_key;
 pub mod measurements;
 pub mod number;
 pub mod prototype;

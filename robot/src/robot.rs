@@ -17,6 +17,7 @@ use tau_runtime as runtime;
 pub use tau_runtime::{Arm, Input, Owner, ResidualFamily, ResidualKind, TrackModel, TrackShape};
 
 use crate::input_error::{self, InputError};
+pub use crate::link_key::LinkKey;
 
 /// A robot: its structure and its variants.
 #[derive(Clone, Default)]
@@ -31,8 +32,8 @@ pub struct Robot {
     pub plate: Plate,
     /// Drive of each command; none for a robot made by hand.
     pub drives: Vec<Drive>,
-    /// The description's model; none for a robot made by hand.
-    pub model: Option<Arc<Model>>,
+    /// The description's model; empty for a robot made by hand.
+    pub model: Arc<Model>,
     /// Names of the tracks and cranks; carts carry the same numbers, from 1.
     pub tracks: Vec<String>,
     /// Clusters in order of declaration.
@@ -171,8 +172,8 @@ impl Robot {
 
     /// True if a crank stands where a track would.
     pub fn is_crank(&self, track: usize) -> bool {
-        let mut tracks = self.model.iter().flat_map(|model| &model.tracks);
-        tracks.nth(track).is_some_and(|track| track.crank.is_some())
+        let track = self.model.tracks.get(track);
+        track.is_some_and(|track| track.crank.is_some())
     }
 
     /// True if there are more links than freedoms of the plate, so that they fit at matching commands only.
@@ -199,30 +200,27 @@ impl Robot {
 
     /// The formula that a value of a link is, where the description gives one: it then has no parameter of its own.
     pub fn formula_of(&self, link: usize, value: Value) -> Option<&Formula> {
-        self.model
-            .as_ref()?
-            .links
-            .get(link)?
-            .defaults
-            .formula(value)
+        self.model.links.get(link)?.defaults.formula(value)
     }
 
-    /// True if a quantity of a link, such as `plate_joint`, is a parameter that a file or the description gives.
-    pub fn has_parameter(&self, link: usize, quantity: &str) -> bool {
+    /// True if a value of a link is a parameter that a file or the description gives.
+    pub fn has_parameter(&self, link: usize, key: LinkKey) -> bool {
         let track = (self.links.get(link)).and_then(|link| self.clusters.get(link.cluster)?.track);
         let on_crank = track.is_some_and(|track| self.is_crank(track));
-        let exists = match quantity {
-            "plate_joint" => !self.plate.is_point(),
-            "track_direction" => track.is_some() && !on_crank,
-            "pull" => {
-                let link = self.model.as_ref().and_then(|model| model.links.get(link));
+        let exists = match key {
+            LinkKey::Geometry(Value::PlateJoint) => !self.plate.is_point(),
+            LinkKey::Geometry(Value::TrackDirection) => track.is_some() && !on_crank,
+            LinkKey::Pull => {
+                let link = self.model.links.get(link);
                 link.is_some_and(|link| link.uncertain_pull().is_some())
             }
-            _ => true,
+            LinkKey::Geometry(_) | LinkKey::TrackRotation => true,
         };
-        let is_formula =
-            Value::find(quantity).is_some_and(|value| self.formula_of(link, value).is_some());
-        exists && !is_formula
+        let formula = match key {
+            LinkKey::Geometry(value) => self.formula_of(link, value),
+            LinkKey::TrackRotation | LinkKey::Pull => None,
+        };
+        exists && formula.is_none()
     }
 
     /// A robot from its description, compiled at run time: its functions are interpreted.
@@ -287,7 +285,7 @@ impl Robot {
     /// machine. With their names and places, such as `tracker_drift(tcp)`.
     ///
     /// # Errors
-    /// The description can't be read, as that of a robot made by hand.
+    /// The variant is none of the robot's.
     pub fn of_machine_alone(
         &self,
         variant: &Variant,
@@ -303,15 +301,14 @@ impl Robot {
     /// A variant without the effect of an index.
     ///
     /// # Errors
-    /// The description does not belong to the robot.
+    /// As [`Self::of_machine_alone`].
     pub fn without_effect(&self, variant: &Variant, index: usize) -> Result<Variant, InputError> {
         self.with_effects(variant, |own, _| own != index)
     }
 
     /// The terms of an effect as they are written.
     pub fn terms_of(&self, effect: &str) -> Vec<String> {
-        let effects = self.model.iter().flat_map(|model| &model.effects);
-        let terms = effects.filter(|own| own.name == effect);
+        let terms = self.model.effects.iter().filter(|own| own.name == effect);
         terms
             .flat_map(|own| &own.terms)
             .map(|term| term.text.clone())
@@ -324,16 +321,14 @@ impl Robot {
         variant: &Variant,
         keep: impl Fn(usize, &EffectUse) -> bool,
     ) -> Result<Variant, InputError> {
-        let text = &self.description;
-        let mut model = language::check_text(text)
-            .map_err(|errors| InputError::of_description(&self.name, text, &errors))?;
+        let mut model = Model::clone(&self.model);
         model.variants.retain(|own| own.name == variant.name);
         for own in &mut model.variants {
             let mut indices = 0..;
             own.effects
                 .retain(|effect| keep(indices.next().unwrap_or_default(), effect));
         }
-        let compiled = Self::from(&tau_codegen::compile(&model, text));
+        let compiled = Self::from(&tau_codegen::compile(&model, &self.description));
         Ok(compiled.find(&variant.name, &self.name)?.clone())
     }
 
@@ -443,22 +438,20 @@ impl From<&runtime::Robot> for Robot {
     /// taken for others.
     fn from(robot: &runtime::Robot) -> Self {
         // Tables of generated code hold what its functions need; all else stands in the description.
-        let model = (!robot.description.is_empty()).then(|| {
-            let read = language::check_text(robot.description);
-            read.unwrap_or_else(|errors| {
-                let name = robot.name;
-                panic!(
-                    "the code of `{name}` carries a description that this version can't read; generate it again: {errors}"
-                )
-            })
+        let read = language::check_text(robot.description);
+        let model = read.unwrap_or_else(|errors| {
+            let name = robot.name;
+            panic!(
+                "the code of `{name}` carries a description that this version can't read; generate it again: {errors}"
+            )
         });
         Self {
             name: robot.name.into(),
             source: robot.name.into(),
             description: robot.description.into(),
-            plate: model.as_ref().map_or(Plate::Body, |model| model.plate),
-            drives: model.as_ref().map_or_else(Vec::new, Model::drives),
-            model: model.map(Arc::new),
+            plate: model.plate,
+            drives: model.drives(),
+            model: Arc::new(model),
             tracks: robot.tracks.iter().map(|&name| name.into()).collect(),
             clusters: robot
                 .clusters
@@ -537,7 +530,7 @@ impl From<&CompiledRobot> for Robot {
             description: robot.description.clone(),
             plate: model.plate,
             drives: model.drives(),
-            model: Some(Arc::new(model.clone())),
+            model: Arc::new(model.clone()),
             tracks: model
                 .tracks
                 .iter()

@@ -3,12 +3,10 @@
 use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
-use tau_codegen::language::model::{
-    CrankValue, Formula, Held, Link, Model, Quantity, Value as Geometry,
-};
+use tau_codegen::language::model::{CrankValue, Formula, Held, Link, Model, Value as Geometry};
 use tau_robot::input_error::{Errors, InputError, quoted};
-use tau_robot::robot::Robot;
-use tau_robot::robot_file::keys::{crank_key, quantity_of};
+use tau_robot::robot::{LinkKey, Robot};
+use tau_robot::robot_file::keys::crank_key;
 use tau_robot::robot_file::{LinkValues, Origin, Reference, RobotFile, Value};
 
 use super::machine::Machine;
@@ -93,16 +91,14 @@ impl<'a> Drawing<'a> {
 
     /// Takes the tolerance from what a variant holds at its nominal value.
     pub(super) fn hold(&mut self, variant: &str) {
-        let model = self.robot.model.as_ref();
-        let variant = model.and_then(|model| model.variant(variant));
+        let model = &self.robot.model;
+        let variant = model.variant(variant);
         for held in variant.map_or(&[][..], |variant| &variant.holds) {
             let tolerances = &mut self.tolerances;
             match *held {
                 Held::Parameter(index) => {
-                    let name = model.map(|model| &model.parameters[index].name);
-                    tolerances
-                        .parameters
-                        .extend(name.map(|name| (name.clone(), 0.0)));
+                    let name = model.parameters[index].name.clone();
+                    tolerances.parameters.insert(name, 0.0);
                 }
                 Held::Crank(track, value) => {
                     let index = usize::from(value == CrankValue::Axis);
@@ -125,9 +121,7 @@ impl<'a> Drawing<'a> {
 
     /// Computes what formulas say from the numbers of a machine that are its own.
     pub(super) fn follow(&self, machine: &mut Machine) {
-        let Some(model) = &self.robot.model else {
-            return;
-        };
+        let model = &self.robot.model;
         for (track, described) in model.tracks.iter().enumerate() {
             let Some(described) = &described.crank else {
                 continue;
@@ -298,7 +292,7 @@ fn bound(formula: &Formula, of: &dyn Fn(&Formula) -> Option<f64>) -> Formula {
 
 /// Tensions of links that pull by ones which the description leaves unknown, with the remedy.
 fn unknown_pulls(robot: &Robot) -> Option<String> {
-    let links = &robot.model.as_ref()?.links;
+    let links = &robot.model.links;
     let is_unknown = |link: &&Link| link.pull.as_ref().is_some_and(|pull| pull.value.is_none());
     let names: Vec<&str> = links
         .iter()
@@ -325,35 +319,26 @@ fn links(
         let track = robot.clusters[link.cluster].track;
         let shared = track.and_then(|track| file.tracks.get(&robot.tracks[track]));
         let own = [file.links.get(&link.name), shared];
-        let described = robot
-            .model
-            .as_ref()
-            .and_then(|model| model.links.get(index));
-        let mut find = |quantity: &str, components: usize| -> (Vec<f64>, f64) {
-            if !robot.has_parameter(index, quantity) {
+        let described = robot.model.links.get(index);
+        let mut find = |value: Geometry| -> (Vec<f64>, f64) {
+            let key = LinkKey::Geometry(value);
+            let components = key.components();
+            if !robot.has_parameter(index, key) {
                 return (vec![0.0; components], 0.0);
             }
-            let stated = own.into_iter().flatten();
-            let stated = stated.filter_map(|values: &LinkValues| quantity_of(values, quantity));
-            let found = stated.map(|value| (value.value.clone(), value.tol)).next();
-            let found = found.or_else(|| {
-                let given = &described?.defaults;
-                match quantity {
-                    "length" => given_by(&given.length),
-                    "plate_joint" => given_by(&given.plate_joint),
-                    "track_offset" => given_by(&given.track_offset),
-                    _ => given_by(&given.track_direction),
-                }
-            });
+            let mut stated = own.into_iter().flatten();
+            let stated = stated.find_map(|values: &LinkValues| values.get(key));
+            let found = stated.map(|value| (value.value.clone(), value.tol));
+            let found = found.or_else(|| given_by(described?.defaults.given(value)));
             found.unwrap_or_else(|| {
-                lacks(format!("the {quantity} of link `{}`", link.name));
+                lacks(format!("the {} of link `{}`", value.name(), link.name));
                 (vec![0.0; components], 0.0)
             })
         };
-        let (length, of_length) = find("length", 1);
-        let (joint, of_joint) = find("plate_joint", 3);
-        let (offset, of_offset) = find("track_offset", 3);
-        let (direction, of_direction) = find("track_direction", 3);
+        let (length, of_length) = find(Geometry::Length);
+        let (joint, of_joint) = find(Geometry::PlateJoint);
+        let (offset, of_offset) = find(Geometry::TrackOffset);
+        let (direction, of_direction) = find(Geometry::TrackDirection);
         let pull = described.and_then(|link| link.pull.as_ref());
         let stated = own[0].and_then(|values| values.pull.as_ref());
         rods.push(Rod {
@@ -379,7 +364,8 @@ fn links(
                 (Some(stated), Some(_)) => stated.tol,
                 (_, pull) => pull.and_then(|pull| pull.tolerance).unwrap_or(0.0),
             },
-            is_free_to_turn: robot.has_parameter(index, "track_direction"),
+            is_free_to_turn: robot
+                .has_parameter(index, LinkKey::Geometry(Geometry::TrackDirection)),
         });
     }
     (rods, tolerances)
@@ -393,9 +379,8 @@ fn cranks(
 ) -> (Vec<Option<Crank>>, Vec<[f64; 2]>) {
     let tracks = robot.tracks.iter().enumerate();
     let of_track = tracks.map(|(track, name)| {
-        let model = robot.model.as_ref();
-        let described = model.and_then(|model| model.tracks.get(track)?.crank.as_ref());
-        let Some(described) = described else {
+        let described = robot.model.tracks.get(track);
+        let Some(described) = described.and_then(|track| track.crank.as_ref()) else {
             return (None, [0.0; 2]);
         };
         let stated = file.cranks.get(name);
@@ -406,7 +391,7 @@ fn cranks(
             let stated = stated.and_then(|values| values.get(crank_key(value.name())));
             let found = stated.map(|value: &Value| (value.value.clone(), value.tol));
             found
-                .or_else(|| given_by(described.quantity(value)))
+                .or_else(|| given_by(described.quantity(value).given()))
                 .unwrap_or_else(|| {
                     lacks(format!("the {} of crank `{name}`", value.name()));
                     (vec![0.0; 3], 0.0)
@@ -427,11 +412,7 @@ fn parameters(
     file: &RobotFile,
     lacks: &mut dyn FnMut(String),
 ) -> (BTreeMap<String, Vec<f64>>, BTreeMap<String, f64>) {
-    let described = robot
-        .model
-        .as_ref()
-        .map_or(&[][..], |model| &model.parameters);
-    let found = described.iter().map(|parameter| {
+    let found = robot.model.parameters.iter().map(|parameter| {
         let name = &parameter.name;
         let stated = file.parameters.get(name).filter(|_| !parameter.exact);
         let stated = stated.map(|value| (value.value.clone(), value.tol));
@@ -447,8 +428,8 @@ fn parameters(
 }
 
 /// Value and tolerance that a description gives.
-fn given_by<const N: usize>(quantity: &Quantity<N>) -> Option<(Vec<f64>, f64)> {
-    Some((quantity.value?.to_vec(), quantity.tolerance.unwrap_or(0.0)))
+fn given_by((value, tolerance): (Option<&[f64]>, Option<f64>)) -> Option<(Vec<f64>, f64)> {
+    Some((value?.to_vec(), tolerance.unwrap_or(0.0)))
 }
 
 fn three(values: &[f64]) -> Vector3<f64> {

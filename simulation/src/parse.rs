@@ -142,10 +142,8 @@ impl Text<'_> {
         };
         let Some(listed) = LISTED.iter().find(|listed| listed.name == name.text) else {
             let known = LISTED.iter().map(|listed| listed.name);
-            let model = robot.model.as_ref();
-            let is_own =
-                model.is_some_and(|model| model.effects.iter().any(|own| own.name == name.text));
-            if is_own {
+            let mut described = robot.model.effects.iter();
+            if described.any(|own| own.name == name.text) {
                 let message = format!(
                     "`{}` is an effect of the description, whose formulas the simulation does not compute: that would only \
                      check them against themselves",
@@ -218,12 +216,8 @@ impl Text<'_> {
             };
             return Err(self.error(part, message).help(help));
         }
-        let is_guideway = |track: usize| {
-            let model = robot.model.as_ref();
-            model.is_none_or(|model| model.tracks[track].crank.is_none())
-        };
         let guideways = robot.tracks.iter().enumerate();
-        let guideways = guideways.filter(|(track, _)| is_guideway(*track));
+        let guideways = guideways.filter(|(track, _)| !robot.is_crank(*track));
         let guideways: Vec<(usize, &str)> = guideways
             .map(|(track, name)| (track, name.as_str()))
             .collect();
@@ -397,8 +391,8 @@ fn in_units(parameter: &Parameter) -> String {
 fn acts_on(subject: Subject, robot: &Robot, link: usize) -> bool {
     let drive = robot.links[link].actuated_by;
     let is_pulled = || {
-        let model = robot.model.as_ref();
-        model.is_some_and(|model| model.links[link].pull.is_some())
+        let link = robot.model.links.get(link);
+        link.is_some_and(|link| link.pull.is_some())
     };
     match subject {
         Subject::Link => true,

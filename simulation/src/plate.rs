@@ -396,7 +396,7 @@ pub(super) fn rows_text(kind: PlateKind, rows: &[&PlateRow], shape: &Shape) -> S
     let object = kind
         .object()
         .filter(|_| rows.iter().any(|row| row.of.is_some()));
-    header.extend(object.map(|(column, _)| column.to_owned()));
+    header.extend(object.map(|object| object.column().to_owned()));
     let is_measured = |&k: &usize| rows.iter().any(|row| row.values[k].is_some());
     let measured: Vec<usize> = (0..kind.columns().len()).filter(is_measured).collect();
     header.extend(measured.iter().map(|&k| kind.columns()[k].to_owned()));

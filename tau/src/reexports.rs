@@ -58,8 +58,8 @@ pub mod language {
 /// Measurement folders: TCP poses (set 1), cart poses (set 2), cart positions (set 3).
 pub mod measurements {
     pub use tau_robot::measurements::{
-        Actuator, CartPose, CartPosition, Conditions, Distance, Division, Folder, PlateKind,
-        PlateRow, PoseCounts, PoseSigmas, Poses, Shape, Split, TcpPose, Texts,
+        Actuator, CartPose, CartPosition, Conditions, Distance, Division, Folder, ObjectKind,
+        PlateKind, PlateRow, PoseCounts, PoseSigmas, Poses, Shape, Split, TcpPose, Texts,
     };
 }
 
@@ -74,8 +74,8 @@ pub mod robot_file {
 /// Trust in answers: verdicts, recognised mistakes, and checks before a fit.
 pub mod trust {
     pub use tau_estimation::trust::{
-        Check, Checked, FileFacts, FileFit, Gap, Mistake, MistakeKind, Observability, PoseFit,
-        Pull, Range, Reach, Status, Verdict,
+        Check, Checked, FileFacts, FileFit, Gap, Mistake, MistakeKind, Need, Observability,
+        PoseFit, Pull, Range, Reach, Status, Verdict,
     };
 }
 
@@ -83,8 +83,9 @@ pub mod trust {
 pub mod unknown_poses {
     pub use tau_estimation::unknown_poses::{
         Freedom, GrossPose, GrossRow, HeldErrors, HeldOut, HeldOutFit, HeldOutKind, JudgedRows,
-        Kind, KindErrors, KindFit, KindRepeats, Moved, Object, ObjectEstimate, PlaceEstimate, Rank,
-        RowDivision, RowError, RowPlace, UnknownPoses, calibrate, evaluate, mistakes, rank,
+        Kind, KindErrors, KindFit, KindRepeats, Measurand, Moved, Object, ObjectEstimate,
+        PlaceEstimate, Rank, RowDivision, RowError, RowPlace, UnknownPoses, calibrate, evaluate,
+        mistakes, rank,
     };
 }
 

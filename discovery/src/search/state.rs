@@ -8,13 +8,12 @@ use super::super::candidate_set::{CandidateSet, Score};
 use super::super::linear_model::{Freed, LinearModel};
 use super::super::{Error, Input};
 use crate::subspace::Subspace;
-use tau_codegen::equations::PULL;
 use tau_estimation::calibration::{Prepared, length_noise};
 use tau_estimation::joint::Joint;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::joint::unknown::{self, Start};
 use tau_estimation::joint::variant::{free_turning, free_turning_from};
-use tau_robot::robot::Owner;
+use tau_robot::robot::{LinkKey, Owner};
 
 /// An effect in a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -207,7 +206,7 @@ impl State {
         let joint = &self.fit.joint;
         let is_pull = |&column: &usize| {
             let parameter = &joint.machine.variant.parameters[joint.used[column]];
-            matches!(parameter.owner, Owner::Link(_)) && parameter.quantity == PULL
+            LinkKey::of(parameter) == Some(LinkKey::Pull)
         };
         (0..joint.used.len()).filter(is_pull).collect()
     }

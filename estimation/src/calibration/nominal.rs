@@ -3,8 +3,8 @@
 use nalgebra::{Rotation3, Vector3};
 use tau_kinematics::{xyz, xyz_angles};
 use tau_robot::input_error::InputError;
-use tau_robot::robot::{Owner, Parameter, Robot, Variant};
-use tau_robot::robot_file::keys::{crank_key, effect_key, quantity_of};
+use tau_robot::robot::{LinkKey, Owner, Parameter, Robot, Value as Geometry, Variant};
+use tau_robot::robot_file::keys::{crank_key, effect_key};
 use tau_robot::robot_file::{LinkValues, RobotFile, Value};
 
 use super::registration::Registration;
@@ -102,12 +102,12 @@ impl<'a> Sources<'a> {
             Owner::Frame(_) | Owner::Target { .. } => {
                 from_description().or(Some(Nominal::new(0.0, parameter.tolerance)))
             }
-            _ if parameter.quantity == "track_rotation" => {
-                Some(self.rotation(parameter, component))
-            }
-            _ => self
-                .geometric(parameter, component)
-                .or_else(from_description),
+            Owner::Link(_) | Owner::Cluster(_) | Owner::Track(_) => match LinkKey::of(parameter) {
+                Some(LinkKey::TrackRotation) => Some(self.rotation(parameter, component)),
+                key => key
+                    .and_then(|key| self.geometric(parameter, key, component))
+                    .or_else(from_description),
+            },
         };
         found
             .filter(|nominal| nominal.value.is_finite())
@@ -164,9 +164,8 @@ impl<'a> Sources<'a> {
         }
     }
 
-    fn geometric(&self, parameter: &Parameter, component: usize) -> Option<Nominal> {
-        let quantity = parameter.quantity.as_str();
-        let given = |values: &'a LinkValues| quantity_of(values, quantity);
+    fn geometric(&self, parameter: &Parameter, key: LinkKey, component: usize) -> Option<Nominal> {
+        let given = |values: &'a LinkValues| values.get(key);
         let own = self.own_values(parameter.owner).and_then(given);
         if let Some(value) = own.or_else(|| self.shared_values(parameter.owner).and_then(given)) {
             return Nominal::of(value, component);
@@ -175,11 +174,12 @@ impl<'a> Sources<'a> {
         if links.is_empty() {
             return None;
         }
-        let is_folded = matches!(parameter.owner, Owner::Cluster(_)) && quantity == "track_offset";
+        let is_folded = matches!(parameter.owner, Owner::Cluster(_))
+            && key == LinkKey::Geometry(Geometry::TrackOffset);
         let (mut sum, mut variance) = (0.0, 0.0);
         let mut is_calibrated = false;
         for values in &links {
-            let value = quantity_of(values, quantity)?;
+            let value = values.get(key)?;
             is_calibrated |= value.sigma.is_some();
             sum += value.value.get(component)?;
             variance += value.tol.powi(2);

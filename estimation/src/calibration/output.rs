@@ -2,8 +2,10 @@
 
 use tau_kinematics::{Machine, Sample, Statics, xyz, xyz_angles};
 use tau_robot::measurements::TcpPose;
-use tau_robot::robot::{Instance, Owner, Parameter, ResidualKind, Robot, Value as Geometry};
-use tau_robot::robot_file::keys::{WIDE, crank_key, effect_key, quantity_slot};
+use tau_robot::robot::{
+    Instance, LinkKey, Owner, Parameter, ResidualKind, Robot, Value as Geometry,
+};
+use tau_robot::robot_file::keys::{WIDE, crank_key, effect_key};
 use tau_robot::robot_file::{Covariance, Reference, RobotFile, Value};
 
 use super::cost::closure_cost;
@@ -237,7 +239,7 @@ pub(super) fn file(
     // The program's angles refer to the registered path, the file's to the tracker frame of set 2.
     let rotations = used.iter().filter(|&&index| {
         let parameter = &machine.variant.parameters[index];
-        parameter.quantity == "track_rotation" && parameter.component == Some(0)
+        LinkKey::of(parameter) == Some(LinkKey::TrackRotation) && parameter.component == Some(0)
     });
     for &index in rotations {
         let slot = match machine.variant.parameters[index].owner {
@@ -289,7 +291,7 @@ fn slot<'f>(
         Owner::Frame(_) | Owner::Target { .. } => return None,
     };
     let values = section.entry(name.clone()).or_default();
-    quantity_slot(values, &quantity).map(Option::get_or_insert_default)
+    LinkKey::of(parameter).map(|key| values.slot(key).get_or_insert_default())
 }
 
 /// Writes a number to its place, and returns that and the number of places.

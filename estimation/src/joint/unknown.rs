@@ -263,7 +263,7 @@ impl Judged {
         for &sample in &self.samples {
             let is_own = |row: &usize| {
                 let origin = &self.origins[*row];
-                origin.sample == sample && origin.unit == "m"
+                origin.sample == sample && !origin.is_angle
             };
             let own: Vec<usize> = (0..self.origins.len()).filter(is_own).collect();
             let sigma = |k: usize| self.origins[own[k]].sigma;

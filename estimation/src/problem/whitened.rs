@@ -112,8 +112,8 @@ pub struct Origin {
     pub kind: &'static str,
     /// Noise that it is weighed by.
     pub sigma: f64,
-    /// SI unit of the noise.
-    pub unit: &'static str,
+    /// True if the noise is that of an angle (rad), false for a length (m).
+    pub is_angle: bool,
 }
 
 /// Samples that are evaluated together: what is passed from closure to closure stays in the nearest cache.

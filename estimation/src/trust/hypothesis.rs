@@ -42,7 +42,7 @@ pub(crate) enum Hypothesis {
     Zero { command: usize, by: f64 },
     /// Commands of these drives, which turn, are in degrees.
     CommandsInDegrees(Vec<usize>),
-    /// What was measured in a row belongs so many rows below it, or above.
+    /// Measured values belong so many rows below the one that they stand in, or above.
     Shifted(isize),
     /// Heights count the other way.
     Heights,

@@ -32,7 +32,7 @@ pub(crate) mod words;
 use crate::numerics::count;
 pub use check::{Check, Checked, FileFacts, Range, check};
 pub use mistake::{Mistake, MistakeKind};
-pub use observability::{Gap, Observability};
+pub use observability::{Gap, Need, Observability};
 pub use of_folder::{mistakes, refuse};
 pub use prediction::{of_prediction, outliers_of_validation};
 pub use pull::Pull;

@@ -5,19 +5,67 @@ use std::collections::BTreeSet;
 use tau_codegen::language::model::{Effect, Link, Readable, Subject, Target};
 use tau_codegen::language::{self, Model};
 use tau_robot::effects::CATALOGUE;
-use tau_robot::measurements::{CART_POSES, CART_POSITIONS, Folder, PlateKind, Shape};
+use tau_robot::measurements::{CART_POSES, CART_POSITIONS, Folder, NO_TRACKER, PlateKind, Shape};
 use tau_robot::robot::{Robot, TrackShape, Variant};
 use tau_robot::robot_file::RobotFile;
 
-/// Lacked by effects of carts where there are none: no measurement would show them.
-const NO_CART: &str = "a cart: the machine has none";
-/// The same of an effect on links of a kind.
-const NO_LINK: &str = "links of the kind that it acts on: the machine has none";
-/// The same of an effect on plate joints.
-const NO_JOINTS: &str = "plate joints: links meet in a point";
+/// Something that an effect needs to be seen, in the order of its words.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Need {
+    /// The mass that the plate carries, in the robot file.
+    Payload,
+    /// A cart, of which the machine has none: no measurement would show the effect.
+    Cart,
+    /// The file of set 2.
+    CartPoses,
+    /// Temperatures.
+    Temperature,
+    /// Times.
+    Time,
+    /// Directions of approach.
+    Directions,
+    /// Tensions, where a drive keeps one that is not known.
+    Tensions,
+    /// Links of the kind that the effect acts on, of which the machine has none.
+    Link,
+    /// Measurements by a tracker.
+    Tracker,
+    /// Joints of the plate, of which the machine has none.
+    PlateJoints,
+}
 
-/// The same of forces where a drive keeps one that is not known.
-const UNKNOWN_PULL: &str = "columns force1_N, …, or `pulled = … N` of the links that pull";
+impl Need {
+    /// The file, column or part.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Payload => "[payload] in robot.toml",
+            Self::Cart => "a cart: the machine has none",
+            Self::CartPoses => CART_POSES,
+            Self::Temperature => "column temperature_c",
+            Self::Time => "column time_s",
+            Self::Directions => "columns dir1, dir2, …",
+            Self::Tensions => "columns force1_N, …, or `pulled = … N` of the links that pull",
+            Self::Link => "links of the kind that it acts on: the machine has none",
+            Self::Tracker => NO_TRACKER,
+            Self::PlateJoints => "plate joints: links meet in a point",
+        }
+    }
+
+    /// True of parts that the machine has not.
+    fn is_of_machine(self) -> bool {
+        matches!(self, Self::Cart | Self::Link | Self::PlateJoints)
+    }
+
+    /// True of columns and values, which files that are there could hold.
+    fn is_in_files(self) -> bool {
+        match self {
+            Self::Payload | Self::Temperature | Self::Time | Self::Directions | Self::Tensions => {
+                true
+            }
+            Self::Cart | Self::CartPoses | Self::Link | Self::Tracker | Self::PlateJoints => false,
+        }
+    }
+}
 
 /// An effect of the catalogue, with what the measurements lack to show it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -25,7 +73,7 @@ pub struct Observability {
     /// Name of the effect.
     pub name: String,
     /// Files and columns that it needs and that are missing; empty where it could be seen.
-    pub lacks: Vec<&'static str>,
+    pub lacks: Vec<Need>,
 }
 
 /// Something that is not there.
@@ -43,9 +91,7 @@ pub(super) fn observabilities(
     file: &RobotFile,
     folder: &Folder,
 ) -> Vec<Observability> {
-    let Some(model) = &robot.model else {
-        return vec![];
-    };
+    let model = &*robot.model;
     // The shipped catalogue compiles beside any description; its own effects go before.
     let extended = language::effects_from_text(CATALOGUE, model);
     let model = extended.as_ref().unwrap_or(model);
@@ -56,58 +102,62 @@ pub(super) fn observabilities(
     model.effects.iter().map(of).collect()
 }
 
-fn lacks(effect: &Effect, model: &Model, file: &RobotFile, folder: &Folder) -> Vec<&'static str> {
+fn lacks(effect: &Effect, model: &Model, file: &RobotFile, folder: &Folder) -> Vec<Need> {
     let mut lacks = BTreeSet::new();
     let poses = &folder.tcp_poses;
     if effect.subject == Subject::Tcp {
-        lacks.extend(folder.hides_tracker());
+        lacks.extend(folder.hides_tracker().map(|_| Need::Tracker));
     }
     let is_on_cart = !effect.subject.is_link() && effect.subject != Subject::Tcp;
     if is_on_cart && model.guideways().next().is_none() {
-        lacks.insert(NO_CART);
+        lacks.insert(Need::Cart);
     }
     if effect.lacks_plate_joints(model.plate).is_some() {
-        lacks.insert(NO_JOINTS);
+        lacks.insert(Need::PlateJoints);
     }
     if effect.subject.is_link() && !model.links.iter().any(|link| effect.subject.admits(link)) {
-        lacks.insert(NO_LINK);
+        lacks.insert(Need::Link);
     }
     let pulls = model.links.iter().any(|link| link.pull.is_some());
     let is_unloaded = file.payload.is_none() && !pulls;
     let has_forces = folder.has_measured_tensions();
     let is_unknown = |link: &Link| link.pull.as_ref().is_some_and(|pull| pull.value.is_none());
     if effect.reads_forces() && !has_forces && model.links.iter().any(is_unknown) {
-        lacks.insert(UNKNOWN_PULL);
+        lacks.insert(Need::Tensions);
     }
     for quantity in effect.quantities() {
         let missing = match quantity {
             Readable::Direction => poses
                 .iter()
                 .any(|pose| pose.directions.is_none())
-                .then_some("columns dir1, dir2, …"),
+                .then_some(Need::Directions),
             Readable::Time => poses
                 .iter()
                 .any(|pose| pose.conditions.time_s.is_none())
-                .then_some("column time_s"),
+                .then_some(Need::Time),
             Readable::Temperature => poses
                 .iter()
                 .any(|pose| pose.conditions.temperature_c.is_none())
-                .then_some("column temperature_c"),
+                .then_some(Need::Temperature),
             Readable::LoadAlong
             | Readable::LoadHorizontal
             | Readable::LoadVertical
-            | Readable::Tension
-                if is_unloaded && (quantity != Readable::Tension || !has_forces) =>
-            {
-                Some("[payload] in robot.toml")
+            | Readable::Tension => {
+                let is_measured = quantity == Readable::Tension && has_forces;
+                (is_unloaded && !is_measured).then_some(Need::Payload)
             }
-            _ => None,
+            Readable::Command
+            | Readable::CommandOf(_)
+            | Readable::SourceCommand
+            | Readable::Length
+            | Readable::PaidOut
+            | Readable::Position(_) => None,
         };
         lacks.extend(missing);
     }
     let turns = |target| matches!(target, Target::Roll | Target::Pitch | Target::Yaw);
     if folder.cart_poses.is_empty() && effect.terms.iter().any(|term| turns(term.target)) {
-        lacks.insert(CART_POSES);
+        lacks.insert(Need::CartPoses);
     }
     lacks.into_iter().collect()
 }
@@ -152,23 +202,19 @@ pub(super) fn missing(robot: &Robot, folder: &Folder, effects: &[Observability])
     }
     let within_reach = || {
         let effects = effects.iter();
-        effects.filter(|effect| {
-            ![NO_CART, NO_JOINTS, NO_LINK]
-                .iter()
-                .any(|none| effect.lacks.contains(none))
-        })
+        effects.filter(|effect| !effect.lacks.iter().any(|need| need.is_of_machine()))
     };
-    let lacking: BTreeSet<&'static str> = within_reach()
+    let lacking: BTreeSet<Need> = within_reach()
         .flat_map(|effect| effect.lacks.iter().copied())
-        .filter(|what| what.starts_with("column") || what.starts_with('['))
+        .filter(|need| need.is_in_files())
         .collect();
-    for what in lacking {
+    for need in lacking {
         let names: Vec<&str> = within_reach()
-            .filter(|effect| effect.lacks.contains(&what))
+            .filter(|effect| effect.lacks.contains(&need))
             .map(|effect| effect.name.as_str())
             .collect();
         missing.push(Gap {
-            what,
+            what: need.words(),
             brings: format!("sight of {}", names.join(", ")),
         });
     }

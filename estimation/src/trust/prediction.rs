@@ -22,7 +22,7 @@ use crate::trust::of_folder::case;
 use crate::trust::of_folder::mistakes;
 use crate::trust::pull::Pull;
 use crate::trust::tried::{self, ITERATIONS};
-use crate::trust::verdict::{Status, Verdict, measured};
+use crate::trust::verdict::{LEAST_RATIO, Status, Verdict, measured};
 use crate::trust::{numbering, words};
 use crate::uncertainty::Uncertainty;
 use crate::weighing::{Deleted, MOST_POSES, Outlier, Treatment, Weighing, weigh};
@@ -123,7 +123,7 @@ pub fn of_prediction(
         verdict.judge(beyond.map(|own| Pull::of(&own, variant)).as_ref());
         verdict
     };
-    if verdict.status > Status::Consistent || verdict.residual_over_noise < 1.0 / 3.0 {
+    if verdict.status > Status::Consistent || verdict.residual_over_noise < LEAST_RATIO {
         let thinned = spread(division.validation.len(), MOST_POSES);
         let poses: Vec<usize> = (kept.iter())
             .map(|&index| division.validation[thinned[index]])
@@ -303,7 +303,7 @@ fn hold(
     held
 }
 
-/// What is not known of the machine in each row of a fit, in as many columns as the factor of its covariance has.
+/// Uncertainty of the machine in each row of a fit, in as many columns as the factor of its covariance has.
 fn spread_of(
     known: &Uncertainty,
     joint: &Joint,

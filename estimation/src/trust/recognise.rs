@@ -433,7 +433,7 @@ fn noise(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
     };
     let hypotheses = hypothesis::noise(case.robot.plate);
     let mut all = closer(case, &hypotheses, ITERATIONS);
-    // What lies far off is as large as noise that is stated too large, or hides that it is.
+    // Rows far off are as large as noise that is stated too large, or hide that it is.
     let best = least(all.iter(), |tried| tried.of_most.ln().abs());
     let kept = best.and_then(|best| kept_beside(case, best));
     let kept = kept.map(|kept| case.of_poses(&kept));

@@ -25,7 +25,7 @@ use crate::unknown_poses::errors_in_variables::GroupFit;
 use crate::weighing::{self, Loss, MOST_POSES, Outlier, Repeats, Weighing};
 
 /// Residuals below this share of the stated noise make it suspect: by chance even twenty of them are never so small.
-const LEAST_RATIO: f64 = 1.0 / 3.0;
+pub(super) const LEAST_RATIO: f64 = 1.0 / 3.0;
 
 /// The status of an answer: measurements, stated noise and parameters go together or not.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]

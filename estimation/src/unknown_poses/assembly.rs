@@ -9,9 +9,10 @@ use tau_robot::measurements::{Conditions, DISTANCES, Folder, PlateKind, PlateRow
 use tau_robot::robot_file::{RobotFile, StatedNoise};
 
 use super::kinds::kinds_of_noise;
+use super::measurand::Measurand;
 use super::objects::{Object, ObjectUnknown, collect_objects};
 use super::quantity::{Measured, Quantity, base};
-use super::rows::{AXES, Kind, RowPlace, Rows};
+use super::rows::{Kind, RowPlace, Rows};
 use super::tracker::{TrackerErrors, pose_sample, position_sample};
 use crate::calibration::error::Error;
 use crate::numerics::parallel;
@@ -97,10 +98,9 @@ pub(super) struct Chosen<'a> {
 
 impl Chosen<'_> {
     fn takes(&self, place: &RowPlace) -> bool {
-        let chosen = if place.file == DISTANCES {
-            self.distances.contains(&place.line)
-        } else {
-            self.poses.contains(&place.pose)
+        let chosen = match place.other_pose {
+            Some(_) => self.distances.contains(&place.line),
+            None => self.poses.contains(&place.pose),
         };
         chosen && !self.left_out.contains(place)
     }
@@ -389,14 +389,14 @@ impl<'a> Assembly<'a> {
             let own = self.folder.rows_of(kind);
             own.filter(|row| chosen.takes(&place_of(row)))
         };
-        if let Some(kind) = self.kind(TCP_POSES) {
+        if let Some(kind) = self.kind(|of| of == Measurand::PosePosition) {
             rows.extend(self.poses_measured(kind, machine, tracker, chosen)?);
         }
         for kind in [PlateKind::Position, PlateKind::Height, PlateKind::BallBar] {
-            let Some(component) = self.kind(kind.file()) else {
+            let Some(component) = self.kind(|of| of.plate() == Some(kind)) else {
                 continue;
             };
-            let by_axis = AXES.contains(&self.kinds[component].quantity);
+            let by_axis = matches!(self.kinds[component].of, Measurand::Coordinate(_));
             let mut alike: BTreeMap<(&str, Vec<usize>), Vec<&PlateRow>> = BTreeMap::new();
             for row in of_rows(kind) {
                 let own = row.sigmas.iter().enumerate();
@@ -435,7 +435,7 @@ impl<'a> Assembly<'a> {
                 rows.push(measured);
             }
         }
-        if let Some(kind) = self.kind(DISTANCES) {
+        if let Some(kind) = self.kind(|of| of == Measurand::Distance) {
             let family = Arc::new(Measured::new(Quantity::Distance));
             let stating = self.kind_by(kind, true);
             let mut of_all = [kind, stating]
@@ -472,21 +472,21 @@ impl<'a> Assembly<'a> {
         Ok(rows)
     }
 
-    pub(super) fn kind(&self, file: &str) -> Option<usize> {
-        self.kinds.iter().position(|kind| kind.file == file)
+    /// Index of the first kind of such a measurand.
+    pub(super) fn kind(&self, is_meant: impl Fn(Measurand) -> bool) -> Option<usize> {
+        self.kinds.iter().position(|kind| is_meant(kind.of))
     }
 
     pub(super) fn object_of(&self, kind: PlateKind, name: &str) -> Option<&Object> {
-        let section = kind.object()?.1;
+        let kind = kind.object()?;
         let mut objects = self.objects.iter();
-        objects.find(|object| object.section == section && object.name == name)
+        objects.find(|object| object.kind == kind && object.name == name)
     }
 
-    /// Kind of a row, of those of its name: the last one where it states its own noise.
+    /// Kind of a row, of those of its measurand: the last one where it states its own noise.
     fn kind_by(&self, kind: usize, states_own: bool) -> usize {
-        let Kind { file, quantity, .. } = self.kinds[kind];
-        let is_of_name = |own: &Kind| own.file == file && own.quantity == quantity;
-        let last = self.kinds.iter().rposition(is_of_name);
+        let of = self.kinds[kind].of;
+        let last = self.kinds.iter().rposition(|own| own.of == of);
         last.filter(|_| states_own).unwrap_or(kind)
     }
 

@@ -1,7 +1,5 @@
 //! Carts of sets 2 and 3 beside the plate: they say how tracks run and what carts do there, whatever measures the plate.
 
-use tau_codegen::language;
-use tau_robot::input_error::InputError;
 use tau_robot::robot::{Robot, TrackShape, Variant};
 
 use super::fit::Fit;
@@ -24,14 +22,13 @@ const CONVERGED: f64 = 1e-3;
 
 /// The variant with carts that sets 2 and 3 may see turn in proportion to their commands, as discovery
 /// fits it.
-fn turning_freely(robot: &Robot, variant: &Variant) -> Result<Variant, Error> {
-    let model = language::check_text(&robot.description)
-        .map_err(|errors| InputError::whole(&robot.name, errors.to_string()))?;
+fn turning_freely(robot: &Robot, variant: &Variant) -> Variant {
+    let model = &robot.model;
     let index = model.variants.iter().position(|v| v.name == variant.name);
-    Ok(index.map_or_else(
+    index.map_or_else(
         || variant.clone(),
-        |index| free_turning(&model, index, Some(variant), PosesOf::Machine),
-    ))
+        |index| free_turning(model, index, Some(variant), PosesOf::Machine),
+    )
 }
 
 /// The fit of all sets of a folder from one of set 1, which registers the others; poses of the division take part.
@@ -61,7 +58,7 @@ pub(super) fn all_sets<'a>(
     let variant = &*of_true_poses(setup)?;
     let prepared = if samples.len() > poses.len() {
         place_plates(&near.machine, &mut samples);
-        let free = turning_freely(robot, variant)?;
+        let free = turning_freely(robot, variant);
         Setup {
             variant: &free,
             ..setup

@@ -11,7 +11,8 @@ use super::assembly::{Assembly, CHUNK, Chosen, UnknownPose};
 use super::coupled::Coupled;
 use super::kinds::drive_sigmas;
 use super::lengths::Lengths;
-use super::rows::{DRIVES, LINKS, RowPlace, Rows};
+use super::measurand::Measurand;
+use super::rows::{RowPlace, Rows};
 use crate::calibration::error::Error;
 use crate::numerics::order::place;
 use crate::numerics::parallel;
@@ -33,8 +34,7 @@ impl Assembly<'_> {
         let sigmas = drive_sigmas(self.file, machine.robot.commands);
         let are_lengths = self.file.noise_of_links().is_some();
         let inner = Arc::clone(&family) as Arc<dyn ResidualFamily>;
-        let kind = self.kind(DRIVES).or_else(|| self.kind(LINKS));
-        let kind = kind.unwrap_or_default();
+        let kind = self.kind(Measurand::is_of_lengths).unwrap_or_default();
         let mut rows = Rows::new("links", inner, parameters, vec![kind; count]);
         let mut is_coupled = vec![false; count * count];
         let of_chunk = |(chunk, poses): (usize, &[UnknownPose])| {

@@ -12,7 +12,7 @@ pub use super::outcome::GroupFit;
 pub use crate::problem::Component;
 
 use super::kinds::NoiseGroup;
-use super::rows::{DRIVES, LINKS};
+use super::measurand::Measurand;
 use super::{RowDivision, carts};
 use crate::calibration::{self, Calibration, Error};
 use crate::setup::Setup;
@@ -54,7 +54,7 @@ pub fn calibrate(
     let division = RowDivision::of_poses(folder, poses);
     let mut fit = carts::all_sets(setup, &division, &closure_fit)?;
     fit.groups = NoiseGroup::all(&fit.assembly.kinds);
-    let closures = fit.assembly.kind(DRIVES).or(fit.assembly.kind(LINKS));
+    let closures = fit.assembly.kind(Measurand::is_of_lengths);
     let closure_m = closures.map_or(0.0, |kind| fit.assembly.kinds[kind].sigma);
     let settled = fit.settled_beside_carts(options, None)?;
     let measured: Vec<&TcpPose> = poses.iter().map(|&pose| &folder.tcp_poses[pose]).collect();

@@ -388,9 +388,9 @@ impl Grouped<'_> {
                     ..of.places[sample]
                 },
                 quantity: *quantities.entry(quantity).or_insert(next),
-                kind: kind.file,
+                kind: kind.of.file(),
                 sigma: kind.sigma / weight,
-                unit: kind.unit,
+                is_angle: kind.of.is_angle(),
             }
         })
         .collect()
@@ -408,7 +408,7 @@ impl Grouped<'_> {
     ) -> Result<(), Error> {
         let kinds = &self.blocks[CLOSURES].kinds;
         let kind = &self.assembly.kinds[kinds[0]];
-        if kind.unit == "m" {
+        if !kind.of.is_angle() {
             return Ok(());
         }
         let closures = closures_of(machine);
@@ -421,7 +421,7 @@ impl Grouped<'_> {
                 * slope(machine, closures[residual], &samples[self.index[reading]])?;
             if by_length > 0.0 {
                 origins[row].sigma = by_length.recip();
-                origins[row].unit = "m";
+                origins[row].is_angle = false;
             }
         }
         Ok(())

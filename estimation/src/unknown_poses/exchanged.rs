@@ -6,6 +6,7 @@ use tau_robot::measurements::DISTANCES;
 use super::dense::dot;
 use super::elimination::{ProjectedRow, Reduced};
 use super::fit::Fit;
+use super::measurand::Measurand;
 use crate::numerics::distribution::{chi2_quantile_above, chi2_survival, f_quantile_above};
 use crate::trust::{LEVEL as NOISE_LEVEL, Mistake, MistakeKind, NEARER};
 
@@ -18,7 +19,9 @@ impl Fit<'_> {
     /// other way round, and then leave no more than the noise, or much less than before. Of rows that fit no machine, some
     /// distances always fit better in the place of others.
     pub(super) fn exchanged_distances(&self) -> Vec<Mistake> {
-        let Some(block) = self.blocks.iter().position(|rows| rows.label == DISTANCES) else {
+        let is_distance = |kind: &usize| self.assembly.kinds[*kind].of == Measurand::Distance;
+        let mut blocks = self.blocks.iter();
+        let Some(block) = blocks.position(|rows| rows.kinds.iter().any(is_distance)) else {
             return vec![];
         };
         let reduced = self.elimination(&self.start).reduce();

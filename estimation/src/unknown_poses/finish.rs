@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
+use tau_robot::measurements::ObjectKind;
 use tau_robot::robot_file::{RobotFile, Value};
 use tau_solver::Problem;
 
@@ -218,14 +219,16 @@ impl Fit<'_> {
                 tol: tol(0),
                 sigma: Some(sigma.clone()),
             };
-            match object.section {
-                "targets" => {
+            match object.kind {
+                ObjectKind::Target => {
                     file.measuring.targets.insert(name.to_owned(), place);
                 }
-                "balls" if !object.name.is_empty() => {
+                // The file has names alone.
+                ObjectKind::Ball if object.name.is_empty() => {}
+                ObjectKind::Ball => {
                     file.measuring.balls.insert(name.to_owned(), place);
                 }
-                "surfaces" => {
+                ObjectKind::Surface => {
                     let [u, v] = quantity::across(&object.normal);
                     let normal = (object.normal + u * own[0] + v * own[1]).normalize();
                     let surface = tau_robot::robot_file::Surface {
@@ -242,7 +245,6 @@ impl Fit<'_> {
                     };
                     file.measuring.surfaces.insert(name.to_owned(), surface);
                 }
-                _ => {}
             }
         }
     }

@@ -85,7 +85,7 @@ impl Shared<'_> {
         // Motions that are open together, such as a rotation about an axis that is none of the frame's.
         let together: Vec<&Motion> = motions
             .iter()
-            .filter(|motion| !used.iter().any(|known| known.words == motion.words))
+            .filter(|motion| !used.iter().any(|known| std::ptr::eq(*known, *motion)))
             .collect();
         if !together.is_empty() && !basis.is_empty() {
             let columns: Vec<DVector<f64>> = together.iter().map(|m| m.change.clone()).collect();

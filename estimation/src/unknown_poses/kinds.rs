@@ -2,13 +2,12 @@
 
 use tau_kinematics::{Machine, Sample};
 use tau_robot::input_error::InputError;
-use tau_robot::measurements::{
-    CART_POSES, CART_POSITIONS, DISTANCES, Folder, PlateKind, TCP_POSES,
-};
+use tau_robot::measurements::{Folder, PlateKind};
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::{Noise, RobotFile, StatedNoise};
 
-use super::rows::{AXES, DRIVES, Kind, LINKS};
+use super::measurand::Measurand;
+use super::rows::Kind;
 use crate::calibration::error::Error;
 use crate::problem::{CLOSURE_SHARE, Component, POSE_UNKNOWNS};
 
@@ -28,10 +27,10 @@ pub(super) struct NoiseGroup {
 impl NoiseGroup {
     /// Those of the plate, links included, and each kind of carts for itself.
     pub(super) fn all(kinds: &[Kind]) -> Vec<Self> {
-        let group = |kind: &Kind| match (kind.file, kind.quantity) {
-            (CART_POSES, "position") => Component::CartPosition,
-            (CART_POSES, _) => Component::CartRotation,
-            (CART_POSITIONS, _) => Component::Position,
+        let group = |kind: &Kind| match kind.of {
+            Measurand::CartPosition => Component::CartPosition,
+            Measurand::CartRotation => Component::CartRotation,
+            Measurand::CartPoint => Component::Position,
             _ => Component::Closure,
         };
         let groups = Component::ALL.map(|component| Self {
@@ -59,21 +58,21 @@ pub(super) fn kinds_of_noise(
     if !folder.tcp_poses.is_empty() {
         kinds.extend(noise.of_poses()?);
     }
-    for (kind, quantity, key) in [
-        (PlateKind::Position, "position", "position_m"),
-        (PlateKind::Height, "height", "height_m"),
-        (PlateKind::BallBar, "distance", "distance_m"),
+    for (kind, of, key) in [
+        (PlateKind::Position, Measurand::Position, "position_m"),
+        (PlateKind::Height, Measurand::Height, "height_m"),
+        (PlateKind::BallBar, Measurand::BallBar, "distance_m"),
     ] {
         if folder.rows_of(kind).next().is_none() {
             continue;
         }
         match file.noise_of_axes().filter(|_| kind == PlateKind::Position) {
             Some(axes) => kinds.extend(noise.of_axes(folder, axes)?),
-            None => kinds.push(noise.of_lengths(kind.file(), quantity, key)?),
+            None => kinds.push(noise.of_lengths(of, key)?),
         }
     }
     if !folder.distances.is_empty() {
-        kinds.push(noise.of_lengths(DISTANCES, "distance", "distance_m")?);
+        kinds.push(noise.of_lengths(Measurand::Distance, "distance_m")?);
     }
     let stated = kinds
         .iter()
@@ -88,13 +87,13 @@ fn of_rows_that_state(kind: &Kind, folder: &Folder) -> Option<Kind> {
     if !kind.is_estimated() {
         return None;
     }
-    let axis = AXES.iter().position(|axis| *axis == kind.quantity);
-    let rows = (folder.plate_rows.iter()).filter(|row| row.kind.file() == kind.file);
-    let of_rows = rows.flat_map(|row| match axis {
-        Some(axis) => &row.sigmas[axis..=axis],
-        None => &row.sigmas[..],
+    let rows = (folder.plate_rows.iter()).filter(|row| Some(row.kind) == kind.of.plate());
+    let of_rows = rows.flat_map(|row| match kind.of {
+        Measurand::Coordinate(axis) => &row.sigmas[axis..=axis],
+        _ => &row.sigmas[..],
     });
-    let distances = folder.distances.iter().filter(|_| kind.file == DISTANCES);
+    let is_distance = kind.of == Measurand::Distance;
+    let distances = folder.distances.iter().filter(|_| is_distance);
     let own = of_rows.chain(distances.map(|row| &row.sigma_m)).flatten();
     let squares: Vec<f64> = own.map(|sigma| sigma * sigma).collect();
     let usual = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
@@ -113,62 +112,41 @@ impl Stated<'_> {
         InputError::whole(&self.0.source, message).help(help)
     }
 
-    fn unstated(&self, file: &str, key: &str) -> InputError {
+    fn unstated(&self, of: Measurand, key: &str) -> InputError {
         self.refused(
-            format!("nothing states the noise of {file}"),
+            format!("nothing states the noise of {}", of.file()),
             format!("add {key}, or \"estimate\""),
         )
     }
 
-    fn kind(
-        &self,
-        file: &'static str,
-        quantity: &'static str,
-        unit: &'static str,
-        stated: StatedNoise,
-    ) -> Kind {
+    fn kind(&self, of: Measurand, stated: StatedNoise) -> Kind {
         let usual = self.0.noise.position_m;
         let sigma = match stated {
             StatedNoise::Known(sigma) => sigma,
             StatedNoise::Estimate if usual.is_finite() => usual,
             StatedNoise::Estimate => FIRST_GUESS_M,
         };
-        Kind {
-            file,
-            quantity,
-            unit,
-            unit_m: (unit == "m").then_some(1.0),
-            stated: Some(stated),
-            sigma,
-            is_loose: false,
-        }
+        Kind::new(of, Some(stated), sigma)
     }
 
     fn of_poses(&self) -> Result<[Kind; 2], InputError> {
         let noise = self.0.noise;
         let of = [
-            ("position", "m", noise.position_m),
-            ("rotation", "rad", noise.rotation_rad),
+            (Measurand::PosePosition, noise.position_m),
+            (Measurand::PoseRotation, noise.rotation_rad),
         ];
-        if of.iter().any(|(.., sigma)| !sigma.is_finite()) {
+        if of.iter().any(|(_, sigma)| !sigma.is_finite()) {
             let keys = "`position_m` and `rotation_rad` to `[noise]`";
-            return Err(self.unstated(TCP_POSES, keys));
+            return Err(self.unstated(Measurand::PosePosition, keys));
         }
-        Ok(of.map(|(quantity, unit, sigma)| {
-            self.kind(TCP_POSES, quantity, unit, StatedNoise::Known(sigma))
-        }))
+        Ok(of.map(|(of, sigma)| self.kind(of, StatedNoise::Known(sigma))))
     }
 
-    fn of_lengths(
-        &self,
-        file: &'static str,
-        quantity: &'static str,
-        key: &str,
-    ) -> Result<Kind, InputError> {
-        let section = file.trim_end_matches(".csv");
-        let missing = || self.unstated(file, &format!("`[noise.{section}]` with `{key}`"));
-        let stated = self.0.noise_of(file).ok_or_else(missing)?;
-        Ok(self.kind(file, quantity, "m", stated))
+    fn of_lengths(&self, of: Measurand, key: &str) -> Result<Kind, InputError> {
+        let section = of.file().trim_end_matches(".csv");
+        let missing = || self.unstated(of, &format!("`[noise.{section}]` with `{key}`"));
+        let stated = self.0.noise_of(of.file()).ok_or_else(missing)?;
+        Ok(self.kind(of, stated))
     }
 
     /// Of positions, axis by axis; of one that no row measures any will do.
@@ -177,16 +155,21 @@ impl Stated<'_> {
         folder: &Folder,
         axes: [Option<StatedNoise>; 3],
     ) -> Result<Vec<Kind>, InputError> {
-        let of = PlateKind::Position;
-        let named = AXES.into_iter().zip(of.columns()).enumerate();
-        let kinds = named.map(|(k, (axis, column))| {
-            let is_measured = folder.rows_of(of).any(|row| row.values[k].is_some());
-            let any = axes.iter().flatten().next().copied();
-            let stated = axes[k].or(any.filter(|_| !is_measured));
-            let key = || format!("`{column}` to `[noise.tcp_positions]`");
-            let stated = stated.ok_or_else(|| self.unstated(of.file(), &key()))?;
-            Ok(self.kind(of.file(), axis, "m", stated))
-        });
+        let positions = PlateKind::Position;
+        let kinds = positions
+            .columns()
+            .iter()
+            .enumerate()
+            .map(|(axis, column)| {
+                let of = Measurand::Coordinate(axis);
+                let mut rows = folder.rows_of(positions);
+                let is_measured = rows.any(|row| row.values[axis].is_some());
+                let any = axes.iter().flatten().next().copied();
+                let stated = axes[axis].or(any.filter(|_| !is_measured));
+                let key = || format!("`{column}` to `[noise.tcp_positions]`");
+                let stated = stated.ok_or_else(|| self.unstated(of, &key()))?;
+                Ok(self.kind(of, stated))
+            });
         kinds.collect()
     }
 
@@ -205,7 +188,7 @@ impl Stated<'_> {
                     "keep the one that scatters more",
                 ));
             }
-            return Ok(self.kind(LINKS, "length", "m", stated));
+            return Ok(self.kind(Measurand::LinkLength, stated));
         }
         if others.is_empty() && are_exact {
             return Err(self.refused(
@@ -218,13 +201,13 @@ impl Stated<'_> {
             .clone()
             .all(|command| machine.robot.is_angle(command));
         let is_angle = turn && !are_exact;
-        let (unit, unit_m) = if is_angle {
-            ("rad", metres_per_radian(machine))
+        let unit_m = if is_angle {
+            metres_per_radian(machine)
         } else {
-            ("m", Some(1.0))
+            Some(1.0)
         };
         let (stated, sigma) = if are_exact {
-            let lengths = others.iter().filter(|kind| kind.unit == "m");
+            let lengths = others.iter().filter(|kind| !kind.of.is_angle());
             let least = lengths.map(|kind| kind.sigma).fold(f64::INFINITY, f64::min);
             (None, CLOSURE_SHARE * least)
         } else if drives.contains(&Some(StatedNoise::Estimate)) {
@@ -235,34 +218,20 @@ impl Stated<'_> {
             (Some(StatedNoise::Known(usual)), usual)
         };
         Ok(Kind {
-            file: DRIVES,
-            quantity: "closure",
-            unit,
             unit_m,
-            stated,
-            sigma,
-            is_loose: false,
+            ..Kind::new(Measurand::Closure { is_angle }, stated, sigma)
         })
     }
 }
 
 /// Kinds of residuals of carts, in the order of their [components](Component).
 pub(super) fn kinds_of_carts(noise: Noise) -> [Kind; 3] {
-    let (position, rotation) = (noise.position_m, noise.rotation_rad);
     let of = [
-        (CART_POSES, "position", "m", position),
-        (CART_POSES, "rotation", "rad", rotation),
-        (CART_POSITIONS, "position", "m", position),
+        (Measurand::CartPosition, noise.position_m),
+        (Measurand::CartRotation, noise.rotation_rad),
+        (Measurand::CartPoint, noise.position_m),
     ];
-    of.map(|(file, quantity, unit, sigma)| Kind {
-        file,
-        quantity,
-        unit,
-        unit_m: (unit == "m").then_some(1.0),
-        stated: Some(StatedNoise::Known(sigma)),
-        sigma,
-        is_loose: false,
-    })
+    of.map(|(of, sigma)| Kind::new(of, Some(StatedNoise::Known(sigma)), sigma))
 }
 
 /// Length (m) by which drives that turn move their links per radian at the reference, in the root mean square; of each

@@ -30,6 +30,7 @@ mod heldout;
 mod kinds;
 mod lengths;
 mod linearized;
+mod measurand;
 mod mirror;
 mod noise;
 mod objects;
@@ -54,6 +55,7 @@ mod widened;
 use std::collections::BTreeSet;
 
 use tau_kinematics::Machine;
+use tau_robot::measurements::ObjectKind;
 use tau_solver::{Solution, solve};
 
 use crate::calibration::{self, Combination, EXACT_COST, Error};
@@ -75,6 +77,7 @@ pub use evaluation::{
 pub use gauge::Freedom;
 pub use gross_poses::GrossPose;
 pub use heldout::{HeldOut, HeldOutFit};
+pub use measurand::Measurand;
 pub use objects::Object;
 pub use outcome::{GrossRow, ObjectEstimate, Rank, RowDivision, UnknownPoses};
 pub use predicted::HeldOutKind;
@@ -535,7 +538,7 @@ impl Fit<'_> {
     fn heights(&self) -> Vec<usize> {
         let is_in_plane = !self.assembly.free.contains(&2);
         let objects = self.assembly.objects.iter();
-        let balls = objects.filter(|object| is_in_plane && object.section == "balls");
+        let balls = objects.filter(|object| is_in_plane && object.kind == ObjectKind::Ball);
         balls.map(|ball| self.used.len() + ball.first + 2).collect()
     }
 

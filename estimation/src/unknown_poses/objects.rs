@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use tau_robot::input_error::{InputError, suggestion};
-use tau_robot::measurements::{Folder, PlateKind};
+use tau_robot::measurements::{Folder, ObjectKind, PlateKind};
 use tau_robot::robot_file::{Measuring, Value};
 
 use crate::calibration::error::Error;
@@ -13,8 +13,8 @@ use crate::numerics::order::smallest_first;
 /// Places of a target, a surface or a ball among the shared unknowns, behind the parameters of the variant.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Object {
-    /// Section of the robot file: `targets`, `surfaces` or `balls`.
-    pub section: &'static str,
+    /// Its kind.
+    pub kind: ObjectKind,
     /// Its name; empty for the only ball.
     pub name: String,
     /// Index of its first unknown behind the variant's.
@@ -47,7 +47,7 @@ pub(super) fn collect_objects(
     refuse_unknown_names(folder, measuring)?;
     let mut objects: Vec<Object> = vec![];
     for kind in [PlateKind::Position, PlateKind::Height, PlateKind::BallBar] {
-        let Some((_, section)) = kind.object() else {
+        let Some(object) = kind.object() else {
             continue;
         };
         let names: BTreeSet<Option<&String>> = (folder.rows_of(kind))
@@ -58,7 +58,7 @@ pub(super) fn collect_objects(
             // Without a name: the TCP itself, the plane z = 0; but a ball is always somewhere.
             let Some(name) = name
                 .map(String::as_str)
-                .or((kind == PlateKind::BallBar).then_some(""))
+                .or((object == ObjectKind::Ball).then_some(""))
             else {
                 continue;
             };
@@ -67,9 +67,9 @@ pub(super) fn collect_objects(
                 .filter(|row| row.of.as_deref().unwrap_or("") == name)
                 .filter_map(|row| Some((*poses.get(&row.pose)?, row.values[0]?)))
                 .collect();
-            let (unknowns, normal) = unknowns(kind, name, measuring, &rows);
+            let (unknowns, normal) = unknowns(object, name, measuring, &rows);
             objects.push(Object {
-                section,
+                kind: object,
                 name: name.to_owned(),
                 first,
                 unknowns,
@@ -83,20 +83,21 @@ pub(super) fn collect_objects(
 /// Refuses names that the robot file does not list, where it lists some of their kind.
 fn refuse_unknown_names(folder: &Folder, measuring: &Measuring) -> Result<(), InputError> {
     for row in &folder.plate_rows {
-        let Some((column, section)) = row.kind.object() else {
+        let Some(object) = row.kind.object() else {
             continue;
         };
-        let known: Vec<&str> = match row.kind {
-            PlateKind::Position => measuring.targets.keys().map(String::as_str).collect(),
-            PlateKind::Height => measuring.surfaces.keys().map(String::as_str).collect(),
-            _ => measuring.balls.keys().map(String::as_str).collect(),
+        let known: Vec<&str> = match object {
+            ObjectKind::Target => measuring.targets.keys().map(String::as_str).collect(),
+            ObjectKind::Surface => measuring.surfaces.keys().map(String::as_str).collect(),
+            ObjectKind::Ball => measuring.balls.keys().map(String::as_str).collect(),
         };
-        let is_ball = row.kind == PlateKind::BallBar;
+        let is_ball = object == ObjectKind::Ball;
         let name = row.of.as_deref().or(is_ball.then_some(""));
         let Some(name) = name.filter(|name| !known.is_empty() && !known.contains(name)) else {
             continue;
         };
         let place = format!("{}/{}:{}", folder.name, row.kind.file(), row.line);
+        let (column, section) = (object.column(), object.section());
         let message = format!("{column} `{name}` is in no `[{section}.NAME]` of the robot file");
         return Err(InputError::whole(place, message).help(suggestion(name, known)));
     }
@@ -105,7 +106,7 @@ fn refuse_unknown_names(folder: &Folder, measuring: &Measuring) -> Result<(), In
 
 /// Unknowns of an object, and its normal at no tilt; `rows` are places of the TCP with what was measured there.
 fn unknowns(
-    kind: PlateKind,
+    kind: ObjectKind,
     name: &str,
     measuring: &Measuring,
     rows: &[(Vector3<f64>, f64)],
@@ -122,7 +123,7 @@ fn unknowns(
         (0..3).map(coordinate).collect()
     };
     match kind {
-        PlateKind::Height => {
+        ObjectKind::Surface => {
             let stated = measuring.surfaces.get(name);
             let normal = match stated {
                 Some(surface) => Vector3::from_column_slice(&surface.normal.value).normalize(),
@@ -148,11 +149,11 @@ fn unknowns(
             };
             (vec![tilt("1"), tilt("2"), offset], normal)
         }
-        PlateKind::BallBar => {
+        ObjectKind::Ball => {
             let stated = measuring.balls.get(name);
             (place(place_of_ball(rows, stated), stated), Vector3::z())
         }
-        _ => {
+        ObjectKind::Target => {
             let stated = measuring.targets.get(name);
             let start = stated.map_or(Vector3::zeros(), stated_place);
             (place(start, stated), Vector3::z())

@@ -22,14 +22,15 @@ pub(super) fn predicted(blocks: &[Rows], kinds: &[Kind], reduced: &Reduced) -> V
     for (rows, residuals) in blocks.iter().zip(&reduced.residuals).skip(CLOSURES + 1) {
         for (k, (residual, weight)) in residuals.iter().zip(&rows.weights).enumerate() {
             let kind = &kinds[rows.kinds[k % rows.kinds.len()]];
-            if *weight == 0.0 || kind.unit != "m" {
+            if *weight == 0.0 || kind.of.is_angle() {
                 continue;
             }
             let error = (residual * kind.sigma / weight).abs();
-            let known = predicted.iter().position(|known| known.file == kind.file);
+            let file = kind.of.file();
+            let known = predicted.iter().position(|known| known.file == file);
             let place = known.unwrap_or_else(|| {
                 predicted.push(HeldOutKind {
-                    file: kind.file,
+                    file,
                     rows: 0,
                     rms: 0.0,
                     max: 0.0,

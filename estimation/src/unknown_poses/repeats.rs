@@ -18,7 +18,8 @@ use super::dense::Dense;
 use super::elimination::{Elimination, Reduced};
 use super::fit::Fit;
 use super::kinds::drive_sigmas;
-use super::rows::{ABSORBED, CLOSURES, DRIVES, KindRepeats, RowIndex, RowPlace};
+use super::measurand::Measurand;
+use super::rows::{ABSORBED, CLOSURES, KindRepeats, RowIndex, RowPlace};
 use crate::weighing::{LackOfFit, along, apart, together};
 
 /// Readings of one quantity.
@@ -177,7 +178,7 @@ impl Fit<'_> {
         let kinds = self.assembly.kinds.iter().zip(sums);
         kinds
             .map(|(kind, sums)| {
-                let share = if kind.file == DRIVES {
+                let share = if matches!(kind.of, Measurand::Closure { .. }) {
                     self.noisy_share()
                 } else {
                     1.0

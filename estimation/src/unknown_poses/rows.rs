@@ -4,11 +4,12 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use tau_kinematics::Machine;
-use tau_robot::measurements::{CART_POSES, CART_POSITIONS, TCP_POSES};
+use tau_robot::measurements::{CART_POSES, CART_POSITIONS};
 use tau_robot::robot_file::StatedNoise;
 use tau_runtime::ResidualFamily;
 use tau_solver::{Block, Loss};
 
+use super::measurand::Measurand;
 use super::quantity::Measured;
 use super::tracker::{TrackerErrors, WithErrors};
 use crate::calibration::error::Error;
@@ -23,25 +24,14 @@ pub use crate::problem::RowPlace;
 /// rest would be divided by a number that rounding and linearisation move.
 pub(super) const ABSORBED: f64 = 0.95;
 
-/// Coordinates whose noise is stated by axis.
-pub(super) const AXES: [&str; 3] = ["x", "y", "z"];
-/// Name under which the residuals of links are told.
-pub(super) const DRIVES: &str = "drives";
-/// Name under which they are told where links have noise of their own.
-pub(super) const LINKS: &str = "links";
-
 /// A row of a sample: block, index of the sample, residual.
 pub(super) type RowIndex = (usize, usize, usize);
 
 /// A kind of residual, with a noise of its own.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Kind {
-    /// Name of the file; that of the drives where they are read.
-    pub file: &'static str,
     /// Measured quantity.
-    pub quantity: &'static str,
-    /// SI unit of the noise: of drives that are read it is theirs, rad where all of them turn.
-    pub unit: &'static str,
+    pub of: Measurand,
     /// Length (m) that one unit of it is: of drives that turn, by which they move links. `None` of rotations, which move no
     /// point.
     pub unit_m: Option<f64>,
@@ -54,6 +44,17 @@ pub struct Kind {
 }
 
 impl Kind {
+    /// One whose unit is that of lengths or of rotations.
+    pub(super) fn new(of: Measurand, stated: Option<StatedNoise>, sigma: f64) -> Self {
+        Self {
+            of,
+            unit_m: (!of.is_angle()).then_some(1.0),
+            stated,
+            sigma,
+            is_loose: false,
+        }
+    }
+
     /// True if the noise is to be estimated.
     pub fn is_estimated(&self) -> bool {
         self.stated == Some(StatedNoise::Estimate)
@@ -61,12 +62,12 @@ impl Kind {
 
     /// True for measurements of carts.
     pub fn is_of_carts(&self) -> bool {
-        [CART_POSES, CART_POSITIONS].contains(&self.file)
+        self.of.is_of_carts()
     }
 
     /// True for closures, by the noise of drives or of the links' lengths.
     pub fn is_of_lengths(&self) -> bool {
-        [DRIVES, LINKS].contains(&self.file)
+        self.of.is_of_lengths()
     }
 
     /// Noise that residuals are weighed by over the stated one: more than 1 where a variant misses carts.
@@ -94,11 +95,7 @@ impl Kind {
 
     /// The file, with the quantity where it has several.
     pub(super) fn words(&self) -> String {
-        if AXES.contains(&self.quantity) || self.file == TCP_POSES {
-            format!("{} in {}", self.quantity, self.file)
-        } else {
-            self.file.to_owned()
-        }
+        self.of.words()
     }
 }
 

@@ -88,7 +88,7 @@ pub(super) fn best(
             let Some(found) = found.ok().filter(is_fit) else {
                 continue;
             };
-            // What is no better was found before, or is the image of that.
+            // A fit that is no better was found before, or is the image of one that was.
             if best.as_ref().is_some_and(|best| !found.is_better(best)) {
                 continue;
             }

@@ -8,6 +8,7 @@ use tau_robot::measurements::plausible::LARGEST_NOISE;
 use tau_robot::robot_file::{RobotFile, StatedNoise};
 
 use super::UnknownPoses;
+use super::measurand::Measurand;
 use super::rows::KindFit;
 use super::trials::Case;
 use crate::numerics::distribution::chi2_survival;
@@ -162,7 +163,8 @@ fn is_noise(fit: &KindFit) -> bool {
 
 impl Whose {
     fn is_of(self, fit: &KindFit) -> bool {
-        let is_drives = fit.kind.quantity == "closure" && !fit.kind.is_exact();
+        let is_closure = matches!(fit.kind.of, Measurand::Closure { .. });
+        let is_drives = is_closure && !fit.kind.is_exact();
         !fit.kind.is_estimated() && is_drives == (self == Self::Drives)
     }
 

@@ -12,7 +12,7 @@ use tau_robot::robot_file::StatedNoise;
 use super::elimination::Reduced;
 use super::fit::Fit;
 use super::gauge::scaled;
-use super::{EstimatedPoses, RowDivision, Side, calibrate};
+use super::{EstimatedPoses, Measurand, RowDivision, Side, calibrate};
 use crate::calibration::{Options, machine_from_file};
 use crate::joint::unknown::closure_derivatives;
 use crate::problem::Eliminated;
@@ -436,7 +436,7 @@ fn repeats_are_those_of_the_dense_hat_matrix() {
             fit.blocks[block].kinds[residual] == kind
         };
         let own: Vec<usize> = (0..height).filter(of_kind).collect();
-        let is_drives = redundancy.kind.file == "drives";
+        let is_drives = matches!(redundancy.kind.of, Measurand::Closure { .. });
         // Quantity and noise of each row.
         let mut groups: BTreeMap<_, Vec<(usize, f64)>> = BTreeMap::new();
         for (index, &row) in own.iter().enumerate() {
@@ -444,7 +444,7 @@ fn repeats_are_those_of_the_dense_hat_matrix() {
             let place = fit.blocks[block].places[sample];
             let (key, sigma) = if is_drives {
                 ((place.pose, 0, residual), None)
-            } else if place.file == "distances.csv" {
+            } else if place.other_pose.is_some() {
                 let row = &folder.distances[place.line - 2];
                 let [a, b] = row.poses;
                 ((a.min(b), a.max(b), 0), row.sigma_m)

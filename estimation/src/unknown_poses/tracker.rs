@@ -40,11 +40,9 @@ pub(super) fn of_true_poses(setup: Setup<'_>) -> Result<Cow<'_, Variant>, Error>
         let help = "take a variant without it, or add positions or poses that a tracker measured";
         return Err(InputError::whole(&folder.name, message).help(help).into());
     }
-    let known = robot.model.as_ref().and_then(|model| {
-        let mut variants = model.variants.iter();
-        let index = variants.position(|own| own.name == variant.name)?;
-        Some(at_true_poses(model, index, variant))
-    });
+    let mut variants = robot.model.variants.iter();
+    let index = variants.position(|own| own.name == variant.name);
+    let known = index.map(|index| at_true_poses(&robot.model, index, variant));
     let unknown = || {
         let message = format!("variant `{}` is not in its description", variant.name);
         InputError::whole(&robot.name, message).into()

@@ -67,7 +67,7 @@ impl UnknownPoses {
     /// Repeated readings of a kind.
     fn repeatability(fit: &KindFit) -> Option<String> {
         let repeats = fit.repeats?;
-        let unit = fit.kind.unit;
+        let unit = fit.kind.of.unit();
         let subject = format!(
             "Of {}, {} readings of {} values",
             fit.kind.words(),
@@ -134,7 +134,7 @@ impl UnknownPoses {
         for fit in noisy().filter(|fit| takes(&fit.kind)) {
             let Some(repeats) = fit.repeats else { continue };
             let own = fit.kind.words();
-            let in_words = |sigma| deviation(sigma, fit.kind.unit);
+            let in_words = |sigma| deviation(sigma, fit.kind.of.unit());
             if is_too_small(fit) {
                 causes.push(format!(
                     "The stated noise of {own} is too small: readings of one value scatter by {}.",
@@ -256,12 +256,12 @@ impl UnknownPoses {
             residual_over_noise: self.residual_over_noise(),
             by_file: kinds
                 .map(|fit| FileFit {
-                    file: fit.kind.file,
-                    kind: fit.kind.quantity,
+                    file: fit.kind.of.file(),
+                    kind: fit.kind.of.quantity(),
                     rows: fit.rows,
                     rms: fit.rms(),
                     expected_rms: fit.expected_rms(),
-                    unit: fit.kind.unit,
+                    unit: fit.kind.of.unit(),
                 })
                 .collect(),
             worst: (self.gross.iter().take(LISTED))
@@ -373,7 +373,11 @@ impl UnknownPoses {
         let missed: Vec<String> = missed
             .map(|kind| {
                 let times = general(kind.excess(), 2);
-                format!("{}s in {} {times} times", kind.quantity, kind.file)
+                format!(
+                    "{}s in {} {times} times",
+                    kind.of.quantity(),
+                    kind.of.file()
+                )
             })
             .collect();
         (!missed.is_empty()).then(|| {
@@ -387,7 +391,7 @@ impl UnknownPoses {
 
 fn estimated_noise(fit: &KindFit) -> String {
     let own = fit.kind.words();
-    let Kind { unit, sigma, .. } = fit.kind;
+    let (unit, sigma) = (fit.kind.of.unit(), fit.kind.sigma);
     let Some(ratio) = fit.residual_over_noise() else {
         return format!("The noise of {own} could not be estimated: the fit follows its rows.");
     };

@@ -206,6 +206,16 @@ pub struct LinkDefaults {
 }
 
 impl LinkDefaults {
+    /// Numbers and tolerance of a value.
+    pub fn given(&self, value: Value) -> (Option<&[f64]>, Option<f64>) {
+        match value {
+            Value::Length => self.length.given(),
+            Value::PlateJoint => self.plate_joint.given(),
+            Value::TrackOffset => self.track_offset.given(),
+            Value::TrackDirection => self.track_direction.given(),
+        }
+    }
+
     /// The formula that a value is, if it is one.
     pub fn formula(&self, value: Value) -> Option<&Formula> {
         match value {
@@ -277,6 +287,14 @@ pub struct Quantity<const N: usize> {
     pub tolerance: Option<f64>,
     /// Formula that it follows from: it then has neither a value nor a parameter of its own. A vector where it has components.
     pub formula: Option<Formula>,
+}
+
+impl<const N: usize> Quantity<N> {
+    /// Numbers and tolerance.
+    pub fn given(&self) -> (Option<&[f64]>, Option<f64>) {
+        let numbers = self.value.as_ref().map(<[f64; N]>::as_slice);
+        (numbers, self.tolerance)
+    }
 }
 
 impl<const N: usize> Default for Quantity<N> {

@@ -1,8 +1,10 @@
 //! Findings of discovery, in plain sentences.
 
+use std::fmt;
+
 use tau::discovery::results::{
-    ErrorOf, FoundEffect, GrossRow, LeftOut, Model, Motion, Place, Quantity, Readable, Reason,
-    Target, Unnamed,
+    ErrorOf, FoundEffect, GrossRow, LeftOut, Model, Motion, Order, Place, Quantity, Readable,
+    Reason, Target, Unnamed,
 };
 use tau::discovery::{Discovery, Status};
 
@@ -12,13 +14,29 @@ use crate::figures::typographic;
 use crate::number::{fixed, general, largest};
 use crate::unknown_poses;
 
-/// The part that errs: the tracker, where all that was found is in its measurements.
-pub(crate) fn what_errs(found: &Discovery) -> &'static str {
+/// A device that errs.
+#[derive(Clone, Copy)]
+pub(crate) enum Device {
+    Machine,
+    Tracker,
+}
+
+impl fmt::Display for Device {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Machine => "machine",
+            Self::Tracker => "tracker",
+        })
+    }
+}
+
+/// The device that errs: the tracker, where all that was found is in its measurements.
+pub(crate) fn device(found: &Discovery) -> Device {
     let is_of_tracker = found.effects.iter().all(|own| own.place == Place::Tcp);
     if is_of_tracker && !found.effects.is_empty() && found.unnamed.is_empty() {
-        "tracker"
+        Device::Tracker
     } else {
-        "machine"
+        Device::Machine
     }
 }
 
@@ -65,7 +83,7 @@ fn rises_or_falls(before: f64, after: f64) -> &'static str {
 }
 
 fn status(found: &Discovery) -> String {
-    let errs = what_errs(found);
+    let errs = device(found);
     let base = format!("the model {}", words::variant(&found.model, &found.base));
     let count = found.effects.len();
     let errors = match count {
@@ -326,7 +344,7 @@ fn noise(found: &Discovery) -> Option<String> {
 fn serial(found: &Discovery) -> Option<String> {
     let whiteness = found.whiteness.as_ref()?;
     let after = whiteness.after;
-    let verdict = if after.p_value.min(after.portmanteau_p_value) < 0.01 {
+    let verdict = if after.is_significant() {
         "more than chance: noise is serial, or something unknown varies slowly"
     } else {
         "no more than chance"
@@ -334,10 +352,9 @@ fn serial(found: &Discovery) -> Option<String> {
     Some(format!(
         "In the order of {}, neighbouring poses{} correlate by {} (p = {}); lags 1 to {} together p = {}: \
          {verdict}.",
-        if whiteness.order == "time" {
-            "time"
-        } else {
-            "the file"
+        match whiteness.order {
+            Order::Time => "time",
+            Order::Row => "the file",
         },
         match found.validation.of {
             ErrorOf::Position => " of set 1",

@@ -51,7 +51,7 @@ pub(crate) fn sentences(found: &Discovery) -> Markup {
         p { (findings::verdict(found)) }
         p { (findings::gap(found)) }
         @if !found.effects.is_empty() || !unnamed.is_empty() {
-            h3 { "What is wrong with the " (findings::what_errs(found)) }
+            h3 { "What is wrong with the " (findings::device(found)) }
             ol.found {
                 @for effect in &found.effects {
                     li {

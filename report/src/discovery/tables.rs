@@ -1,8 +1,7 @@
 //! The tables of a discovery.
 
 use tau::discovery::Discovery;
-use tau::discovery::results::Verdict;
-use tau::discovery::results::{ErrorOf, SerialCorrelation, UsedEffect};
+use tau::discovery::results::{ErrorOf, Order, SerialCorrelation, UsedEffect, Verdict};
 
 use super::words::{rest_or_error, sizes};
 use super::{at, chance, readable};
@@ -223,8 +222,8 @@ pub(crate) fn noise(found: &Discovery) -> Option<Table> {
 pub(crate) fn whiteness(found: &Discovery) -> Option<Table> {
     let whiteness = found.whiteness.as_ref()?;
     let order = match whiteness.order {
-        "time" => "order of time",
-        _ => "order of the file, which has no times",
+        Order::Time => "order of time",
+        Order::Row => "order of the file, which has no times",
     };
     let row = |name: &str, serial: SerialCorrelation| {
         vec![

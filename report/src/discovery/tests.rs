@@ -2,9 +2,9 @@ use roxmltree::Document;
 use tau::discovery::PValue;
 use tau::discovery::results::{
     Ambiguous, Bin, Derived, Dimension, Discovery, ErrorOf, Estimate, Evidence, FoundEffect, Gap,
-    LeftOut, Micro, Misfit, Motion, NoiseScale, Pattern, PiecewiseTrack, Place, Pull, Quantity,
-    Readable, Reason, Rival, Separation, SerialCorrelation, Spectrum, Status, Step, Target,
-    Treatment, Unnamed, Unseen, UsedEffect, Validation, Wave, Whiteness,
+    LeftOut, Micro, Misfit, Motion, NoiseScale, Order, Pattern, PiecewiseTrack, Place, Pull,
+    Quantity, Readable, Reason, Rival, Separation, SerialCorrelation, Spectrum, Status, Step,
+    Target, Treatment, Unnamed, Unseen, UsedEffect, Validation, Wave, Whiteness,
 };
 use tau::measurements::PoseCounts;
 use tau::robot::Architecture;
@@ -161,7 +161,7 @@ fn found() -> Discovery {
             kappa_reverse: 0.7,
         }],
         whiteness: Some(Whiteness {
-            order: "time",
+            order: Order::Time,
             poses: 61,
             lags: 10,
             before: serial(0.4, 1e-9),

@@ -2,7 +2,9 @@
 //! user's own effects read like those that ship.
 
 use tau::discovery::Discovery;
-use tau::discovery::results::{ErrorOf, Estimate, FoundEffect, Model, Motion, Place, Target, Wave};
+use tau::discovery::results::{
+    ErrorOf, Estimate, FULL_ARM, FoundEffect, Model, Motion, Place, Target, Wave,
+};
 use tau_codegen::language::model::{Arm, TrackShape};
 
 use super::{listed, readable, readable_at};
@@ -70,7 +72,7 @@ pub(crate) fn title(model: &Model, name: &str) -> String {
         return first;
     }
     let name = match name {
-        "full_arm" => "links of a cluster that are neither parallel nor of one length",
+        FULL_ARM => "links of a cluster that are neither parallel nor of one length",
         name => name,
     };
     capital(&name.replace('_', " "))

@@ -140,7 +140,7 @@ fn list(found: &Discovery) -> Markup {
     html! {
         @if !entries.is_empty() {
             h2.small {
-                "Found on the " (discovered::what_errs(found))
+                "Found on the " (discovered::device(found))
                 @if !found.effects.is_empty() {
                     span.drop { ", with the change of the mean " (rest_or_error(found)) }
                 }

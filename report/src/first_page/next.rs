@@ -7,6 +7,7 @@ use tau::prototype::ROBOT_NAME;
 use tau::study::results::Study;
 use tau::trust::{Check, Mistake, Status, Verdict};
 
+use crate::discovery::findings::Device;
 use crate::discovery::words::{capital, part, rest_or_error, title};
 use crate::discovery::{at, findings, listed};
 use crate::number::general;
@@ -198,9 +199,9 @@ fn heaviest(found: &Discovery) -> Option<String> {
         .iter()
         .filter(|effect| effect.heldout_drop_um > 0.0);
     let most = gains.max_by(|a, b| a.heldout_drop_um.total_cmp(&b.heldout_drop_um))?;
-    let removed = match findings::what_errs(found) {
-        "tracker" => "Have the tracker checked, or correct what it measures.",
-        _ => "Remove the causes on the machine, or compensate them.",
+    let removed = match findings::device(found) {
+        Device::Tracker => "Have the tracker checked, or correct what it measures.",
+        Device::Machine => "Remove the causes on the machine, or compensate them.",
     };
     Some(format!(
         "{removed} The heaviest is {} ({}): {} µm of the mean {}.",

@@ -115,7 +115,7 @@ pub fn check(check: &Check) -> Value {
         "exchange_unnoticed": check.exchange_unnoticed,
         "variants": variants,
         "effects": effects
-            .map(|effect| json!({ "name": effect.name, "visible": effect.lacks.is_empty(), "lacks": effect.lacks }))
+            .map(|effect| json!({ "name": effect.name, "visible": effect.lacks.is_empty(), "lacks": effect.lacks.iter().map(|own| own.words()).collect::<Vec<_>>() }))
             .collect::<Vec<_>>(),
         "missing": missing.map(|gap| json!({ "what": gap.what, "brings": gap.brings })).collect::<Vec<_>>(),
         "misfit": check.misfit,

@@ -59,7 +59,7 @@ impl Parameters {
     /// # Errors
     /// The robot has no such parameters.
     pub fn of(robot: &Robot, file: &RobotFile) -> Result<Self, InputError> {
-        let described = robot.model.iter().flat_map(|model| &model.parameters);
+        let described = robot.model.parameters.iter();
         let value = |name: &str| {
             let of_file = file.parameters.get(name).map(|own| &own.value);
             let mut described = described.clone();

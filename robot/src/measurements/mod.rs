@@ -13,7 +13,7 @@ pub mod table;
 mod texts;
 mod visits;
 
-pub use plate::{DISTANCES, Distance, PlateKind, PlateRow};
+pub use plate::{DISTANCES, Distance, NO_TRACKER, ObjectKind, PlateKind, PlateRow};
 pub use read_plate::SAME_POSE;
 pub use selection::{Division, PoseCounts, Poses, Split};
 pub use shape::{Actuator, Shape, force_name};

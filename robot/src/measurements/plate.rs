@@ -44,13 +44,44 @@ impl PlateKind {
         }
     }
 
-    /// Optional column that names what was measured or from where, and the section of the robot file that places it.
-    pub fn object(self) -> Option<(&'static str, &'static str)> {
+    /// Kind of the objects that are measured, or from which.
+    pub fn object(self) -> Option<ObjectKind> {
         match self {
-            Self::Position => Some(("target", "targets")),
-            Self::Height => Some(("surface", "surfaces")),
-            Self::BallBar => Some(("ball", "balls")),
+            Self::Position => Some(ObjectKind::Target),
+            Self::Height => Some(ObjectKind::Surface),
+            Self::BallBar => Some(ObjectKind::Ball),
             Self::Reading => None,
+        }
+    }
+}
+
+/// A kind of objects that the plate is measured by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ObjectKind {
+    /// A point on the plate.
+    Target,
+    /// A plane in space.
+    Surface,
+    /// The centre of a ball in space.
+    Ball,
+}
+
+impl ObjectKind {
+    /// Optional column of measurements that names one.
+    pub fn column(self) -> &'static str {
+        match self {
+            Self::Target => "target",
+            Self::Surface => "surface",
+            Self::Ball => "ball",
+        }
+    }
+
+    /// Section of the robot file that places them.
+    pub fn section(self) -> &'static str {
+        match self {
+            Self::Target => "targets",
+            Self::Surface => "surfaces",
+            Self::Ball => "balls",
         }
     }
 }
@@ -92,6 +123,9 @@ pub struct Distance {
     /// Its standard deviation (m), where the row states it.
     pub sigma_m: Option<f64>,
 }
+
+/// Reason why effects of a tracker are not seen.
+pub const NO_TRACKER: &str = "no tracker has measured the plate";
 
 /// Name of the file of [`Distance`]s.
 pub const DISTANCES: &str = "distances.csv";
@@ -182,10 +216,10 @@ impl Folder {
         Some(file.unwrap_or(PlateKind::Reading.file()))
     }
 
-    /// Reason why effects of a tracker are not seen, where they aren't.
+    /// [`NO_TRACKER`], where that is so.
     pub fn hides_tracker(&self) -> Option<&'static str> {
         let hidden = self.measured_without_tracker();
-        hidden.map(|_| "no tracker has measured the plate")
+        hidden.map(|_| NO_TRACKER)
     }
 
     /// True if the tension of a link was measured anywhere.

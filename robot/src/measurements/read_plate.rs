@@ -29,7 +29,7 @@ pub(super) fn read_rows(
     remarks: &mut Vec<String>,
 ) -> Result<Vec<Placed<PlateRow>>, InputError> {
     let sigma_names: Vec<String> = kind.columns().iter().map(|c| sigma_name(c)).collect();
-    let object = kind.object().map(|(column, _)| column.to_owned());
+    let object = kind.object().map(|object| object.column().to_owned());
     let columns = kind.columns().iter().map(|&column| column.to_owned());
     let optional: Vec<String> = [TIME, TEMPERATURE]
         .map(str::to_owned)

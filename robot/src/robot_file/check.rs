@@ -2,21 +2,19 @@
 
 use std::collections::BTreeMap;
 
-use tau_codegen::language::model::Formula;
+use tau_codegen::language::model::{Formula, Value as Geometry};
 use tau_model_dsl::nearest;
 use tau_model_dsl::units::Dimension;
 use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue};
 
-use super::keys::{
-    WIDE, crank_values, described_links, effect_key, key_place, machine_parameters, quantity_of,
-};
+use super::keys::{WIDE, crank_values, described_links, effect_key, key_place, machine_parameters};
 use super::{LinkValues, RobotFile};
 use crate::input_error::{Mistakes, quoted, suggestion};
 use crate::measurements::plausible::{FARTHEST_M, LARGEST_ANGLE_RAD, LONGEST_M};
 use crate::measurements::set::{ANGLES, NO_MOTION, POSITION, stays};
 use crate::measurements::{Actuator, Shape};
-use crate::robot::{Owner, Robot};
+use crate::robot::{LinkKey, Owner, Robot};
 
 /// Names in the file are names of the robot. Returns those that misspelt ones probably mean.
 pub(super) fn names<'r>(
@@ -29,15 +27,10 @@ pub(super) fn names<'r>(
     let links: Vec<&str> = robot.links.iter().map(|link| link.name.as_str()).collect();
     let clusters: Vec<&str> = robot.clusters.iter().map(|c| c.name.as_str()).collect();
     let tracks: Vec<&str> = robot.tracks.iter().map(String::as_str).collect();
-    let model = robot.model.as_ref();
-    let cranks: Vec<&str> = model.map_or_else(Vec::new, |model| {
-        let tracks = model.tracks.iter().filter(|track| track.crank.is_some());
-        tracks.map(|track| track.name.as_str()).collect()
-    });
-    let parameters: Vec<&str> = model.map_or_else(Vec::new, |model| {
-        let fitted = model.parameters.iter().filter(|own| !own.exact);
-        fitted.map(|own| own.name.as_str()).collect()
-    });
+    let cranks = (robot.model.tracks.iter()).filter(|track| track.crank.is_some());
+    let cranks: Vec<&str> = cranks.map(|track| track.name.as_str()).collect();
+    let parameters = (robot.model.parameters.iter()).filter(|own| !own.exact);
+    let parameters: Vec<&str> = parameters.map(|own| own.name.as_str()).collect();
     for (section, what, known) in [
         ("links", "link", &links),
         ("clusters", "cluster", &clusters),
@@ -185,9 +178,9 @@ fn pulls(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, robot: &Robot) {
         let link = (robot.links.iter()).position(|link| link.name == name.get_ref().as_ref());
         let table = root.get("links").and_then(|own| own.get_ref().as_table());
         let table = table.and_then(|own| own.get(name.get_ref().as_ref())?.get_ref().as_table());
-        let key = table.and_then(|table| table.get_key_value("pull_N"));
+        let key = table.and_then(|table| table.get_key_value(LinkKey::Pull.key()));
         if let (Some(link), Some((key, _))) = (link, key)
-            && !robot.has_parameter(link, "pull")
+            && !robot.has_parameter(link, LinkKey::Pull)
         {
             let name = name.get_ref();
             let message = format!("link `{name}` is not pulled to a tension with a tolerance");
@@ -262,9 +255,9 @@ pub(super) fn complete(
         if file.clusters.contains_key(&cluster.name) || misspelt.contains(&link.name.as_str()) {
             continue;
         }
-        let described = |quantity: &str| {
+        let described = |key: LinkKey| {
             let values = described.get(index);
-            values.is_some_and(|values| quantity_of(values, quantity).is_some())
+            values.is_some_and(|values| values.get(key).is_some())
         };
         let shared = cluster
             .track
@@ -273,31 +266,24 @@ pub(super) fn complete(
             values.track_direction.is_some() || values.track_rotation.is_some()
         };
         // A value that was there but wrong has been reported already.
-        let given = |quantity: &str| {
+        let given = |key: LinkKey| {
             let table = root
                 .get("links")
                 .and_then(|links| links.get_ref().get(link.name.as_str()));
-            table.is_some_and(|table| table.get_ref().get(quantity).is_some())
+            table.is_some_and(|table| table.get_ref().get(key.key()).is_some())
         };
-        let oriented_here = given("track_direction") || given("track_rotation_rad");
-        let missing: Vec<&str> = [
-            ("length_m", "length"),
-            ("plate_joint_m", "plate_joint"),
-            ("track_offset_m", "track_offset"),
-            ("track_direction", "track_direction"),
-        ]
-        .into_iter()
-        .filter(|&(key, quantity)| {
-            let is_direction = quantity == "track_direction";
-            let is_given = if is_direction {
+        let direction = LinkKey::Geometry(Geometry::TrackDirection);
+        let oriented_here = given(direction) || given(LinkKey::TrackRotation);
+        let keys = Geometry::ALL.into_iter().map(LinkKey::Geometry);
+        let missing = keys.filter(|&key| {
+            let is_given = if key == direction {
                 oriented_here || cluster.track.is_none() || shared.is_some_and(oriented)
             } else {
                 given(key)
             };
-            robot.has_parameter(index, quantity) && !is_given && !described(quantity)
-        })
-        .map(|(key, _)| key)
-        .collect();
+            robot.has_parameter(index, key) && !is_given && !described(key)
+        });
+        let missing: Vec<&str> = missing.map(LinkKey::key).collect();
         if missing.is_empty() {
             continue;
         }
@@ -370,9 +356,7 @@ fn of_machine(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, robot: &Robot, mi
 
 /// True if a parameter stands in the length of a link that a drum winds up, whose angle may be of many turns.
 fn winds(robot: &Robot, parameter: &str) -> bool {
-    let Some(model) = &robot.model else {
-        return false;
-    };
+    let model = &robot.model;
     let reads = |part: &Formula| match part {
         Formula::OfRobot(index, _) => {
             let read = model.parameters.get(*index);

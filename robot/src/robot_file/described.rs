@@ -2,15 +2,13 @@
 
 use std::fmt::{self, Write};
 
-use tau_codegen::language::model;
+use tau_codegen::language::model::Value as Geometry;
 
-use super::keys::{
-    crank_values, described_links, described_reference, machine_parameters, quantity_of,
-};
+use super::keys::{crank_values, described_links, described_reference, machine_parameters};
 use super::write::{key, string};
 use super::{Noise, Origin, Reference, RobotFile};
 use crate::input_error::{InputError, quoted};
-use crate::robot::{Link, Robot};
+use crate::robot::{Link, LinkKey, Robot};
 
 /// Noise of a laser tracker over a few metres with the repeatability of a machine, one standard deviation per axis: what
 /// stands where no file states any.
@@ -22,22 +20,19 @@ const USUAL_NOISE: Noise = Noise {
 /// Stands in a file for a number that is still to be filled in.
 pub(crate) const PLACEHOLDER: &str = "?";
 
-/// Keys of a link's values with the quantity that each is, and what it means.
-const VALUES: [(&str, &str, &str); 5] = [
-    ("length_m", "length", "between the two joints"),
-    ("plate_joint_m", "plate_joint", "in TCP coordinates"),
-    (
-        "track_offset_m",
-        "track_offset",
-        "in the measurement frame, at command 0",
-    ),
-    (
-        "track_direction",
-        "track_direction",
-        "displacement of the joint per unit of the command",
-    ),
-    ("pull_N", "pull", "to which its drive is controlled"),
-];
+/// Meaning of a link's value; none of rotations along measured paths, which calibrations find.
+fn meaning(key: LinkKey) -> Option<&'static str> {
+    Some(match key {
+        LinkKey::Geometry(Geometry::Length) => "between the two joints",
+        LinkKey::Geometry(Geometry::PlateJoint) => "in TCP coordinates",
+        LinkKey::Geometry(Geometry::TrackOffset) => "in the measurement frame, at command 0",
+        LinkKey::Geometry(Geometry::TrackDirection) => {
+            "displacement of the joint per unit of the command"
+        }
+        LinkKey::Pull => "to which its drive is controlled",
+        LinkKey::TrackRotation => return None,
+    })
+}
 
 impl RobotFile {
     /// The instance that a description gives by itself, with the noise of a laser tracker.
@@ -48,10 +43,9 @@ impl RobotFile {
         let described = described_links(robot);
         let of_link = |(index, link): (usize, &Link)| {
             let values = described.get(index);
-            let lacks = quantities_of(robot, index).filter(|(_, quantity, _)| {
-                values.is_none_or(|values| quantity_of(values, quantity).is_none())
-            });
-            let lacks: Vec<&str> = lacks.map(|(_, quantity, _)| *quantity).collect();
+            let lacks = keys_of(robot, index)
+                .filter(|(key, _)| values.is_none_or(|values| values.get(*key).is_none()));
+            let lacks: Vec<&str> = lacks.map(|(key, _)| key.name()).collect();
             (!lacks.is_empty()).then(|| format!("{} of `{}`", quoted(lacks), link.name))
         };
         let of_links = robot.links.iter().enumerate().filter_map(of_link);
@@ -81,13 +75,11 @@ impl RobotFile {
     }
 }
 
-/// The values that a link has.
-fn quantities_of(
-    robot: &Robot,
-    link: usize,
-) -> impl Iterator<Item = &'static (&'static str, &'static str, &'static str)> {
-    let values = VALUES.iter();
-    values.filter(move |(_, quantity, _)| robot.has_parameter(link, quantity))
+/// The values that a link has, with their meaning.
+fn keys_of(robot: &Robot, link: usize) -> impl Iterator<Item = (LinkKey, &'static str)> {
+    let keys = LinkKey::ALL.into_iter();
+    let keys = keys.filter(move |key| robot.has_parameter(link, *key));
+    keys.filter_map(|key| Some((key, meaning(key)?)))
 }
 
 /// Parameters of the machine and values of cranks to which the description gives no number, in words.
@@ -185,27 +177,21 @@ fn write_template(out: &mut String, robot: &Robot) -> fmt::Result {
     }
     write!(out, "{LINKS}")?;
     for (index, link) in robot.links.iter().enumerate() {
-        if quantities_of(robot, index).next().is_none() {
+        if keys_of(robot, index).next().is_none() {
             continue;
         }
-        let described = robot
-            .model
-            .as_ref()
-            .and_then(|model| model.links.get(index));
+        let described = robot.model.links.get(index);
         let separator = if index == 0 { "" } else { "\n" };
         writeln!(out, "{separator}[links.{}]", key(&link.name))?;
-        for (name, quantity, meaning) in quantities_of(robot, index) {
-            let (value, tol) = given(described, quantity);
-            let value = value.unwrap_or_else(|| {
-                let blank = format!("\"{PLACEHOLDER}\"");
-                match *quantity {
-                    "length" => blank,
-                    _ => format!("[{blank}, {blank}, {blank}]"),
+        for (key, meaning) in keys_of(robot, index) {
+            let given = described.map(|link| key.described(link));
+            let (value, tol) = given.unwrap_or_default();
+            let (value, tol) = (or_blanks(value.as_deref(), key.components()), or_blank(tol));
+            let name = key.key();
+            let note = match (index, link.actuated_by, key) {
+                (0, Some(_), LinkKey::Geometry(Geometry::Length)) => {
+                    "  # at command 0; the command is added to it"
                 }
-            });
-            let tol = tol.map_or_else(|| format!("\"{PLACEHOLDER}\""), number);
-            let note = match (index, link.actuated_by, *quantity) {
-                (0, Some(_), "length") => "  # at command 0; the command is added to it",
                 (0, ..) => &format!("  # {meaning}"),
                 _ => "",
             };
@@ -217,23 +203,14 @@ fn write_template(out: &mut String, robot: &Robot) -> fmt::Result {
 
 /// Values of cranks and parameters of the machine.
 fn write_machine(out: &mut String, robot: &Robot) -> fmt::Result {
-    let blank = |components: usize| match components {
-        1 => format!("\"{PLACEHOLDER}\""),
-        _ => format!(
-            "[{}]",
-            vec![format!("\"{PLACEHOLDER}\""); components].join(", ")
-        ),
-    };
-    let certainty =
-        |tolerance: Option<f64>| tolerance.map_or_else(|| format!("\"{PLACEHOLDER}\""), number);
     let mut of = String::new();
     for (crank, value) in crank_values(robot) {
         if crank != of {
             writeln!(out, "\n[cranks.{}]", key(&crank))?;
             of = crank;
         }
-        let text = (value.quantity.value).map_or_else(|| blank(3), |value| numbers(&value));
-        let tol = certainty(value.quantity.tolerance);
+        let (given, tolerance) = value.quantity.given();
+        let (text, tol) = (or_blanks(given, 3), or_blank(tolerance));
         writeln!(out, "{} = {{ value = {text}, tol = {tol} }}", value.key)?;
     }
     let parameters = machine_parameters(robot);
@@ -244,12 +221,8 @@ fn write_machine(out: &mut String, robot: &Robot) -> fmt::Result {
         )?;
     }
     for parameter in parameters {
-        let text = match parameter.nominal.as_deref() {
-            Some([value]) => number(*value),
-            Some(values) => numbers(values),
-            None => blank(parameter.components),
-        };
-        let tol = certainty(parameter.tolerance);
+        let text = or_blanks(parameter.nominal.as_deref(), parameter.components);
+        let tol = or_blank(parameter.tolerance);
         let name = key(&parameter.name);
         let unit = parameter.dimension.si_unit();
         writeln!(out, "{name} = {{ value = {text}, tol = {tol} }}  # {unit}")?;
@@ -257,29 +230,18 @@ fn write_machine(out: &mut String, robot: &Robot) -> fmt::Result {
     Ok(())
 }
 
-/// Text of the value, and the tolerance, that a description gives.
-fn given(link: Option<&model::Link>, quantity: &str) -> (Option<String>, Option<f64>) {
-    let Some(link) = link else {
-        return (None, None);
-    };
-    let defaults = &link.defaults;
-    let of = |quantity: &model::Quantity<3>| {
-        let value = quantity.value.as_ref().map(|value| numbers(value));
-        (value, quantity.tolerance)
-    };
-    match quantity {
-        "length" => {
-            let length = &defaults.length;
-            (length.value.map(|[value]| number(value)), length.tolerance)
-        }
-        "pull" => match link.uncertain_pull() {
-            Some([pull, tolerance]) => (Some(number(pull)), Some(tolerance)),
-            None => (None, None),
-        },
-        "plate_joint" => of(&defaults.plate_joint),
-        "track_offset" => of(&defaults.track_offset),
-        _ => of(&defaults.track_direction),
+/// A number or several as the file has them, blanks where they are to be filled in.
+fn or_blanks(values: Option<&[f64]>, components: usize) -> String {
+    match (values, components) {
+        (Some([value]), _) => number(*value),
+        (Some(values), _) => numbers(values),
+        (None, 1) => or_blank(None),
+        (None, _) => format!("[{}]", vec![or_blank(None); components].join(", ")),
     }
+}
+
+fn or_blank(value: Option<f64>) -> String {
+    value.map_or_else(|| format!("\"{PLACEHOLDER}\""), number)
 }
 
 fn numbers(values: &[f64]) -> String {

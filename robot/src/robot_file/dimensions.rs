@@ -3,8 +3,8 @@
 use tau_codegen::language::model::{CrankValue, Formula, Model, Readable, Value as Geometry};
 
 use super::RobotFile;
-use super::keys::{crank_key, quantity_of};
-use crate::robot::Robot;
+use super::keys::crank_key;
+use crate::robot::{LinkKey, Robot};
 
 /// Dimensions of a robot by its file.
 #[derive(Debug, Clone, Copy)]
@@ -38,7 +38,7 @@ impl<'a> Dimensions<'a> {
         if let Some(formula) = self.robot.formula_of(link, value) {
             return components(formula, &|leaf| self.leaf(link, None, leaf));
         }
-        if !self.robot.has_parameter(link, value.name()) {
+        if !self.robot.has_parameter(link, LinkKey::Geometry(value)) {
             return Some([0.0; 3]);
         }
         self.stated(link, value)?.try_into().ok()
@@ -46,7 +46,7 @@ impl<'a> Dimensions<'a> {
 
     /// Centre (m) and axis of a crank by its index among the tracks; `None` of a track, or where nothing gives them.
     pub fn crank(&self, track: usize) -> Option<[[f64; 3]; 2]> {
-        let model = self.robot.model.as_ref()?;
+        let model = &self.robot.model;
         let of_track = model.tracks.get(track)?;
         let crank = of_track.crank.as_ref()?;
         let of = |value: CrankValue| {
@@ -64,7 +64,7 @@ impl<'a> Dimensions<'a> {
     /// Tension (N) to which a link is pulled; `None` where it holds its length, or nothing states the tension.
     pub fn pull_n(&self, link: usize) -> Option<f64> {
         let own = self.robot.links.get(link)?;
-        let model = self.robot.model.as_ref()?;
+        let model = &self.robot.model;
         let pull = model.links.get(link)?.pull.as_ref()?;
         let stated = self.file.links.get(&own.name);
         let stated = stated.and_then(|values| values.pull.as_ref()?.value.first().copied());
@@ -78,16 +78,10 @@ impl<'a> Dimensions<'a> {
         let shared = track.and_then(|track| self.file.tracks.get(&self.robot.tracks[track]));
         let values = [self.file.links.get(&own.name), shared];
         let mut stated = values.into_iter().flatten();
-        let stated = stated.find_map(|values| quantity_of(values, value.name()));
+        let stated = stated.find_map(|values| values.get(LinkKey::Geometry(value)));
         stated.map(|value| value.value.clone()).or_else(|| {
-            let model = self.robot.model.as_ref()?;
-            let given = &model.links.get(link)?.defaults;
-            Some(match value {
-                Geometry::Length => given.length.value?.to_vec(),
-                Geometry::PlateJoint => given.plate_joint.value?.to_vec(),
-                Geometry::TrackOffset => given.track_offset.value?.to_vec(),
-                Geometry::TrackDirection => given.track_direction.value?.to_vec(),
-            })
+            let given = self.robot.model.links.get(link)?.defaults.given(value);
+            given.0.map(<[f64]>::to_vec)
         })
     }
 
@@ -96,7 +90,7 @@ impl<'a> Dimensions<'a> {
             Formula::Read(Readable::Command) => command,
             Formula::OfLink(Geometry::Length, _) => self.length_m(link, &[]),
             Formula::OfLink(value, component) => Some(self.vector(link, value)?[component]),
-            _ => self.of_robot(self.robot.model.as_ref()?, leaf),
+            _ => self.of_robot(&self.robot.model, leaf),
         }
     }
 

@@ -16,9 +16,6 @@ pub(super) fn values(
     file: &RobotFile,
     robot: &Robot,
 ) {
-    let Some(model) = &robot.model else {
-        return;
-    };
     let dimensions = Dimensions::new(robot, file);
     let reference = file.completed(robot).reference;
     let commands = reference.map_or_else(Vec::new, |own| own.commands_m);
@@ -26,8 +23,8 @@ pub(super) fn values(
         Value::Length => dimensions.length_m(link, &commands).map(|own| vec![own]),
         _ => dimensions.vector(link, value).map(|own| own.to_vec()),
     };
-    for (link, own) in model.links.iter().enumerate() {
-        for value in VALUES {
+    for (link, own) in robot.model.links.iter().enumerate() {
+        for value in Value::ALL {
             let Some(formula) = own.defaults.formula(value) else {
                 continue;
             };
@@ -41,7 +38,7 @@ pub(super) fn values(
                 continue;
             };
             let mut read = Vec::new();
-            parameters(wrong, model, link, &mut read);
+            parameters(wrong, &robot.model, link, &mut read);
             let message = format!(
                 "`{}` of link `{}` is not a finite number at the values of {}",
                 value.name(),
@@ -55,13 +52,6 @@ pub(super) fn values(
         }
     }
 }
-
-const VALUES: [Value; 4] = [
-    Value::Length,
-    Value::PlateJoint,
-    Value::TrackOffset,
-    Value::TrackDirection,
-];
 
 /// Names of the parameters that a formula of a link reads, also by other values of the link, from the left.
 fn parameters<'m>(formula: &Formula, model: &'m Model, link: usize, names: &mut Vec<&'m str>) {

@@ -11,7 +11,7 @@ use super::write::{inline, key};
 use super::{RobotFile, Value};
 use crate::input_error::quoted;
 use crate::measurements::plausible::{FARTHEST_M, SMALLEST_DEVIATION};
-use crate::measurements::{DISTANCES, Folder, PlateKind};
+use crate::measurements::{DISTANCES, Folder, ObjectKind, PlateKind};
 
 /// Section of `[noise]` for what a link's length scatters by at standing drives.
 const LINKS: &str = "links";
@@ -118,7 +118,7 @@ impl RobotFile {
         for (kind, places) in sections {
             let rows = folder.rows_of(kind);
             let named: BTreeSet<&str> = rows.filter_map(|row| row.of.as_deref()).collect();
-            let section = kind.object().map_or("", |(_, section)| section);
+            let section = kind.object().map_or("", ObjectKind::section);
             let others = places
                 .into_iter()
                 .filter(|name| !named.contains(name.as_str()));

@@ -7,6 +7,7 @@ mod dimensions;
 mod document;
 mod finite;
 pub mod keys;
+mod link_values;
 mod measuring;
 mod provenance;
 mod read;

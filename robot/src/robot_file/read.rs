@@ -13,7 +13,7 @@ use super::measuring::noise_sections;
 use super::{LinkValues, Noise, Origin, Payload, Reference, RobotFile, Value, check, finite};
 use crate::input_error::{self, InputError, Mistakes, Source};
 use crate::measurements::plausible::{FARTHEST_M, LONGEST_M, SMALLEST_DEVIATION};
-use crate::robot::Robot;
+use crate::robot::{LinkKey, Robot};
 
 /// No robot stands where things fall faster (m/s²).
 const LARGEST_GRAVITY_M_S2: f64 = 30.0;
@@ -314,26 +314,13 @@ impl<'a> Document<'a> {
     }
 
     fn link_values(&mut self, table: &DeTable<'_>) -> LinkValues {
-        self.known_keys(
-            table,
-            &[
-                "length_m",
-                "plate_joint_m",
-                "track_offset_m",
-                "track_direction",
-                "track_rotation_rad",
-                "pull_N",
-            ],
-        );
-        let mut value = |key: &str, kind| table.get(key).and_then(|value| self.value(value, kind));
-        LinkValues {
-            length: value("length_m", Kind::Length),
-            plate_joint: value("plate_joint_m", Kind::Point(LARGEST_PLATE_M)),
-            track_offset: value("track_offset_m", Kind::Point(FARTHEST_M)),
-            track_direction: value("track_direction", Kind::Direction),
-            track_rotation: value("track_rotation_rad", Kind::Angles),
-            pull: value("pull_N", Kind::Force),
+        self.known_keys(table, &LinkKey::ALL.map(LinkKey::key));
+        let mut values = LinkValues::default();
+        for key in LinkKey::ALL {
+            let given = table.get(key.key());
+            *values.slot(key) = given.and_then(|value| self.value(value, key.kind()));
         }
+        values
     }
 
     fn crank_values(&mut self, table: &DeTable<'_>) -> BTreeMap<String, Value> {

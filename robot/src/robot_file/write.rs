@@ -3,6 +3,7 @@
 use std::fmt::{self, Write};
 
 use super::{LinkValues, RobotFile, Value};
+use crate::robot::LinkKey;
 
 impl RobotFile {
     /// The text of a file that [`RobotFile::parse`] reads again bit for bit.
@@ -110,16 +111,9 @@ impl RobotFile {
 }
 
 fn write_values(out: &mut String, values: &LinkValues) -> fmt::Result {
-    for (key, value) in [
-        ("length_m", &values.length),
-        ("plate_joint_m", &values.plate_joint),
-        ("track_offset_m", &values.track_offset),
-        ("track_direction", &values.track_direction),
-        ("track_rotation_rad", &values.track_rotation),
-        ("pull_N", &values.pull),
-    ] {
-        if let Some(value) = value {
-            writeln!(out, "{key} = {}", inline(value))?;
+    for key in LinkKey::ALL {
+        if let Some(value) = values.get(key) {
+            writeln!(out, "{} = {}", key.key(), inline(value))?;
         }
     }
     Ok(())

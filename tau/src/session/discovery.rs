@@ -126,9 +126,7 @@ impl<R> Session<R> {
 }
 
 fn catalogues(robot: &Robot, paths: &[impl AsRef<Path>]) -> Result<Catalogues, InputError> {
-    let text = &robot.description;
-    let mut model = language::check_text(text)
-        .map_err(|errors| InputError::of_description(&robot.name, text, &errors))?;
+    let mut model = Model::clone(&robot.model);
     let known: Vec<String> = model.effects.iter().map(|own| own.name.clone()).collect();
     let mut read = Ok((Vec::new(), Vec::new()));
     for path in paths {

@@ -4,19 +4,19 @@ pub mod results;
 mod unknown_poses;
 
 use tau_discovery as discovery;
-use tau_estimation::assumptions;
+use tau_estimation::assumptions::{self, Assumptions};
 use tau_estimation::calibration::{Calibration, Error, Prepared, calibrate};
 use tau_estimation::evaluation::{VariantResult, evaluate_knowing};
 use tau_estimation::expected::Expected;
 use tau_estimation::numerics::order::extent;
 use tau_estimation::numerics::parallel;
 use tau_estimation::sensitivity;
-use tau_estimation::trust::{self, Mistake, of_calibration};
+use tau_estimation::trust::{self, Check, Mistake, of_calibration};
 use tau_estimation::uncertainty::Uncertainty;
 use tau_estimation::unknown_poses::{HeldErrors, RowDivision, UnknownPoses};
 use tau_estimation::weighing::Treatment;
 use tau_kinematics::{Layout, Pose};
-use tau_robot::measurements::{Division, Folder, Poses};
+use tau_robot::measurements::{Division, Folder, PoseCounts, Poses};
 use tau_robot::robot::{Arm, Owner, ResidualKind, Robot, TrackShape, Variant};
 
 use crate::session::Session;
@@ -90,28 +90,19 @@ pub fn run<R>(
     });
     let mut results = Vec::new();
     let mut layouts = Vec::new();
-    let (mut full, mut failure) = (None, None);
-    for (variant, calibrated) in variants.into_iter().zip(calibrated) {
-        match calibrated {
-            Ok((calibration, found)) => {
-                let name = &variant.name;
-                let without = found.not_predicted.iter();
-                remarks.extend(without.map(|own| format!("`{name}`: {own}")));
-                layouts.extend(layout(&calibration, folder));
-                if variant.arm == Arm::Full && calibrates_links(variant) {
-                    full = Some((calibration, predicted(&found, folder, &division.validation)));
-                }
-                results.push(found);
-            }
-            Err(error) => {
-                remarks.push(format!("left out: `{}`: {error}", variant.name));
-                failure.get_or_insert(error);
-            }
+    let mut full = None;
+    let outcomes = variants.into_iter().zip(calibrated);
+    take_calibrated(outcomes, &mut remarks, |variant, calibrated, remarks| {
+        let (calibration, found) = calibrated;
+        let name = &variant.name;
+        let without = found.not_predicted.iter();
+        remarks.extend(without.map(|own| format!("`{name}`: {own}")));
+        layouts.extend(layout(&calibration, folder));
+        if variant.arm == Arm::Full && calibrates_links(variant) {
+            full = Some((calibration, predicted(&found, folder, &division.validation)));
         }
-    }
-    if let (true, Some(error)) = (results.is_empty(), failure) {
-        return Err(error);
-    }
+        results.push(found);
+    })?;
     next("computing sensitivities");
     let sensitivity = full.and_then(|(calibration, poses)| {
         let machine = &calibration.machine;
@@ -121,25 +112,65 @@ pub fn run<R>(
     });
     next("done");
     let mut study = Study {
-        robot: robot.name.clone(),
-        architecture: robot.architecture(),
-        folder: folder.name.clone(),
-        poses: counts,
-        noise: (file.noise.position_m, file.noise.rotation_rad),
-        variants: results,
         assumptions,
-        check: Some(check),
         sensitivity,
-        discovery: None,
-        layout: None,
-        rows: None,
-        placed_m: vec![],
-        remarks,
+        ..study(session, counts, (results, check), remarks)
     };
     let drawn = study.fit().map(|(variant, _)| variant.name.clone());
     let mut layouts = layouts.into_iter();
     study.layout = layouts.find(|layout| Some(&layout.variant) == drawn.as_ref());
     Ok(study)
+}
+
+/// Takes the variants that could be calibrated; those that could not are remarked.
+///
+/// # Errors
+/// The first failure, where all variants fail.
+fn take_calibrated<'a, T>(
+    outcomes: impl Iterator<Item = (&'a Variant, Result<T, Error>)>,
+    remarks: &mut Vec<String>,
+    mut take: impl FnMut(&Variant, T, &mut Vec<String>),
+) -> Result<(), Error> {
+    let (mut failure, mut is_any) = (None, false);
+    for (variant, outcome) in outcomes {
+        match outcome {
+            Ok(calibrated) => {
+                take(variant, calibrated, remarks);
+                is_any = true;
+            }
+            Err(error) => {
+                remarks.push(format!("left out: `{}`: {error}", variant.name));
+                failure.get_or_insert(error);
+            }
+        }
+    }
+    failure.filter(|_| !is_any).map_or(Ok(()), Err)
+}
+
+/// The study of variants, without what only some folders allow.
+fn study<R>(
+    session: &Session<R>,
+    poses: PoseCounts,
+    (variants, check): (Vec<VariantResult>, Check),
+    remarks: Vec<String>,
+) -> Study {
+    let (robot, file) = (session.robot(), session.robot_file());
+    Study {
+        robot: robot.name.clone(),
+        architecture: robot.architecture(),
+        folder: session.folder().name.clone(),
+        poses,
+        noise: (file.noise.position_m, file.noise.rotation_rad),
+        variants,
+        assumptions: Assumptions::default(),
+        check: Some(check),
+        sensitivity: None,
+        discovery: None,
+        layout: None,
+        rows: None,
+        placed_m: vec![],
+        remarks,
+    }
 }
 
 /// A calibrated variant.
@@ -219,16 +250,19 @@ fn calibrates_links(variant: &Variant) -> bool {
 
 /// The machine of a calibration at the reference pose that it found, its tracks as far as the measured commands reach.
 pub fn layout(calibration: &Calibration, folder: &Folder) -> Option<Layout> {
+    let ranges = (0..calibration.machine.robot.commands).map(|command| {
+        let commands = folder.tcp_poses.iter().map(|pose| pose.commands_m[command]);
+        extent(commands)
+    });
+    layout_within(calibration, &ranges.collect::<Vec<_>>())
+}
+
+/// The same with the lowest and highest of each command.
+fn layout_within(calibration: &Calibration, ranges: &[(f64, f64)]) -> Option<Layout> {
     let reference = calibration.file.reference.as_ref()?;
     let machine = &calibration.machine;
-    let ranges: Vec<(f64, f64)> = (0..machine.robot.commands)
-        .map(|command| {
-            let commands = folder.tcp_poses.iter().map(|pose| pose.commands_m[command]);
-            extent(commands)
-        })
-        .collect();
     let pose = Pose::from_zyz(reference.position_m, reference.orientation_rad);
-    Some(machine.layout(&pose, &reference.commands_m, &ranges))
+    Some(machine.layout(&pose, &reference.commands_m, ranges))
 }
 
 /// Adds to a study what the variant of [`Robot::base`] lacks; why there is no search, or why it failed, is

@@ -5,12 +5,11 @@ use tau_estimation::calibration::{Error, LinkResult};
 use tau_estimation::evaluation::{Summary, VariantResult};
 use tau_estimation::trust::{self, Mistake, Status, Verdict};
 use tau_estimation::unknown_poses::{self, EstimatedPoses, HeldErrors, RowDivision, UnknownPoses};
-use tau_kinematics::{Layout, Pose};
 use tau_robot::measurements::Division;
 use tau_robot::robot::Variant;
 
 use super::results::Study;
-use super::{Progress, chosen_variants};
+use super::{Progress, chosen_variants, layout_within, study, take_calibrated};
 use crate::session::Session;
 use tau_estimation::Setup;
 
@@ -37,42 +36,22 @@ pub(super) fn run<R>(
     let check = trust::check(robot, &variants, file, folder, &none, rows)?;
     let mut results: Vec<VariantResult> = vec![];
     let mut fitted = vec![];
-    let mut failure = None;
-    for variant in variants {
+    let outcomes = variants.into_iter().map(|variant| {
         next(&format!("calibrating {}", variant.name));
-        match of_variant(session, variant, &division) {
-            Ok((found, mut result, held)) => {
-                let is_held_out = division.is_disjoint();
-                result.fit = Some(verdict(&found, &held, &check.mistakes, is_held_out));
-                result.held = Some(held);
-                results.push(result);
-                fitted.push(found);
-            }
-            Err(error) => {
-                remarks.push(format!("left out: `{}`: {error}", variant.name));
-                failure.get_or_insert(error);
-            }
-        }
-    }
-    if let (true, Some(error)) = (results.is_empty(), failure) {
-        return Err(error);
-    }
+        (variant, of_variant(session, variant, &division))
+    });
+    take_calibrated(outcomes, &mut remarks, |_, calibrated, _| {
+        let (found, mut result, held) = calibrated;
+        let is_held_out = division.is_disjoint();
+        result.fit = Some(verdict(&found, &held, &check.mistakes, is_held_out));
+        result.held = Some(held);
+        results.push(result);
+        fitted.push(found);
+    })?;
     next("done");
     let mut study = Study {
-        robot: robot.name.clone(),
-        architecture: robot.architecture(),
-        folder: folder.name.clone(),
-        poses: division.counts(),
         rows: Some(division.clone()),
-        noise: (file.noise.position_m, file.noise.rotation_rad),
-        variants: results,
-        assumptions: tau_estimation::assumptions::Assumptions::default(),
-        check: Some(check),
-        sensitivity: None,
-        discovery: None,
-        layout: None,
-        placed_m: vec![],
-        remarks,
+        ..study(session, division.counts(), (results, check), remarks)
     };
     let drawn = study.fit().map(|(variant, _)| variant.name.clone());
     let mut fitted = fitted.iter();
@@ -82,7 +61,8 @@ pub(super) fn run<R>(
         let placed = EstimatedPoses::of(found, file, folder, &division)?;
         let poses = placed.folder().0.tcp_poses;
         study.placed_m = poses.iter().map(|pose| pose.position_m).collect();
-        study.layout = layout(found);
+        let ranges: Vec<(f64, f64)> = found.commands_m.iter().map(|&own| own.into()).collect();
+        study.layout = layout_within(&found.calibration, &ranges);
     }
     Ok(study)
 }
@@ -155,15 +135,4 @@ pub(super) fn verdict(
         });
     }
     verdict
-}
-
-/// The machine at the reference that the calibration found, its tracks as far as the commands reach.
-fn layout(found: &UnknownPoses) -> Option<Layout> {
-    let reference = found.calibration.file.reference.as_ref()?;
-    let machine = &found.calibration.machine;
-    let ranges: Vec<(f64, f64)> = (found.commands_m.iter())
-        .map(|&[low, high]| (low, high))
-        .collect();
-    let pose = Pose::from_zyz(reference.position_m, reference.orientation_rad);
-    Some(machine.layout(&pose, &reference.commands_m, &ranges))
 }

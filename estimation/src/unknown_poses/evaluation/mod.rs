@@ -578,7 +578,7 @@ impl Fit<'_> {
         // Errors of rows that a place follows are none of the machine.
         found.retain(|own| {
             let mut kinds = kinds.iter();
-            kinds.any(|kind| kind.kind.file == own.file && kind.is_judged())
+            kinds.any(|kind| kind.kind.of.file() == own.file && kind.is_judged())
         });
         Ok(found)
     }

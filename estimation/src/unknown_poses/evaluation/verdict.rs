@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use super::super::measurand::Measurand;
 use super::super::outcome::GrossRow;
-use super::super::rows::AXES;
 use super::super::rows::Kind;
 use super::super::verdict::{ESTIMATED_FROM_RESIDUALS, too_large};
 use super::HeldErrors;
@@ -123,14 +123,9 @@ impl HeldErrors {
             );
         }
         for own in &self.kinds {
-            let Kind {
-                file,
-                unit,
-                sigma,
-                quantity,
-                ..
-            } = own.kind;
-            let is_axis = AXES.contains(&quantity);
+            let Kind { of, sigma, .. } = own.kind;
+            let (file, quantity, unit) = (of.file(), of.quantity(), of.unit());
+            let is_axis = matches!(of, Measurand::Coordinate(_));
             if !own.is_judged() {
                 let rows = if is_axis {
                     format!("{quantity} in {file}")
@@ -163,7 +158,7 @@ impl HeldErrors {
             verdict.status = Status::Absurd;
             why.push(format!(
                 "{} is off by {} mm: this is another machine, or commands and measurements do not belong together.",
-                own.kind.file,
+                own.kind.of.file(),
                 general(1e3 * rms_m, 3)
             ));
         }
@@ -174,12 +169,12 @@ impl HeldErrors {
         let kinds = self.kinds.iter();
         kinds
             .map(|own| FileFit {
-                file: own.kind.file,
-                kind: own.kind.quantity,
+                file: own.kind.of.file(),
+                kind: own.kind.of.quantity(),
                 rows: own.rows,
                 rms: own.rms,
                 expected_rms: own.expected_rms,
-                unit: own.kind.unit,
+                unit: own.kind.of.unit(),
             })
             .collect()
     }

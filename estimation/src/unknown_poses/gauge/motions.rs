@@ -7,11 +7,12 @@
 
 use nalgebra::{DMatrix, DVector, Vector3};
 use tau_kinematics::{Machine, Pose};
+use tau_robot::measurements::ObjectKind;
 
 use super::super::assembly::UnknownPose;
+use super::super::measurand::AXES;
 use super::super::objects::Object;
 use super::super::quantity::across;
-use super::super::rows::AXES;
 use crate::implicit::Linearized;
 
 /// Share of what a motion asks of the closures that parameters may leave: rounding. A thousandth and a hundred times of it
@@ -146,10 +147,10 @@ impl Kind {
     /// Change of the unknowns of an object.
     fn of_object(self, object: &Object, own: &[f64]) -> Vector3<f64> {
         let place = Vector3::from_column_slice(own);
-        match object.section {
-            "targets" => self.of_plate(place),
-            "balls" => self.of_point(place),
-            _ => {
+        match object.kind {
+            ObjectKind::Target => self.of_plate(place),
+            ObjectKind::Ball => self.of_point(place),
+            ObjectKind::Surface => {
                 let [u, v] = across(&object.normal);
                 let normal = (object.normal + u * own[0] + v * own[1]).normalize();
                 let turned = self.of_direction(normal);
