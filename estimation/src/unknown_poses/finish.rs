@@ -83,6 +83,7 @@ impl Fit<'_> {
             dof: of_plate().map(KindFit::dof).sum(),
             kinds,
             rank,
+            worst: self.worst_poses(reduced, &settled.leverages),
             gross: self.gross.clone(),
             gross_poses: self.gross_poses(),
             held_out,

@@ -13,6 +13,7 @@ use crate::numerics::distribution::{chi2_quantile_above, chi2_survival};
 use crate::numerics::order::largest_first;
 use crate::problem::{CLOSURE_SHARE, Component};
 use crate::samples::outliers;
+use crate::trust::{LISTED, PoseFit};
 
 /// Share of the worst row's distance from which on others go with it: one gross row drags others along, but not as far.
 const NEARLY_WORST: f64 = 0.7;
@@ -174,6 +175,28 @@ impl Fit<'_> {
         far.retain(|row| row.sigmas.powi(2) > limits[&group_of(row.place)]);
         largest_first(&mut far, |row| row.sigmas);
         far
+    }
+
+    /// The poses whose rows are farthest off: root mean square of their residuals over what the fit leaves of the noise. Rows
+    /// that it follows say nothing.
+    pub(super) fn worst_poses(&self, reduced: &Reduced, leverages: &[Vec<f64>]) -> Vec<PoseFit> {
+        let mut sums: BTreeMap<u32, (f64, f64)> = BTreeMap::new();
+        let judged = self.judged(reduced, leverages);
+        for (block, row, residual, left) in judged.filter(|own| own.3 > 1.0 - ABSORBED) {
+            let sum = sums.entry(self.place(block, row).pose).or_default();
+            sum.0 += residual * residual;
+            sum.1 += left;
+        }
+        let poses = sums.into_iter();
+        let mut worst: Vec<PoseFit> = poses
+            .map(|(pose, (squares, left))| PoseFit {
+                pose,
+                sigmas: (squares / left).sqrt(),
+            })
+            .collect();
+        largest_first(&mut worst, |pose| pose.sigmas);
+        worst.truncate(LISTED);
+        worst
     }
 
     /// Row of a residual of a block.

@@ -15,7 +15,7 @@ use crate::calibration::{Calibration, widened};
 use crate::numerics::distribution::chi2_survival;
 use crate::numerics::spread::spread;
 use crate::problem::Component;
-use crate::trust::{LEVEL, Mistake};
+use crate::trust::{LEVEL, Mistake, PoseFit};
 use crate::weighing::{Loss, Outlier};
 
 /// Chance below which residuals are larger than their noise allows: one right fit in a thousand is called
@@ -311,6 +311,8 @@ pub struct UnknownPoses {
     pub rank: Rank,
     /// Rows that were left out, or count less under a loss, or are kept, worst first.
     pub gross: Vec<GrossRow>,
+    /// The poses that are met worst, without those rows.
+    pub worst: Vec<PoseFit>,
     /// Poses whose rows are among them together, that with most of them first.
     pub gross_poses: Vec<GrossPose>,
     /// Fit of rows that took no part; `None` where all did.
