@@ -28,7 +28,7 @@ pub enum Reason {
         over_noise: f64,
         /// Residuals less what the fit absorbs, where some of the noise is not the stated one.
         left: Option<f64>,
-        /// How the noise compares.
+        /// Size of the noise beside them.
         size: Size,
     },
     /// Residuals with the parameters held.
@@ -37,9 +37,9 @@ pub enum Reason {
         over_noise: f64,
         /// χ² and its expectation.
         squares: [f64; 2],
-        /// What is expected.
+        /// The cause of what is expected.
         by: HeldBy,
-        /// How the noise compares.
+        /// Size of the noise beside them.
         size: Size,
     },
     /// Measurements whose residuals exceed their noise beyond chance, with the ratio.
@@ -84,7 +84,7 @@ pub enum Reason {
     TooManyOutliers(usize, usize, bool),
     /// Outliers are kept: without them there would be an error.
     OutliersNeeded(String),
-    /// What takes part, and by how much, still changed after so many rounds.
+    /// Rows or poses that take part, or their weights, still changed after so many rounds.
     Unsettled(usize),
     /// Repeated readings.
     Repeats(Repeated),
@@ -136,7 +136,7 @@ pub enum Size {
     Contradiction,
 }
 
-/// What makes residuals with the parameters held.
+/// The cause of residuals with the parameters held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum HeldBy {
     /// Noise, beside parameters that count as exact.
@@ -163,7 +163,7 @@ pub enum Estimate {
 /// Repeatability of readings, and lack of fit of their means.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Repeated {
-    /// What was read; `None` of poses.
+    /// The measurements; `None` of poses.
     pub of: Option<String>,
     /// Number of readings.
     pub readings: usize,

@@ -298,7 +298,7 @@ impl UnknownPoses {
 }
 
 impl Kind {
-    /// How its rows are met, for a verdict.
+    /// The fit of its rows, for a verdict.
     pub(super) fn fit(&self, rows: usize, rms: f64, expected_rms: f64) -> FileFit {
         FileFit {
             file: self.file,
