@@ -168,7 +168,7 @@ fn an_effect_shows_as_lack_of_fit_and_noise_as_scatter() {
     let test = repeats.lack_of_fit.unwrap();
     assert!(test.p_value < 1e-6 && test.over_noise > 2.0, "{test:?}");
     assert!(repeats.missed > NOISE_M, "{repeats:?}");
-    let why = found.verdict().why.join(" ");
+    let why = found.verdict().reasons();
     assert!(why.contains("Readings of heights.csv repeat to"), "{why}");
     assert!(why.contains("it lacks something."), "{why}");
     assert!(why.contains(OR_DRIVES), "{why}");
@@ -183,7 +183,7 @@ fn an_effect_shows_as_lack_of_fit_and_noise_as_scatter() {
     let found = fit("Nominal", &file, &folder);
     let test = repeats_of(&found, "heights.csv").lack_of_fit.unwrap();
     assert!(test.p_value > 1e-3, "{test:?}");
-    let why = found.verdict().why.join(" ");
+    let why = found.verdict().reasons();
     let expected = "The stated noise of heights.csv is too small: readings of one value scatter by";
     assert!(why.contains(expected), "{why}");
     assert!(!why.contains("lacks something"), "{why}");
@@ -196,7 +196,7 @@ fn an_effect_shows_as_lack_of_fit_and_noise_as_scatter() {
     assert!((repeats.sigma / NOISE_M - 1.0).abs() < 0.4, "{repeats:?}");
     assert!(repeats.lack_of_fit.unwrap().p_value < 1e-6, "{repeats:?}");
     let verdict = found.verdict();
-    let why = verdict.why.join(" ");
+    let why = verdict.reasons();
     assert!(why.contains("it lacks something."), "{why}");
     assert!(why.contains(OR_DRIVES), "{why}");
     assert_eq!(verdict.status, Status::Inconsistent);
@@ -216,7 +216,7 @@ fn noise_that_readings_share_is_not_stated_too_large() {
     let found = fit("Nominal", &file, &folder);
     let test = repeats_of(&found, "heights.csv").lack_of_fit.unwrap();
     assert!(test.p_value < 1e-6, "{test:?}");
-    let why = found.verdict().why.join(" ");
+    let why = found.verdict().reasons();
     assert!(!why.contains("too large"), "{why}");
     assert!(why.contains(OR_DRIVES), "{why}");
 }
@@ -276,7 +276,7 @@ fn noise_that_is_estimated_proves_no_model() {
             });
             let verdict = fit("Nominal", &file, &folder).verdict();
             alarms += u64::from(verdict.status > Status::Consistent);
-            let why = verdict.why.join(" ");
+            let why = verdict.reasons();
             assert!(!why.contains("times their noise"), "{why}");
             let tells_nothing = "the size of its residuals, which says nothing of the model";
             let tells = "of the model its repeated readings tell";

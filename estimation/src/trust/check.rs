@@ -22,7 +22,7 @@ use crate::trust::numbering;
 use crate::trust::observability::{Gap, Observability, missing, observabilities};
 use crate::trust::of_folder::looked_at as of_poses;
 use crate::trust::of_folder::plain;
-use crate::trust::{mistake::Mistake, reach::Reach};
+use crate::trust::{mistake::Mistake, reach::Reach, reason::Reason};
 use crate::uncertainty::Uncertainty;
 use crate::unknown_poses::{self, Rank, RowDivision};
 
@@ -147,7 +147,10 @@ pub fn check(
         let is_without_fit = found.is_without_fit
             && looked_at.is_some_and(|setup| setup.variant.name == variant.name);
         let without_fit = is_without_fit.then(|| WITHOUT_FIT.to_owned());
-        let why_not = own.why_not.take().or(found.another_machine.clone());
+        let why_not = own
+            .why_not
+            .take()
+            .or(found.another_machine.as_ref().map(Reason::to_string));
         own.why_not = why_not.or(without_fit);
     }
     let drawn = (variants.first())

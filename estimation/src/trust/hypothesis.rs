@@ -13,7 +13,8 @@ use crate::calibration::{Error, Nominal, Prepared};
 use crate::numerics::spread::spread;
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
-use crate::trust::{LARGEST_MISFIT, general};
+use crate::trust::LARGEST_MISFIT;
+use crate::trust::reason::Reason;
 
 /// Measurements and parameters, as given or mended.
 #[derive(Clone)]
@@ -141,15 +142,11 @@ impl Case<'_> {
         lengths.iter().sum::<f64>() / lengths.len().max(1) as f64
     }
 
-    /// Why links that miss their lengths by so much (m, rms) are those of another machine, where they are.
-    pub(super) fn another_machine(&self, off_m: f64) -> Option<String> {
+    /// A refusal of links that miss their lengths by so much (m, rms) as those of another machine.
+    pub(super) fn another_machine(&self, off_m: f64) -> Option<Reason> {
         let length_m = self.mean_length_m();
-        (length_m > 0.0 && off_m > LARGEST_MISFIT * length_m).then(|| {
-            format!(
-                "Links miss their lengths by {} mm: this is another machine, or commands and poses do not belong together.",
-                general(1e3 * off_m, 3)
-            )
-        })
+        (length_m > 0.0 && off_m > LARGEST_MISFIT * length_m)
+            .then_some(Reason::AnotherMachine(None, off_m))
     }
 
     fn lengths_by_pose_m(&self) -> Option<Vec<f64>> {

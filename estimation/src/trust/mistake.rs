@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use crate::trust::verdict::Status;
+
 /// Something wrong with the input.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mistake {
@@ -25,6 +27,15 @@ impl fmt::Display for Mistake {
 }
 
 impl Mistake {
+    /// The best status of a verdict that holds it.
+    pub(super) fn status(&self) -> Status {
+        if self.is_absurd {
+            Status::Absurd
+        } else {
+            Status::Inconsistent
+        }
+    }
+
     /// True if measurements are wrong, and not noise, tolerances, dimensions or zeros: an effect that the model lacks looks
     /// like these.
     pub(crate) fn is_of_measurements(&self) -> bool {

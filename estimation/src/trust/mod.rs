@@ -22,11 +22,12 @@ mod of_folder;
 mod prediction;
 mod pull;
 mod reach;
+pub(crate) mod reason;
 pub(crate) mod recognise;
 mod refined;
+mod sentences;
 pub(crate) mod tried;
 mod verdict;
-pub(crate) mod weighing_words;
 pub(crate) mod words;
 
 use crate::numerics::count;
@@ -37,6 +38,7 @@ pub use of_folder::{mistakes, refuse};
 pub use prediction::{of_prediction, outliers_of_validation};
 pub use pull::Pull;
 pub use reach::Reach;
+pub use reason::{Estimate, HeldBy, Reason, Repeated, Size};
 pub use recognise::Recognised;
 pub use verdict::{FileFit, PoseFit, Status, Verdict, of_calibration};
 

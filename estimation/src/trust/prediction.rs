@@ -18,12 +18,13 @@ use crate::samples::Sample;
 use crate::setup::Setup;
 use crate::trust::hypothesis::Case;
 use crate::trust::judged::{Judged, Misfit};
+use crate::trust::numbering;
 use crate::trust::of_folder::case;
 use crate::trust::of_folder::mistakes;
 use crate::trust::pull::Pull;
+use crate::trust::reason::Reason;
 use crate::trust::tried::{self, ITERATIONS};
 use crate::trust::verdict::{LEAST_RATIO, Status, Verdict, measured};
-use crate::trust::{numbering, words};
 use crate::uncertainty::Uncertainty;
 use crate::weighing::{Deleted, MOST_POSES, Outlier, Treatment, Weighing, weigh};
 
@@ -141,11 +142,11 @@ pub fn of_prediction(
     };
     if let Some(others) = others {
         let (squares, degrees) = (verdict.chi2 - others.chi2, verdict.dof - others.dof);
-        verdict.why.push(words::changed(squares, degrees));
+        verdict.why.push(Reason::Changed([squares, degrees]));
     }
     verdict.conclude(&case, others.is_some(), furthest.as_ref());
     if !knows_parameters && verdict.status == Status::Consistent {
-        verdict.why.push(words::OF_DRAWING.to_owned());
+        verdict.why.push(Reason::WithinTolerances);
     }
     verdict.tell(&weighing);
     Ok(verdict)

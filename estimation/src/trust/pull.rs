@@ -4,7 +4,8 @@ use tau_robot::robot::Variant;
 
 use crate::numerics::order::largest_first;
 use crate::trust::judged::Deviation;
-use crate::trust::{ABSURD_TOLERANCES, LISTED, general};
+use crate::trust::reason::Reason;
+use crate::trust::{ABSURD_TOLERANCES, LISTED};
 
 /// A parameter that is pulled off its nominal value.
 #[derive(Debug, Clone, PartialEq)]
@@ -26,20 +27,19 @@ impl Pull {
 
     /// The deviation of a parameter of a variant.
     pub(super) fn of(deviation: &Deviation, variant: &Variant) -> Self {
+        Self::named(&variant.parameters[deviation.parameter].name, deviation)
+    }
+
+    /// The deviation of a parameter of a name.
+    pub(crate) fn named(name: &str, deviation: &Deviation) -> Self {
         Self {
-            parameter: variant.parameters[deviation.parameter].name.clone(),
+            parameter: name.to_owned(),
             tolerances: deviation.tolerances,
         }
     }
 
-    /// Why no machine is that far off its drawing, where none is.
-    pub(super) fn refusal(&self) -> Option<String> {
-        (self.tolerances.abs() >= ABSURD_TOLERANCES).then(|| {
-            format!(
-                "No machine is {} tolerances off its drawing, as `{}` would be.",
-                general(self.tolerances.abs(), 3),
-                self.parameter
-            )
-        })
+    /// A refusal of a parameter that is as far off its drawing as that of no machine.
+    pub(crate) fn refusal(&self) -> Option<Reason> {
+        (self.tolerances.abs() >= ABSURD_TOLERANCES).then(|| Reason::Implausible(self.clone()))
     }
 }

@@ -11,7 +11,7 @@ use tau_robot::measurements::TcpPose;
 use tau_robot::robot::Plate;
 use tau_robot::robot_file::Noise;
 
-use super::general;
+use super::reason::Reason;
 use crate::numerics::order::extent;
 use crate::numerics::{count, parallel};
 use crate::uncertainty::Uncertainty;
@@ -94,28 +94,9 @@ impl Reach {
         self.elsewhere_m <= self.shown_m
     }
 
-    /// The sentence that warns where they do not.
-    pub fn warning(&self) -> Option<String> {
-        let along = self
-            .spread_m
-            .iter()
-            .take(self.plate.freedoms_of_tcp().len());
-        let along: Vec<String> = along.map(|length| general(1e3 * length, 2)).collect();
-        let turn = if self.plate.turning_axes().is_empty() {
-            String::new()
-        } else {
-            format!(" and turn by {} mrad", general(1e3 * self.turn_rad, 2))
-        };
-        (!self.speaks_for_rest()).then(|| {
-            format!(
-                "The poses cannot speak for the rest of the workspace: where the commands are combined otherwise the \
-                 position is known to {} µm, while poses like these show errors of {} µm. They spread over {} mm{turn}; \
-                 measure where they do not.",
-                general(1e6 * self.elsewhere_m, 2),
-                general(1e6 * self.shown_m, 2),
-                along.join(" by ")
-            )
-        })
+    /// A warning where they do not.
+    pub fn warning(&self) -> Option<Reason> {
+        (!self.speaks_for_rest()).then_some(Reason::Reach(*self))
     }
 }
 

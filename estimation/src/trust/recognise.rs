@@ -24,6 +24,7 @@ use crate::trust::hypothesis::{self, Case, Hypothesis, THOUSAND};
 use crate::trust::judged::Judged;
 use crate::trust::mistake::{Mistake, MistakeKind};
 use crate::trust::pull::Pull;
+use crate::trust::reason::Reason;
 use crate::trust::refined::refined;
 use crate::trust::tried::{
     ITERATIONS, STATED, Tried, beyond_tolerance, closer, fitted, is_beyond_noise, tried,
@@ -53,8 +54,8 @@ pub struct Recognised {
     /// The machine that measured poses tell once mended; `None` where no machine fits and nothing explains it: where parts
     /// of a wrong one would be tells nothing.
     pub(crate) machine: Option<Machine>,
-    /// Why the measurements are not those of the machine, where nothing else explains them.
-    pub another_machine: Option<String>,
+    /// A refusal of measurements that are not those of the machine, where nothing else explains them.
+    pub another_machine: Option<Reason>,
     /// Residuals over the stated noise, where they exceed it significantly and no mistake explains it.
     pub misfit: Option<f64>,
     /// True where nothing fits and no mistake explains it.

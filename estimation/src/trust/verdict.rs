@@ -18,8 +18,9 @@ use crate::trust::mistake::{Mistake, MistakeKind};
 use crate::trust::of_folder::{self, of_case};
 use crate::trust::pull::Pull;
 use crate::trust::reach::Reach;
+use crate::trust::reason::{Reason, Repeated, Size};
 use crate::trust::tried::{self, ITERATIONS};
-use crate::trust::{LARGEST_MISFIT, LEVEL, LISTED, general, numbering, weighing_words};
+use crate::trust::{LARGEST_MISFIT, LEVEL, LISTED, numbering};
 use crate::uncertainty::Uncertainty;
 use crate::unknown_poses::errors_in_variables::GroupFit;
 use crate::weighing::{self, Loss, MOST_POSES, Outlier, Repeats, Weighing};
@@ -76,6 +77,16 @@ pub struct PoseFit {
     pub sigmas: f64,
 }
 
+impl PoseFit {
+    /// The worst of poses by their number, worst first.
+    pub(crate) fn worst(all: impl Iterator<Item = (u32, f64)>) -> Vec<Self> {
+        let mut all: Vec<Self> = all.map(|(pose, sigmas)| Self { pose, sigmas }).collect();
+        largest_first(&mut all, |pose| pose.sigmas);
+        all.truncate(LISTED);
+        all
+    }
+}
+
 /// The verdict on a fit or a prediction, with its reasons.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Verdict {
@@ -95,8 +106,8 @@ pub struct Verdict {
     pub pulls: Vec<Pull>,
     /// Knowledge of the position at the poses and elsewhere, of a calibration.
     pub reach: Option<Reach>,
-    /// Why, in sentences.
-    pub why: Vec<String>,
+    /// Reasons, and what else is to be known.
+    pub why: Vec<Reason>,
     /// Mistakes that explain it.
     pub mistakes: Vec<Mistake>,
     /// Poses far off all others, by number; the figures above are of the others where these were left out.
@@ -135,28 +146,34 @@ impl Verdict {
             ..Self::default()
         };
         verdict.blame(mistakes);
-        verdict.why.push(format!("There is no fit: {reason}."));
+        verdict.why.push(Reason::NoFit(reason.to_owned()));
         verdict
     }
 
     /// One line: the status, and why.
     pub fn line(&self) -> String {
-        let why = self.why.join(" ");
-        format!("{}: {why}", self.status.name())
+        format!("{}: {}", self.status.name(), self.reasons())
+    }
+
+    /// The reasons in sentences.
+    pub fn reasons(&self) -> String {
+        let why: Vec<String> = self.why.iter().map(ToString::to_string).collect();
+        why.join(" ")
     }
 
     /// The same with the carts of a fit of all sets.
     #[must_use]
     pub fn with_groups(mut self, groups: &[GroupFit], file: &RobotFile) -> Self {
+        let mut missed = vec![];
         for group in groups {
-            let (name, kind, sigma, unit) = match group.group {
+            let (file_name, kind, sigma, unit) = match group.group {
                 Component::Closure | Component::Exact => continue,
                 Component::CartPosition => (CART_POSES, "position", file.noise.position_m, "m"),
                 Component::CartRotation => (CART_POSES, "rotation", file.noise.rotation_rad, "rad"),
                 Component::Position => (CART_POSITIONS, "position", file.noise.position_m, "m"),
             };
             self.by_file.push(FileFit {
-                file: name,
+                file: file_name,
                 kind,
                 rows: group.residuals,
                 rms: group.rms * sigma,
@@ -164,12 +181,11 @@ impl Verdict {
                 unit,
             });
             if group.noise_factor > 1.0 {
-                self.status = self.status.max(Status::Inconsistent);
-                self.why.push(format!(
-                    "The {kind}s in {name} are met to {} times the stated noise.",
-                    general(group.rms, 3)
-                ));
+                missed.push((kind, file_name, group.rms));
             }
+        }
+        if !missed.is_empty() {
+            self.say(Status::Inconsistent, Reason::CartsMissed(missed));
         }
         self
     }
@@ -305,15 +321,8 @@ pub(super) fn measured(case: &Case<'_>, judged: &Judged, pulls: Vec<Pull>) -> Ve
     let samples = case.samples();
     let misfit = judged.misfit();
     let (rms, expected_rms) = judged.closure_rms_m(&samples);
-    let mut worst: Vec<PoseFit> = (judged.by_sample(samples.len()).into_iter())
-        .zip(&samples)
-        .map(|(sigmas, sample)| PoseFit {
-            pose: sample.number,
-            sigmas,
-        })
-        .collect();
-    largest_first(&mut worst, |pose| pose.sigmas);
-    worst.truncate(LISTED);
+    let by_sample = judged.by_sample(samples.len()).into_iter();
+    let numbers = samples.iter().map(|sample| sample.number);
     Verdict {
         status: Status::Consistent,
         chi2: misfit.chi2,
@@ -327,7 +336,7 @@ pub(super) fn measured(case: &Case<'_>, judged: &Judged, pulls: Vec<Pull>) -> Ve
             expected_rms,
             unit: "m",
         }],
-        worst,
+        worst: PoseFit::worst(numbers.zip(by_sample)),
         pulls,
         ..Verdict::default()
     }
@@ -344,49 +353,47 @@ impl Verdict {
 
     /// Says what the weighing of the poses found.
     pub(super) fn tell(&mut self, weighing: &Weighing) {
-        self.why.extend(weighing_words::outliers(weighing));
-        if self.mistakes.is_empty() {
-            self.why.extend(weighing.kept_because.clone());
-        }
-        if weighing.is_unsettled {
-            self.why.push(format!(
-                "Which poses count, and by how much, still changed after {} rounds of fit and weights.",
-                weighing::ROUNDS
-            ));
-        }
-        self.why
-            .extend(weighing.repeats.as_ref().map(weighing_words::repeats));
+        let all = &weighing.outliers;
+        let outliers = (!all.is_empty()).then(|| Reason::Outliers {
+            all: all.clone(),
+            poses: weighing.fit.len(),
+            loss: weighing.loss,
+            limit_sigmas: weighing.limit_sigmas,
+        });
+        let kept = (weighing.kept_because.clone()).filter(|_| self.mistakes.is_empty());
+        let unsettled = (weighing.is_unsettled).then_some(Reason::Unsettled(weighing::ROUNDS));
+        let repeats = weighing.repeats.as_ref().map(Repeats::reason);
+        let all = [outliers, kept, unsettled, repeats];
+        self.why.extend(all.into_iter().flatten());
     }
 
     /// Tests residuals, and tells of a parameter that is beyond its tolerance.
     pub(super) fn judge(&mut self, beyond: Option<&Pull>) {
         if tried::exceeds_noise(self.chi2, self.dof) {
-            self.status = Status::Inconsistent;
-            self.why.push(format!(
-                "Residuals are {} times what the stated noise allows (χ² {} where {} is expected).",
-                general(self.residual_over_noise, 3),
-                general(self.chi2, 4),
-                general(self.dof, 4)
-            ));
+            let residuals = Reason::Beyond {
+                over_noise: self.residual_over_noise,
+                squares: [self.chi2, self.dof],
+                is_unexplained: false,
+            };
+            self.say(Status::Inconsistent, residuals);
         }
         if let Some(pull) = beyond {
-            self.status = self.status.max(Status::Inconsistent);
-            self.why.push(format!(
-                "`{}` is pulled {} tolerances off its nominal value.",
-                pull.parameter,
-                general(pull.tolerances.abs(), 3)
-            ));
+            let pulled = Reason::Pulled(pull.clone(), pull.tolerances);
+            self.say(Status::Inconsistent, pulled);
         }
+    }
+
+    /// Takes over a reason that leaves the status no better than one.
+    pub fn say(&mut self, status: Status, why: Reason) {
+        self.status = self.status.max(status);
+        self.why.push(why);
     }
 
     /// Takes over mistakes that were recognised, which are said after the reasons so far.
     pub(super) fn blame(&mut self, mistakes: Vec<Mistake>) {
         for mistake in mistakes {
-            let Mistake {
-                file, what, mend, ..
-            } = &mistake;
-            self.why.push(format!("In {file}, {what}: {mend}."));
-            self.hold(mistake);
+            self.say(mistake.status(), Reason::Mistake(mistake.clone()));
+            self.mistakes.push(mistake);
         }
     }
 
@@ -394,30 +401,18 @@ impl Verdict {
     pub fn blame_rows(&mut self, mistakes: &[Mistake]) {
         for mistake in mistakes {
             if !self.mistakes.contains(mistake) {
-                let Mistake {
-                    file, what, mend, ..
-                } = mistake;
-                self.why.insert(0, format!("{file}: {what}; {mend}."));
-                self.hold(mistake.clone());
+                self.blame(vec![mistake.clone()]);
+                self.why.rotate_right(1);
             }
         }
     }
 
-    fn hold(&mut self, mistake: Mistake) {
-        self.status = self.status.max(if mistake.is_absurd {
-            Status::Absurd
-        } else {
-            Status::Inconsistent
-        });
-        self.mistakes.push(mistake);
-    }
-
-    /// No machine is as far off its drawing as the parameter that is furthest off, unless a mistake tells why.
-    pub(crate) fn refuse_pull(&mut self, furthest: Option<&Pull>) {
-        let furthest = furthest.filter(|_| self.mistakes.is_empty());
-        if let Some(why) = furthest.and_then(Pull::refusal) {
-            self.status = Status::Absurd;
-            self.why.push(why);
+    /// Takes over refusals of what no machine is like, unless a mistake tells why.
+    pub(crate) fn refuse(&mut self, refusals: [Option<Reason>; 2]) {
+        if self.mistakes.is_empty() {
+            for why in refusals.into_iter().flatten() {
+                self.say(Status::Absurd, why);
+            }
         }
     }
 
@@ -430,35 +425,46 @@ impl Verdict {
         furthest: Option<&Pull>,
     ) {
         let off_m = self.by_file.first().map_or(0.0, |fit| fit.rms);
-        if self.mistakes.is_empty()
-            && let Some(why) = case.another_machine(off_m)
-        {
-            self.status = Status::Absurd;
-            self.why.push(why);
-        }
-        self.refuse_pull(furthest);
+        self.refuse([
+            case.another_machine(off_m),
+            furthest.and_then(Pull::refusal),
+        ]);
         let widening = self.widening();
         let is_explained = is_explained || !self.mistakes.is_empty();
         if self.status == Status::Inconsistent && widening > 1.0 && !is_explained {
-            self.why.push(format!(
-                "The model lacks something (`tau discover` looks for it) or the noise is more than stated; standard \
-                 deviations are up to {} times as large if it is noise.",
-                general(widening, 3)
-            ));
+            self.why.push(Reason::Lacks(widening));
         }
         if self.status == Status::Consistent {
             // Readings that share an error stay below noise that holds it.
             let is_shared = (self.repeats).is_some_and(|own| own.lack_of_fit.p_value < LEVEL);
             let is_small = chi2_survival(self.chi2, self.dof) > 1.0 - LEVEL;
-            let said = match (is_small, is_shared) {
-                (true, false) => ": it is stated too large",
-                (true, true) => "",
-                (false, _) => ", as chance allows",
-            };
-            self.why.push(format!(
-                "Residuals are {} times what the stated noise makes them{said}.",
-                general(self.residual_over_noise, 3)
-            ));
+            self.why.push(Reason::Within {
+                over_noise: self.residual_over_noise,
+                left: None,
+                size: match (is_small, is_shared) {
+                    (true, false) => Size::TooLarge,
+                    (true, true) => Size::Unsaid,
+                    (false, _) => Size::Chance,
+                },
+            });
         }
+    }
+}
+
+impl Repeats {
+    fn reason(&self) -> Reason {
+        let rotation = self.rotation_rad.map(|sigma| (sigma, "rad"));
+        let position = (self.position_m, "m");
+        Reason::Repeats(Repeated {
+            of: None,
+            readings: self.readings,
+            quantities: self.visits,
+            sigmas: std::iter::once(position).chain(rotation).collect(),
+            degrees: self.degrees as f64,
+            over_noise: self.within_over_noise,
+            is_estimated: false,
+            is_shared: self.shared_over_noise > 0.0 && self.lack_of_fit.p_value < LEVEL,
+            lack_of_fit: Some(self.lack_of_fit),
+        })
     }
 }

@@ -10,9 +10,6 @@ use crate::trust::hypothesis::{Case, Hypothesis, INCH_MM, THOUSAND};
 use crate::trust::mistake::{Mistake, MistakeKind};
 use crate::trust::{ABSURD_TOLERANCES, general};
 
-/// Sentence on the verdict on a drawing, whose parameters nobody has calibrated.
-pub(super) const OF_DRAWING: &str = "For that its dimensions move within their tolerances: how well the drawing predicts as it is, its errors say.";
-
 const ROBOT: &str = "robot.toml";
 const AXES: [&str; 3] = ["x", "y", "z"];
 const ANGLES: [&str; 3] = ["alpha_rad", "beta_rad", "gamma_rad"];
@@ -162,16 +159,6 @@ pub(crate) fn of_small_tolerances(lengths_only: bool) -> Mistake {
         mend,
         is_absurd: true,
     }
-}
-
-/// Other parameters than those of a file take away so much of χ², for so much expected.
-pub(crate) fn changed(squares: f64, degrees: f64) -> String {
-    format!(
-        "Other parameters would take away {} of χ², for {} expected: the machine has changed, or its parameters are known less \
-         well than the file says.",
-        general(squares, 3),
-        general(degrees, 3)
-    )
 }
 
 /// A numbering in words; it holds the cart on each track.

@@ -13,7 +13,7 @@ use crate::numerics::distribution::{chi2_quantile_above, chi2_survival};
 use crate::numerics::order::largest_first;
 use crate::problem::{CLOSURE_SHARE, Component};
 use crate::samples::outliers;
-use crate::trust::{LISTED, PoseFit};
+use crate::trust::PoseFit;
 
 /// Share of the worst row's distance from which on others go with it: one gross row drags others along, but not as far.
 const NEARLY_WORST: f64 = 0.7;
@@ -188,15 +188,7 @@ impl Fit<'_> {
             sum.1 += left;
         }
         let poses = sums.into_iter();
-        let mut worst: Vec<PoseFit> = poses
-            .map(|(pose, (squares, left))| PoseFit {
-                pose,
-                sigmas: (squares / left).sqrt(),
-            })
-            .collect();
-        largest_first(&mut worst, |pose| pose.sigmas);
-        worst.truncate(LISTED);
-        worst
+        PoseFit::worst(poses.map(|(pose, (squares, left))| (pose, (squares / left).sqrt())))
     }
 
     /// Row of a residual of a block.

@@ -7,20 +7,15 @@ use super::rows::{Kind, KindFit};
 use super::{ROUGH_NOISE, ROUNDS, UnknownPoses};
 use crate::numerics::distribution::chi2_survival;
 use crate::trust::judged::Deviation;
+use crate::trust::reason::{Estimate, Reason, Repeated, Size};
 use crate::trust::tried::beyond_tolerance;
-use crate::trust::weighing_words::{deviation, repeat_to};
 use crate::trust::{
-    ABSURD_TOLERANCES, FileFit, LARGEST_MISFIT, LEVEL, LISTED, PoseFit, Pull, Status, Verdict,
-    general,
+    ABSURD_TOLERANCES, FileFit, LARGEST_MISFIT, LEVEL, PoseFit, Pull, Status, Verdict,
 };
 
 /// A parameter that is pulled farther than this many tolerances takes up what the model lacks, where it lacks something: of a
 /// hundred parameters, one in a hundred and fifty machines has one by chance.
 const FAR_PULL: f64 = 4.0;
-
-/// Noise that is estimated is as large as the residuals, whatever these hold.
-pub(super) const ESTIMATED_FROM_RESIDUALS: &str =
-    "that is the size of its residuals, which says nothing of the model";
 
 impl UnknownPoses {
     /// Mean length of the links at the reference (m); infinite where there is none.
@@ -34,13 +29,9 @@ impl UnknownPoses {
         length_m.unwrap_or(f64::INFINITY)
     }
 
-    /// Sentence on measurements that are missed by far, where some are: see [`Self::missed_m`].
-    pub(super) fn another_machine(&self) -> Option<String> {
-        let missed_m = self.missed_m()?;
-        Some(format!(
-            "Measurements are missed by {} mm: this is another machine, or commands and measurements do not belong together.",
-            general(1e3 * missed_m, 3)
-        ))
+    /// A refusal of measurements that are missed by far, where some are: see [`Self::missed_m`].
+    pub(super) fn another_machine(&self) -> Option<Reason> {
+        Some(Reason::AnotherMachine(None, self.missed_m()?))
     }
 
     /// Largest rms (m) of what a kind of lengths is missed by, where no machine that is the right one would miss it by as much;
@@ -65,27 +56,19 @@ impl UnknownPoses {
     }
 
     /// Repeated readings of a kind.
-    fn repeatability(fit: &KindFit) -> Option<String> {
+    fn repeatability(fit: &KindFit) -> Option<Reason> {
         let repeats = fit.repeats?;
-        let unit = fit.kind.of.unit();
-        let subject = format!(
-            "Of {}, {} readings of {} values",
-            fit.kind.words(),
-            repeats.readings,
-            repeats.quantities
-        );
-        let noise = if fit.kind.is_estimated() {
-            "estimated"
-        } else {
-            "stated"
-        };
-        Some(repeat_to(
-            &subject,
-            (&deviation(repeats.sigma, unit), ""),
-            repeats.degrees,
-            (repeats.within_over_noise, noise),
-            repeats.lack_of_fit.as_ref().map(|test| ("values", test)),
-        ))
+        Some(Reason::Repeats(Repeated {
+            of: Some(fit.kind.words()),
+            readings: repeats.readings,
+            quantities: repeats.quantities,
+            sigmas: vec![(repeats.sigma, fit.kind.of.unit())],
+            degrees: repeats.degrees,
+            over_noise: repeats.within_over_noise,
+            is_estimated: fit.kind.is_estimated(),
+            is_shared: false,
+            lack_of_fit: repeats.lack_of_fit,
+        }))
     }
 
     /// True if the model misses the means of a kind's repeated readings by more than their scatter lets expect, of all kinds
@@ -105,18 +88,14 @@ impl UnknownPoses {
 
     /// The other reason for means that are missed where no noise of drives is known: readings of one value were taken at one
     /// place, and do not show how well the drives come back to it.
-    fn or_drives(&self) -> Option<String> {
+    fn or_drives(&self) -> Option<Reason> {
         let are_exact = self.kinds.iter().any(|fit| fit.kind.is_exact());
-        are_exact.then(|| {
-            "Or the drives do not repeat as well as readings at one place: then state their noise or have it estimated \
-             (`[drives] noise_m = \"estimate\"`)."
-                .to_owned()
-        })
+        are_exact.then_some(Reason::OrDrives)
     }
 
     /// Reasons for the size of the residuals, as far as repeated readings tell: noise that scatters more than stated, or a
     /// misfit of the model; of the kinds that `takes` says.
-    fn causes(&self, takes: impl Fn(&Kind) -> bool) -> Vec<String> {
+    fn causes(&self, takes: impl Fn(&Kind) -> bool) -> Vec<Reason> {
         let noisy = || {
             self.kinds
                 .iter()
@@ -133,32 +112,22 @@ impl UnknownPoses {
         let mut are_missed = false;
         for fit in noisy().filter(|fit| takes(&fit.kind)) {
             let Some(repeats) = fit.repeats else { continue };
-            let own = fit.kind.words();
-            let in_words = |sigma| deviation(sigma, fit.kind.of.unit());
+            let (of, unit) = (fit.kind.words(), fit.kind.of.unit());
             if is_too_small(fit) {
-                causes.push(format!(
-                    "The stated noise of {own} is too small: readings of one value scatter by {}.",
-                    in_words(repeats.sigma)
-                ));
+                causes.push(Reason::NoiseTooSmall(of.clone(), repeats.sigma, unit));
             }
-            // Noise of other kinds, which no readings confirm, moves poses and so means.
-            let others: Vec<String> = noisy()
-                .filter(|other| other.kind != fit.kind)
-                .filter(|other| other.repeats.is_none() || is_too_small(other))
-                .map(|other| other.kind.words())
-                .collect();
-            let or_noise = if others.is_empty() {
-                String::new()
-            } else {
-                format!(", or the noise of {} is larger", others.join(" and "))
-            };
             if self.lacks_fit(fit) {
                 are_missed = true;
-                causes.push(format!(
-                    "Readings of {own} repeat to {}, the model misses their means by {}: it lacks something{or_noise}.",
-                    in_words(repeats.sigma),
-                    in_words(repeats.missed)
-                ));
+                // Noise of other kinds, which no readings confirm, moves poses and so means.
+                let others = noisy()
+                    .filter(|other| other.kind != fit.kind)
+                    .filter(|other| other.repeats.is_none() || is_too_small(other));
+                causes.push(Reason::MeansMissed {
+                    of,
+                    scatter_and_missed: [repeats.sigma, repeats.missed],
+                    unit,
+                    or_noise_of: others.map(|other| other.kind.words()).collect(),
+                });
             }
         }
         if are_missed {
@@ -212,7 +181,7 @@ impl UnknownPoses {
         let is_missed = |fit: &KindFit| fit.kind.is_estimated() && self.lacks_fit(fit);
         let (is_consistent, mut why) = if self.is_consistent() {
             let is_missed = self.kinds.iter().any(is_missed);
-            let mut why: Vec<String> = self.ratio_to_noise().into_iter().collect();
+            let mut why: Vec<Reason> = self.ratio_to_noise().into_iter().collect();
             why.extend(if is_missed {
                 self.causes(Kind::is_estimated)
             } else {
@@ -220,202 +189,148 @@ impl UnknownPoses {
             });
             (!is_missed, why)
         } else {
-            (false, self.misfit_in_words())
+            (false, self.misfit_reasons())
         };
         if !self.is_settled {
-            why.push(format!(
-                "Poses, noise or the rows that take part still changed after {ROUNDS} rounds of fit and weights."
-            ));
+            why.push(Reason::Unsettled(ROUNDS));
         }
-        let pulls = Pull::largest(self.pulls());
-        let far = self.beyond_tolerance();
-        if let Some(deviation) = far {
-            let [off, freed] =
-                [deviation.tolerances, deviation.freed].map(|own| general(own.abs(), 2));
-            let name = &self.calibration.parameters[deviation.parameter].name;
-            let mut said = format!("`{name}` lies {off} tolerances off its nominal value");
-            if freed != off {
-                said += &format!(", {freed} where its own did not hold it back");
-            }
-            why.push(said + ".");
-        }
-        let status = if is_consistent && far.is_none() {
-            Status::Consistent
-        } else {
-            Status::Inconsistent
-        };
-        let estimated = self.kinds.iter().filter(|fit| fit.kind.is_estimated());
-        why.extend(estimated.map(estimated_noise));
-        why.extend(self.misses_of_carts());
-        why.extend(self.kinds.iter().filter_map(Self::repeatability));
         let kinds = self.kinds.iter().filter(|kind| kind.is_listed());
+        let by_file = kinds.map(|fit| fit.kind.fit(fit.rows, fit.rms(), fit.expected_rms()));
+        let gross = self.gross.iter().map(|row| (row.place.pose, row.sigmas));
+        let is_gross = |pose: u32| self.gross.iter().any(|row| row.place.pose == pose);
+        let worst = self.worst.iter().filter(|own| !is_gross(own.pose));
+        let worst = worst.map(|own| (own.pose, own.sigmas));
         let mut verdict = Verdict {
-            status,
+            status: if is_consistent {
+                Status::Consistent
+            } else {
+                Status::Inconsistent
+            },
             chi2: self.chi2,
             dof: self.dof,
             residual_over_noise: self.residual_over_noise(),
-            by_file: kinds
-                .map(|fit| FileFit {
-                    file: fit.kind.of.file(),
-                    kind: fit.kind.of.quantity(),
-                    rows: fit.rows,
-                    rms: fit.rms(),
-                    expected_rms: fit.expected_rms(),
-                    unit: fit.kind.of.unit(),
-                })
-                .collect(),
-            worst: (self.gross.iter().take(LISTED))
-                .map(|row| PoseFit {
-                    pose: row.place.pose,
-                    sigmas: row.sigmas,
-                })
-                .collect(),
-            pulls,
+            by_file: by_file.collect(),
+            worst: PoseFit::worst(gross.chain(worst)),
+            pulls: Pull::largest(self.pulls()),
             why,
             outliers: self.gross.iter().map(GrossRow::outlier).collect(),
             means_over_noise: self.means_over_noise(),
             loss: self.loss,
             ..Verdict::default()
         };
-        verdict.blame_rows(&self.mistakes);
-        let furthest = verdict.pulls.first().cloned();
-        verdict.refuse_pull(furthest.as_ref());
-        if verdict.mistakes.is_empty()
-            && let Some(why) = self.another_machine()
-        {
-            verdict.status = Status::Absurd;
-            verdict.why.push(why);
+        let parameters = &self.calibration.parameters;
+        if let Some(deviation) = self.beyond_tolerance() {
+            let pull = Pull::named(&parameters[deviation.parameter].name, &deviation);
+            let pulled = Reason::Pulled(pull, deviation.freed);
+            verdict.say(Status::Inconsistent, pulled);
         }
+        let estimated = self.kinds.iter().filter(|fit| fit.kind.is_estimated());
+        verdict.why.extend(estimated.map(estimated_noise));
+        verdict.why.extend(self.misses_of_carts());
+        let repeats = self.kinds.iter().filter_map(Self::repeatability);
+        verdict.why.extend(repeats);
+        verdict.blame_rows(&self.mistakes);
+        let furthest = verdict.pulls.first().and_then(Pull::refusal);
+        verdict.refuse([furthest, self.another_machine()]);
         verdict
     }
 
-    /// Sentences on repeated readings whose means are missed by more than they scatter by, and by no more than the stated
-    /// noise.
-    fn shared_within_noise(&self) -> Vec<String> {
+    /// Repeated readings whose means are missed by more than they scatter by, and by no more than the stated noise.
+    fn shared_within_noise(&self) -> Vec<Reason> {
         let missed = self.kinds.iter().filter(|fit| self.lacks_fit(fit));
         let missed: Vec<String> = missed.map(|fit| fit.kind.words()).collect();
         if missed.is_empty() {
             return vec![];
         }
-        let why = format!(
-            "The model misses means of repeated readings of {} by more than these scatter by, though within the stated noise: \
-             it lacks something, and standard deviations, for which each reading has errors of its own, are up to {} times \
-             as large.",
-            missed.join(" and "),
-            general(self.means_over_noise().max(1.0), 3)
-        );
+        let factor = self.means_over_noise().max(1.0);
+        let why = Reason::MeansMissedWithinNoise(missed, factor);
         [why].into_iter().chain(self.or_drives()).collect()
     }
 
     /// Residuals over the noise that they meet; `None` where the fit follows its rows.
-    fn ratio_to_noise(&self) -> Option<String> {
+    fn ratio_to_noise(&self) -> Option<Reason> {
         let (chi2, dof) = self.of_stated();
         // Noise that readings of a pose share is not seen between them: that it is smaller than stated is no mistake.
         let is_shared = self.kinds.iter().any(|fit| self.lacks_fit(fit));
         let is_too_large = !is_shared && chi2_survival(chi2, dof) > 1.0 - LEVEL;
-        (dof > 0.0).then(|| {
-            format!(
-                "Residuals are {} times their noise{}, {} of them beyond what the fit absorbs.",
-                general((chi2 / dof).sqrt(), 3),
-                if is_too_large {
-                    too_large(self.kinds.iter().map(|fit| &fit.kind), ", which")
-                } else {
-                    String::new()
-                },
-                general(dof, 3)
-            )
+        (dof > 0.0).then(|| Reason::Within {
+            over_noise: (chi2 / dof).sqrt(),
+            left: Some(dof),
+            size: if is_too_large {
+                too_large(self.kinds.iter().map(|fit| &fit.kind))
+            } else {
+                Size::Unsaid
+            },
         })
     }
 
-    /// Sentences on residuals that exceed the stated noise.
-    fn misfit_in_words(&self) -> Vec<String> {
+    /// Residuals that exceed the stated noise.
+    fn misfit_reasons(&self) -> Vec<Reason> {
         let (chi2, dof) = self.of_stated();
-        let ratio = general((chi2 / dof.max(1e-9)).sqrt(), 3);
         let noisy_kinds = self.kinds.iter().filter(|fit| fit.is_tested()).count();
         let causes = self.causes(|_| true);
-        let mut why = vec![if causes.is_empty() {
-            format!(
-                "Residuals are {ratio} times the stated noise: the model lacks something, or the noise is larger."
-            )
-        } else {
-            format!("Residuals are {ratio} times the stated noise.")
+        let mut why = vec![Reason::Beyond {
+            over_noise: (chi2 / dof.max(1e-9)).sqrt(),
+            squares: [chi2, dof],
+            is_unexplained: causes.is_empty(),
         }];
-        let beyond: Vec<String> = (self.beyond_noise().into_iter())
-            .filter_map(|fit| {
-                let ratio = general(fit.residual_over_noise()?, 3);
-                Some(format!("{} {ratio} times", fit.kind.words()))
-            })
+        let beyond: Vec<(String, f64)> = (self.beyond_noise().into_iter())
+            .filter_map(|fit| Some((fit.kind.words(), fit.residual_over_noise()?)))
             .collect();
         if noisy_kinds > 1 && !beyond.is_empty() {
-            why.push(format!("Beyond chance are those of {}.", beyond.join(", ")));
+            why.push(Reason::BeyondChance(beyond));
         }
         why.extend(causes);
         if self.widened > 1.0 {
-            why.push(format!(
-                "At that noise what is missed would drive parameters beyond their tolerances: they are those at {} times \
-                 that noise, where tolerances hold them.",
-                general(self.widened, 3)
-            ));
+            why.push(Reason::Widened(self.widened));
         }
         if self.rank.net_rows() == self.rank.factors() + 1 {
-            why.push(
-                "One residual is left beyond the factors: every effect would explain it as well as any other; measure \
-                 more poses to tell what the model lacks."
-                    .to_owned(),
-            );
+            why.push(Reason::OneLeft);
         }
         why
     }
 
-    fn misses_of_carts(&self) -> Option<String> {
+    fn misses_of_carts(&self) -> Option<Reason> {
         let missed = self.kinds.iter().map(|kind| &kind.kind);
-        let missed = missed.filter(|kind| kind.is_missed_of_carts());
-        let missed: Vec<String> = missed
-            .map(|kind| {
-                let times = general(kind.excess(), 2);
-                format!(
-                    "{}s in {} {times} times",
-                    kind.of.quantity(),
-                    kind.of.file()
-                )
-            })
+        let missed: Vec<_> = missed
+            .filter(|kind| kind.is_missed_of_carts())
+            .map(|kind| (kind.of.quantity(), kind.of.file(), kind.excess()))
             .collect();
-        (!missed.is_empty()).then(|| {
-            format!(
-                "Carts miss their stated noise, and count that much less: {}.",
-                missed.join(", ")
-            )
-        })
+        (!missed.is_empty()).then_some(Reason::CartsMissed(missed))
     }
 }
 
-fn estimated_noise(fit: &KindFit) -> String {
-    let own = fit.kind.words();
-    let (unit, sigma) = (fit.kind.of.unit(), fit.kind.sigma);
-    let Some(ratio) = fit.residual_over_noise() else {
-        return format!("The noise of {own} could not be estimated: the fit follows its rows.");
-    };
-    if ratio < 1.0 - ROUGH_NOISE {
-        return format!(
-            "The noise of {own} was estimated to be no more than {} {unit}.",
-            general(sigma, 2)
-        );
-    }
-    format!(
-        "The noise of {own} was estimated: {} {unit}; {}.",
-        general(sigma, 2),
-        if fit.repeats.is_some_and(|own| own.lack_of_fit.is_some()) {
-            "of the model its repeated readings tell, not the size of its residuals"
-        } else {
-            ESTIMATED_FROM_RESIDUALS
+impl Kind {
+    /// The fit of its rows, for a verdict.
+    pub(super) fn fit(&self, rows: usize, rms: f64, expected_rms: f64) -> FileFit {
+        FileFit {
+            file: self.of.file(),
+            kind: self.of.quantity(),
+            rows,
+            rms,
+            expected_rms,
+            unit: self.of.unit(),
         }
-    )
+    }
 }
 
-/// Reason why residuals are less than their noise by more than chance.
-pub(super) fn too_large<'a>(mut kinds: impl Iterator<Item = &'a Kind>, noise: &str) -> String {
+fn estimated_noise(fit: &KindFit) -> Reason {
+    let Kind { of, sigma, .. } = fit.kind;
+    let tells = fit.repeats.is_some_and(|own| own.lack_of_fit.is_some());
+    let estimate = match fit.residual_over_noise() {
+        None => Estimate::Unknown,
+        Some(ratio) if ratio < 1.0 - ROUGH_NOISE => Estimate::AtMost(sigma),
+        Some(_) if tells => Estimate::BesideRepeats(sigma),
+        Some(_) => Estimate::OfResiduals(sigma),
+    };
+    Reason::Estimated(fit.kind.words(), estimate, of.unit())
+}
+
+/// Noise of residuals that are less than it by more than chance.
+pub(super) fn too_large<'a>(mut kinds: impl Iterator<Item = &'a Kind>) -> Size {
     if kinds.any(|kind| kind.is_loose) {
-        return ": exact drives that contradict each other are taken for as noisy as what was measured".to_owned();
+        Size::Contradiction
+    } else {
+        Size::TooLarge
     }
-    format!("{noise} is stated too large")
 }

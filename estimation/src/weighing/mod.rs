@@ -28,6 +28,7 @@ use crate::samples::Sample;
 use crate::samples::outliers;
 use crate::trust::NEARER;
 use crate::trust::judged::Judged;
+use crate::trust::reason::Reason;
 use deleted::deleted;
 
 use repeats::ByVisit;
@@ -88,7 +89,7 @@ pub struct Weighing {
     /// Repeated readings, if there are any.
     pub repeats: Option<Repeats>,
     /// A reason why poses far off are not left out.
-    pub kept_because: Option<String>,
+    pub kept_because: Option<Reason>,
     /// The loss, if there is one.
     pub loss: Option<Loss>,
     /// True if weights, or which poses are outliers, still changed when the rounds ran out.
@@ -186,7 +187,7 @@ impl Weighing {
     }
 
     /// The same with all outliers, because of something.
-    pub(crate) fn keeping_outliers(mut self, because: String) -> Self {
+    pub(crate) fn keeping_outliers(mut self, because: Reason) -> Self {
         for (weight, inflation) in self.fit.iter_mut().zip(&self.inflation) {
             *weight = inflation.recip();
         }
@@ -418,19 +419,16 @@ impl Far {
     }
 
     /// Why poses are kept that lie further off than most let expect.
-    fn too_many(&self, sums: &[(f64, f64)], is_outlier: &[bool]) -> Option<String> {
+    fn too_many(&self, sums: &[(f64, f64)], is_outlier: &[bool]) -> Option<Reason> {
         let left_out = is_outlier.iter().filter(|is| **is).count();
         let most = outliers::variance_of_most(sums).max(1.0);
         let far = sums.iter().filter(|sum| sum.0 > self.limit * most).count();
         let is_many = far > outliers::most_outliers(sums.len());
-        (is_many && far > left_out).then(|| {
-            format!(
-                "{far} of {} poses lie further off than most of them let expect: too many to be outliers, so that {} \
-                 kept.",
-                sums.len(),
-                if left_out == 0 { "they are" } else { "most are" }
-            )
-        })
+        (is_many && far > left_out).then_some(Reason::TooManyOutliers(
+            far,
+            sums.len(),
+            left_out == 0,
+        ))
     }
 }
 

@@ -1,7 +1,7 @@
 //! The first page: its sentences follow from verdict, search and check.
 
 use tau::measurements::{Folder, Split};
-use tau::trust::{Check, Gap, Mistake, MistakeKind, PoseFit, Status, Verdict};
+use tau::trust::{Check, Gap, Mistake, MistakeKind, PoseFit, Reason, Status, Verdict};
 use tau::unknown_poses::RowDivision;
 
 use super::{next, of_study};
@@ -17,7 +17,7 @@ fn verdict(status: Status, ratio: f64) -> Verdict {
             pose: 17,
             sigmas: 4.0,
         }],
-        why: vec!["Residuals are what `they` are.".to_owned()],
+        why: vec![Reason::NoFit("`they` are as they are".to_owned())],
         ..Verdict::default()
     }
 }

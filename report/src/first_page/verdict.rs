@@ -18,11 +18,6 @@ pub(super) fn of_study(study: &Study) -> Markup {
             @if let Some(found) = &study.discovery { (of_discovery(found)) }
         };
     };
-    let why: Vec<String> = verdict
-        .why
-        .iter()
-        .map(|sentence| sentence.trim().to_owned())
-        .collect();
     let found = study.discovery.as_ref();
     let is_explained = verdict.status == Status::Inconsistent
         && found.is_some_and(|found| found.status == discovery::Status::Explained);
@@ -43,7 +38,7 @@ pub(super) fn of_study(study: &Study) -> Markup {
                     @else { ", the " (consistent(verdict)) "variant that comes nearest to the noise" }
                 }
                 ": "
-                (prose(&why.join(" ")))
+                (prose(&verdict.reasons()))
             }
             @if let Some(found) = found { p { (findings::verdict(found)) } }
             @let others = trust::others(study, &variant.name);

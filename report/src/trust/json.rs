@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value, json};
 use tau::calibration::Combination;
-use tau::trust::{Check, Checked, FileFacts, Mistake, Reach, Verdict};
+use tau::trust::{Check, Checked, FileFacts, Mistake, Reach, Reason, Verdict};
 use tau::weighing::{LackOfFit, Loss, Outlier, Repeats};
 
 use crate::gauge::gauge_json;
@@ -33,7 +33,7 @@ pub fn verdict(verdict: &Verdict) -> Value {
             .map(|pull| json!({ "parameter": pull.parameter, "tolerances": pull.tolerances }))
             .collect::<Vec<_>>(),
         "reach": verdict.reach.map(reach),
-        "why": verdict.why,
+        "why": verdict.why.iter().map(Reason::to_string).collect::<Vec<_>>(),
         "mistakes": verdict.mistakes.iter().map(mistake).collect::<Vec<_>>(),
         "outliers": verdict.outliers.iter().map(outlier).collect::<Vec<_>>(),
         "loss": verdict.loss.map(Loss::name),

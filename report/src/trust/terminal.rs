@@ -185,7 +185,7 @@ fn variant(screen: &mut Screen, checked: &Checked) {
     );
     weak(screen, undetermined);
     if let Some(warning) = reach.and_then(|reach| reach.warning()) {
-        screen.say_within("    ", &warning);
+        screen.say_within("    ", &warning.to_string());
     }
 }
 

@@ -3,7 +3,7 @@
 
 use tau_estimation::calibration::{Error, LinkResult};
 use tau_estimation::evaluation::{Summary, VariantResult};
-use tau_estimation::trust::{self, Mistake, Status, Verdict};
+use tau_estimation::trust::{self, Mistake, Reason, Status, Verdict};
 use tau_estimation::unknown_poses::{self, EstimatedPoses, HeldErrors, RowDivision, UnknownPoses};
 use tau_robot::measurements::Division;
 use tau_robot::robot::Variant;
@@ -126,13 +126,7 @@ pub(super) fn verdict(
         verdict.blame_rows(mistakes);
     }
     if of_held.status > Status::Consistent {
-        verdict.status = verdict.status.max(of_held.status);
-        let why = of_held.why.join(" ");
-        verdict.why.push(if is_held_out {
-            format!("Of what was held out: {why}")
-        } else {
-            why
-        });
+        verdict.say(of_held.status, Reason::OfHeld(of_held.why, is_held_out));
     }
     verdict
 }

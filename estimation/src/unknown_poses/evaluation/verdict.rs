@@ -2,17 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use super::super::measurand::Measurand;
 use super::super::outcome::GrossRow;
-use super::super::rows::Kind;
-use super::super::verdict::{ESTIMATED_FROM_RESIDUALS, too_large};
+use super::super::verdict::too_large;
 use super::HeldErrors;
 use super::known::Sum;
 use crate::numerics::distribution::{chi2_survival, f_survival};
-use crate::numerics::order::largest_first;
-use crate::trust::{
-    FileFit, LARGEST_MISFIT, LEVEL, LISTED, PoseFit, Pull, Status, Verdict, general, words,
-};
+use crate::trust::reason::{Estimate, HeldBy, Reason, Size};
+use crate::trust::{LARGEST_MISFIT, LEVEL, PoseFit, Pull, Status, Verdict};
 
 /// A parameter that takes away this share of the squares beyond chance is named for them; it decides the words alone, not
 /// the status.
@@ -24,8 +20,7 @@ impl HeldErrors {
     pub fn verdict(&self) -> Verdict {
         if let Some(fitted) = &self.within_tolerances {
             let mut verdict = fitted.clone();
-            let of_fit = "Parameters of a drawing may lie anywhere within their tolerances; this is the fit there.";
-            verdict.why.push(of_fit.to_owned());
+            verdict.why.push(Reason::WithinTolerances);
             verdict.blame_rows(&self.mistakes);
             return verdict;
         }
@@ -33,7 +28,9 @@ impl HeldErrors {
             chi2: self.all.squares,
             dof: self.all.degrees,
             residual_over_noise: (self.all.squares / self.all.degrees.max(1.0)).sqrt(),
-            by_file: self.by_file(),
+            by_file: (self.kinds.iter())
+                .map(|own| own.kind.fit(own.rows, own.rms, own.expected_rms))
+                .collect(),
             worst: self.worst(),
             pulls: self.pulls(),
             outliers: self.gross.iter().map(GrossRow::outlier).collect(),
@@ -67,116 +64,71 @@ impl HeldErrors {
             }
             (false, ..) => chi2_survival(squares, tested) < LEVEL,
         };
-        let why = &mut verdict.why;
-        let ratio = general(verdict.residual_over_noise, 3);
-        let known = match (self.knows_parameters, self.are_fitted) {
-            (false, _) => "noise makes",
-            (true, false) => "noise and what is not known of the parameters make",
-            (true, true) => "noise leaves in a fit to",
+        let by = match (self.knows_parameters, self.are_fitted) {
+            (false, _) => HeldBy::Noise,
+            (true, false) => HeldBy::NoiseAndParameters,
+            (true, true) => HeldBy::Fit,
         };
         // Noise that was estimated is as large as it looks, and parameters that are known better than stated are not its.
         let is_small = |sum: &Sum| {
             let is_tested = !is_estimated && sum.degrees > 0.0;
             is_tested && chi2_survival(sum.squares, sum.degrees) > 1.0 - LEVEL
         };
-        let chance = if is_misfit || has_moved {
+        let size = if is_misfit || has_moved {
             verdict.status = Status::Inconsistent;
-            String::new()
+            Size::Unsaid
         } else if is_small(&self.rest) {
-            too_large(self.kinds.iter().map(|own| &own.kind), ": the noise")
+            too_large(self.kinds.iter().map(|own| &own.kind))
         } else if is_small(&self.all) {
-            String::new()
+            Size::Unsaid
         } else {
-            ", as chance allows".to_owned()
+            Size::Chance
         };
-        why.push(format!(
-            "With the parameters held, residuals are {ratio} times what {known} them{chance} (χ² {} where {} is expected).",
-            general(self.all.squares, 4),
-            general(self.all.degrees, 4)
-        ));
+        let why = &mut verdict.why;
+        why.push(Reason::Held {
+            over_noise: verdict.residual_over_noise,
+            squares: [self.all.squares, self.all.degrees],
+            by,
+            size,
+        });
         if has_moved {
-            why.push(words::changed(squares, degrees));
+            why.push(Reason::Changed([squares, degrees]));
             let beyond = squares - degrees;
             let first = self.moved.first();
             let first = first.filter(|own| own.squares > MOST * beyond);
             if let Some((own, change)) = first.and_then(|own| Some((own, own.change?))) {
-                why.push(format!(
-                    "`{}` alone would take away {}, changed by {} {}.",
-                    own.parameter,
-                    general(own.squares, 3),
-                    general(change, 2),
-                    own.unit
-                ));
+                why.push(Reason::Alone {
+                    parameter: own.parameter.clone(),
+                    squares: own.squares,
+                    change,
+                    unit: own.unit.clone(),
+                });
             }
         }
         if is_misfit {
-            why.push(format!(
-                "No parameters take away {} of χ², where {} is expected: the model lacks something (`tau discover` looks for \
-                 it), or the noise is larger than stated.",
-                general(self.rest.squares, 4),
-                general(self.rest.degrees, 4)
-            ));
+            why.push(Reason::NotTaken([self.rest.squares, self.rest.degrees]));
         }
         if !self.knows_parameters {
-            why.push(
-                "The robot file does not say how well its parameters are known: they count as exact.".to_owned(),
-            );
+            why.push(Reason::ParametersExact);
         }
         for own in &self.kinds {
-            let Kind { of, sigma, .. } = own.kind;
-            let (file, quantity, unit) = (of.file(), of.quantity(), of.unit());
-            let is_axis = matches!(of, Measurand::Coordinate(_));
+            let of = own.kind.words();
             if !own.is_judged() {
-                let rows = if is_axis {
-                    format!("{quantity} in {file}")
-                } else {
-                    format!("The {} of {file}", plural(quantity))
-                };
-                why.push(format!(
-                    "{rows} can't be judged: poses and places follow all but {} of {}.",
-                    general(own.redundancy, 2),
-                    own.rows
-                ));
+                why.push(Reason::NotJudged(of, own.redundancy, own.rows));
             } else if own.kind.is_estimated() {
-                let of = if is_axis {
-                    format!("{quantity} in {file}")
-                } else {
-                    file.to_owned()
-                };
-                why.push(format!(
-                    "The noise of {of} was estimated: {} {unit}; {ESTIMATED_FROM_RESIDUALS}.",
-                    general(sigma, 2)
-                ));
+                let estimate = Estimate::OfResiduals(own.kind.sigma);
+                why.push(Reason::Estimated(of, estimate, own.kind.of.unit()));
             }
         }
         let farthest = self.kinds.iter().find_map(|own| {
             let rms_m = own.rms * own.kind.unit_m?;
             let is_far = rms_m > LARGEST_MISFIT * self.length_m && own.rms > own.expected_rms;
-            is_far.then_some((own, rms_m))
+            is_far.then_some(Reason::AnotherMachine(Some(own.kind.of.file()), rms_m))
         });
-        if let Some((own, rms_m)) = farthest.filter(|_| verdict.status == Status::Inconsistent) {
-            verdict.status = Status::Absurd;
-            why.push(format!(
-                "{} is off by {} mm: this is another machine, or commands and measurements do not belong together.",
-                own.kind.of.file(),
-                general(1e3 * rms_m, 3)
-            ));
+        if let Some(another) = farthest.filter(|_| verdict.status == Status::Inconsistent) {
+            verdict.say(Status::Absurd, another);
         }
         verdict.blame_rows(&self.mistakes);
-    }
-
-    fn by_file(&self) -> Vec<FileFit> {
-        let kinds = self.kinds.iter();
-        kinds
-            .map(|own| FileFit {
-                file: own.kind.of.file(),
-                kind: own.kind.of.quantity(),
-                rows: own.rows,
-                rms: own.rms,
-                expected_rms: own.expected_rms,
-                unit: own.kind.of.unit(),
-            })
-            .collect()
     }
 
     /// The worst poses: root mean square of their residuals over their standard deviations.
@@ -189,15 +141,10 @@ impl HeldErrors {
                 own.1 += 1.0;
             }
         }
-        let mut worst: Vec<PoseFit> = (sums.into_iter())
-            .map(|(pose, (squares, count))| PoseFit {
-                pose,
-                sigmas: (squares / count).sqrt(),
-            })
-            .collect();
-        largest_first(&mut worst, |pose| pose.sigmas);
-        worst.truncate(LISTED);
-        worst
+        PoseFit::worst(
+            sums.into_iter()
+                .map(|(pose, (squares, count))| (pose, (squares / count).sqrt())),
+        )
     }
 
     fn pulls(&self) -> Vec<Pull> {
@@ -205,12 +152,5 @@ impl HeldErrors {
             parameter: own.parameter.clone(),
             tolerances: own.sigmas,
         }))
-    }
-}
-
-fn plural(quantity: &str) -> String {
-    match quantity {
-        "closure" => "readings".to_owned(),
-        _ => format!("{quantity}s"),
     }
 }
