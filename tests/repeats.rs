@@ -225,12 +225,28 @@ fn noise_that_readings_share_is_not_stated_too_large() {
 /// by √2.5. Widened, they are those of the parameters' errors.
 #[test]
 fn deviations_are_widened_by_what_readings_share() {
+    let (stated, widened) = squares_of_errors("--measure heights,distances");
+    assert!(stated > 1.9 * widened, "{stated}, {widened}");
+    // Errors of one machine go together: as if of a third of them, a mean square is known to a quarter.
+    assert!((0.4..1.9).contains(&widened), "{widened}");
+}
+
+/// Poses that drives with noise and a tracker measure together: the readings of a dwell are of one pose.
+#[test]
+fn readings_of_a_dwell_share_their_pose_and_the_noise_of_the_drives() {
+    let (stated, widened) = squares_of_errors("--noise-drives 5e-6");
+    assert!(stated > 1.3 * widened, "{stated}, {widened}");
+    assert!((0.4..1.9).contains(&widened), "{widened}");
+}
+
+/// Mean squares of errors over their standard deviations, as stated and widened, where readings share half of their variance.
+fn squares_of_errors(measured: &str) -> (f64, f64) {
     let folder = tempfile::tempdir().unwrap();
     let run = |line: &str| tau_in(folder.path(), line);
     let [mut stated, mut widened, mut count] = [0.0; 3];
     for seed in 1..=8 {
         run(&format!(
-            "tau simulate --model linear_delta --measure heights,distances --random --poses 25 --readings 4 \
+            "tau simulate --model linear_delta {measured} --random --poses 25 --readings 4 \
              --visit-noise 0.5 --seed {seed} --out DIR/{seed}"
         ))
         .done();
@@ -253,10 +269,7 @@ fn deviations_are_widened_by_what_readings_share() {
         }
     }
     assert!(count >= 60.0, "{count}");
-    let [stated, widened] = [stated, widened].map(|sum: f64| sum / count);
-    assert!(stated > 1.9 * widened, "{stated}, {widened}");
-    // Errors of one machine go together: as if of a third of them, a mean square is known to a quarter.
-    assert!((0.4..1.9).contains(&widened), "{widened}");
+    (stated / count, widened / count)
 }
 
 /// Of noise that is estimated from residuals the verdict says that their size tells nothing. Where readings are repeated

@@ -131,6 +131,9 @@ pub(super) fn search(
         };
         let found = &mut outcome.discovery;
         found.remarks.extend(remark.into_iter().chain(part));
+        found
+            .remarks
+            .extend(of_base.one_left().map(|one| one.to_string()));
         let gross = match &fitted {
             Ok(fitted) => {
                 let told = fitted.gross_poses.iter();

@@ -284,10 +284,13 @@ impl UnknownPoses {
         if self.widened > 1.0 {
             why.push(Reason::Widened(self.widened));
         }
-        if self.rank.net_rows() == self.rank.factors() + 1 {
-            why.push(Reason::OneLeft);
-        }
+        why.extend(self.one_left());
         why
+    }
+
+    /// The reason why nothing can be told of what the model lacks, where one residual is left beyond what is determined.
+    pub fn one_left(&self) -> Option<Reason> {
+        (self.rank.net_rows() == self.rank.factors() + 1).then_some(Reason::OneLeft)
     }
 
     fn misses_of_carts(&self) -> Option<Reason> {

@@ -119,7 +119,7 @@ fn status(found: &Discovery) -> String {
 fn noisy(base: &str, factor: f64) -> String {
     format!(
         "No effect missing from {base} is significant in these measurements. Yet their noise is {} times the stated \
-         one: either less was stated than there is, or something acts that follows nothing that was recorded.",
+         one: either less was stated than there is, or something acts that these measurements do not tell.",
         general(factor, 2)
     )
 }

@@ -411,6 +411,9 @@ mod tests {
                 .collect();
             assert_eq!(division.calibration, expected, "{text}");
         }
+        // Visits are counted, not readings.
+        let twice = Split::First(2).divide(&[0, 1, 2, 3, 4, 5], &[0, 0, 1, 1, 2, 2]);
+        assert_eq!(twice.calibration, [0, 1, 2, 3]);
         let shared = folder.divide("fraction:0.5:3".parse().unwrap(), &poses);
         let of = |poses: &[usize]| poses.iter().map(|&p| rounds[p]).collect::<BTreeSet<_>>();
         assert_eq!(of(&shared.calibration).len(), 3);

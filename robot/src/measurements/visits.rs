@@ -65,3 +65,45 @@ fn is_as_warm(first: &TcpPose, pose: &TcpPose) -> bool {
         (first, own) => first == own,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::measurements::{Conditions, PoseSigmas};
+
+    fn pose(commands_m: [f64; 2], side: f64, temperature_c: f64) -> TcpPose {
+        TcpPose {
+            pose: 1,
+            line: 2,
+            commands_m: commands_m.to_vec(),
+            position_m: [0.0; 3],
+            angles_rad: [0.0; 3],
+            conditions: Conditions {
+                temperature_c: Some(temperature_c),
+                ..Conditions::default()
+            },
+            directions: Some(vec![side, f64::NAN]),
+            tensions_n: None,
+            sigmas: PoseSigmas::default(),
+        }
+    }
+
+    /// A dwell ends where the drives move, though they come back, or turn round, or where it has grown warmer, however slowly.
+    #[test]
+    fn a_dwell_lasts_as_long_as_nothing_moves() {
+        let (here, there) = ([0.1, 0.2], [0.1, 0.3]);
+        let folder = Folder {
+            tcp_poses: vec![
+                pose(here, 1.0, 20.0),
+                pose(here, 1.0, 20.01),
+                pose(there, 1.0, 20.0),
+                pose(here, 1.0, 20.0),
+                pose(here, -1.0, 20.0),
+                pose(here, -1.0, 20.06),
+                pose(here, -1.0, 20.12),
+            ],
+            ..Folder::default()
+        };
+        assert_eq!(folder.dwells(), [0, 0, 2, 3, 4, 4, 6]);
+    }
+}
