@@ -43,9 +43,11 @@ impl Case<'_> {
         } else {
             return None;
         };
-        let all = [Whose::Measurements, Whose::Drives, Whose::Both];
-        let has_drives = !self.setup.file.measuring.drives.is_empty();
-        let tried = all.into_iter().take(if has_drives { 3 } else { 1 });
+        let is_told = |whose: Whose| given.kinds.iter().any(|fit| whose.is_of(fit));
+        let tried = [Whose::Measurements, Whose::Drives].into_iter();
+        let tried: Vec<Whose> = tried.filter(|&whose| is_told(whose)).collect();
+        let both = (tried.len() > 1).then_some(Whose::Both);
+        let tried = tried.into_iter().chain(both);
         // Noise of one kind passes for that of others: what no file may state is nobody's.
         let tried = tried.filter(|whose| can_be_stated(&whose.scaled(self.setup.file, factor)));
         let gains = tried.filter_map(|whose| Some((self.gain(whose, factor)?, whose)));
