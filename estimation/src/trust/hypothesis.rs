@@ -394,7 +394,9 @@ impl Hypothesis {
         else {
             return given;
         };
-        let is_scaled = !lengths_only || (parameter.unit == LENGTH && given >= *from_m);
+        // Radii of drums are lengths, too: those by a radian.
+        let is_length = parameter.unit == LENGTH || parameter.unit.starts_with("m/rad");
+        let is_scaled = !lengths_only || (is_length && given >= *from_m);
         if is_scaled && is_stated(parameter, given) {
             factor * given
         } else {
