@@ -4,7 +4,7 @@
 use std::fs;
 use std::path::Path;
 
-use tau_kinematics::zyz;
+use tau::kinematics::zyz;
 use tempfile::TempDir;
 
 use crate::recognition::{all_name, change_rows, named, simulated};
