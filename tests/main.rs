@@ -45,6 +45,7 @@ mod own_machines;
 mod packages;
 mod pulls;
 mod recognition;
+mod recognition_of_figures;
 mod recognition_of_rows;
 mod redundant;
 mod reference;

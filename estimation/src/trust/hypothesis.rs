@@ -5,16 +5,16 @@ use std::sync::Arc;
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 use tau_kinematics::{Pose, nearest_rotation, zyz};
 use tau_robot::measurements::{Folder, TcpPose};
-use tau_robot::robot::{Owner, Parameter, Plate, Robot, Variant};
+use tau_robot::robot::{Parameter, Plate, Robot, Variant};
 use tau_robot::robot_file::RobotFile;
-use tau_robot::robot_file::keys::WIDE;
 
-use crate::calibration::{Error, Nominal, Prepared};
+use crate::calibration::{Error, Prepared};
 use crate::numerics::spread::spread;
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
 use crate::trust::LARGEST_MISFIT;
 use crate::trust::reason::Reason;
+use crate::trust::wide::is_stated;
 
 /// Measurements and parameters, as given or mended.
 #[derive(Clone)]
@@ -265,6 +265,29 @@ impl Hypothesis {
         }
     }
 
+    /// The rotation that angles of a file mean.
+    pub(crate) fn rotation(&self, mut angles_rad: [f64; 3]) -> Rotation3<f64> {
+        match self {
+            Self::Angles {
+                axes,
+                fixed,
+                transposed,
+            } => {
+                let rotation = about_axes(*axes, *fixed, angles_rad);
+                if *transposed {
+                    rotation.inverse()
+                } else {
+                    rotation
+                }
+            }
+            Self::AngleSign(angle) => {
+                angles_rad[*angle] = -angles_rad[*angle];
+                zyz(angles_rad)
+            }
+            _ => zyz(angles_rad),
+        }
+    }
+
     /// Measured poses as they would be without a mistake of columns.
     pub(crate) fn mend_poses(&self, poses: &mut [TcpPose]) {
         match self {
@@ -288,21 +311,12 @@ impl Hypothesis {
                     },
                 }
             }),
-            Self::Angles {
-                axes,
-                fixed,
-                transposed,
-            } => change_poses(poses, |pose, angles| {
-                let rotation = about_axes(*axes, *fixed, angles);
-                Pose {
-                    rotation: if *transposed {
-                        rotation.inverse()
-                    } else {
-                        rotation
-                    },
+            Self::Angles { .. } | Self::AngleSign(_) => {
+                change_poses(poses, |pose, angles| Pose {
+                    rotation: self.rotation(angles),
                     ..pose
-                }
-            }),
+                });
+            }
             Self::Frame { rotation, shift } => change_poses(poses, |pose, _| Pose {
                 position: rotation * pose.position + shift,
                 rotation: rotation * pose.rotation,
@@ -310,13 +324,6 @@ impl Hypothesis {
             Self::Unit(of_metre) => change_poses(poses, |pose, _| Pose {
                 position: pose.position / *of_metre,
                 ..pose
-            }),
-            Self::AngleSign(angle) => change_poses(poses, |pose, mut angles| {
-                angles[*angle] = -angles[*angle];
-                Pose {
-                    rotation: zyz(angles),
-                    ..pose
-                }
             }),
             Self::Degrees => change_poses(poses, |pose, angles| Pose {
                 rotation: zyz(angles.map(f64::to_radians)),
@@ -374,8 +381,7 @@ impl Hypothesis {
         }
     }
 
-    /// Tolerance of a parameter that has one as given: those of all sections of a robot file alike. No file states those of
-    /// frames and of targets on carts.
+    /// Tolerance of a parameter that has one as given: those of all sections of a robot file alike.
     pub(crate) fn tolerance(&self, parameter: &Parameter, given: f64) -> f64 {
         let Self::Tolerances {
             factor,
@@ -385,9 +391,10 @@ impl Hypothesis {
         else {
             return given;
         };
-        let is_stated = !matches!(parameter.owner, Owner::Frame(_) | Owner::Target { .. });
-        let is_scaled = !lengths_only || (parameter.unit == LENGTH && given >= *from_m);
-        if is_stated && is_scaled && given < NONE {
+        // Radii of drums are lengths, too: those by a radian.
+        let is_length = parameter.unit == LENGTH || parameter.unit.starts_with("m/rad");
+        let is_scaled = !lengths_only || (is_length && given >= *from_m);
+        if is_scaled && is_stated(parameter, given) {
             factor * given
         } else {
             given
@@ -395,20 +402,8 @@ impl Hypothesis {
     }
 }
 
-/// A tolerance from which on it stands for none.
-const NONE: f64 = 0.5 * WIDE;
 /// Unit of lengths.
 pub(crate) const LENGTH: &str = "m";
-
-/// Largest tolerance of a length (m); zero where there is none.
-pub(crate) fn widest_tolerance_m(variant: &Variant, nominal: &[Nominal]) -> f64 {
-    let parameters = variant.parameters.iter().zip(nominal);
-    parameters
-        .filter(|(parameter, _)| parameter.unit == LENGTH)
-        .filter_map(|(_, nominal)| nominal.tolerance)
-        .filter(|&tolerance| tolerance < NONE)
-        .fold(0.0, f64::max)
-}
 
 /// Mirrored axes and pairs of exchanged ones, among those along which the plate moves: of positions alone and, where it
 /// turns, of rotations, too.

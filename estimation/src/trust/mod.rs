@@ -7,6 +7,7 @@
 //! of the hat matrix. More than chance allows is `inconsistent`. So is a parameter further from its nominal value than
 //! chance allows of so many.
 
+mod cart_angles;
 mod check;
 pub(crate) mod dimensions;
 pub(crate) mod drawing;
@@ -28,6 +29,7 @@ mod refined;
 mod sentences;
 pub(crate) mod tried;
 mod verdict;
+pub(crate) mod wide;
 pub(crate) mod words;
 
 use crate::numerics::count;

@@ -14,6 +14,7 @@ use tau_robot::robot::Robot;
 use crate::calibration::registration::{Line, MOUNTING_M, NominalTrack, Registration};
 use crate::numerics::order::smallest_first;
 use crate::samples::frames::fitted_track;
+use crate::trust::cart_angles;
 use crate::trust::exchanged::permutations;
 use crate::trust::hypothesis::{Case, Hypothesis};
 use crate::trust::mistake::{Mistake, MistakeKind};
@@ -185,9 +186,16 @@ impl Reading {
     }
 }
 
+/// Carts that are numbered otherwise, their commands, or what their angles mean; the rotations of carts being measured with some
+/// noise (rad).
+pub(crate) fn mistake(machine: &Machine, folder: &Folder, noise_rad: f64) -> Option<Mistake> {
+    let of_angles = || cart_angles::mistake(&machine.robot, folder, noise_rad);
+    astray(machine, folder).or_else(of_angles)
+}
+
 /// Compares where the carts run, in each set, with where set 1 says that the tracks run: the first file whose carts
 /// fit clearly better as another reading has them, and that reading.
-pub(crate) fn mistake(machine: &Machine, folder: &Folder) -> Option<Mistake> {
+fn astray(machine: &Machine, folder: &Folder) -> Option<Mistake> {
     let robot = &machine.robot;
     let tracks = fitted_tracks(machine)?;
     let in_set = |measured: Option<Measured>| {

@@ -43,7 +43,8 @@ pub(super) fn of_case(
     let mut mistakes = found.mistakes.iter();
     if mistakes.all(|mistake| mistake.kind != MistakeKind::Carts) {
         let machine = found.machine.as_ref();
-        let of_carts = machine.and_then(|machine| numbering::mistake(machine, folder));
+        let of_carts = machine
+            .and_then(|machine| numbering::mistake(machine, folder, case.file.noise.rotation_rad));
         found.mistakes.extend(of_carts);
     }
     if !found.mistakes.is_empty() {

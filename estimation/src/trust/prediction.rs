@@ -131,7 +131,11 @@ pub fn of_prediction(
             .collect();
         verdict.blame(mistakes(setup, &poses)?);
     } else {
-        verdict.blame(numbering::mistake(machine, folder).into_iter().collect());
+        verdict.blame(
+            numbering::mistake(machine, folder, case.file.noise.rotation_rad)
+                .into_iter()
+                .collect(),
+        );
     }
     let is_unexplained = verdict.status == Status::Inconsistent && verdict.mistakes.is_empty();
     let others = if knows_parameters && is_unexplained {

@@ -7,6 +7,7 @@
 //! mistake of a folder.
 
 use std::borrow::Cow;
+use std::cell::OnceCell;
 use std::collections::BTreeSet;
 
 use tau_kinematics::Machine;
@@ -29,7 +30,7 @@ use crate::trust::refined::refined;
 use crate::trust::tried::{
     ITERATIONS, STATED, Tried, beyond_tolerance, closer, fitted, is_beyond_noise, tried,
 };
-use crate::trust::{LARGEST_MISFIT, LEVEL, NEARER, ODDS, numbering, words};
+use crate::trust::{LARGEST_MISFIT, LEVEL, NEARER, ODDS, numbering, wide, words};
 use crate::weighing::weigh_fitted;
 
 /// Poses for a first look at all hypotheses, and for a closer one at the best of them: as many as calibrations usually
@@ -41,8 +42,6 @@ pub(crate) const FEW_ITERATIONS: usize = 4;
 /// Hypotheses that a closer look is taken at, the most suspect first: each costs a whole fit, and a first look tells more
 /// than so many apart.
 pub(crate) const CLOSER: usize = 6;
-/// Share of the links' length that no tolerance reaches: it would tell nothing of the machine.
-const WIDEST_TOLERANCE: f64 = 0.1;
 /// Noise that is stated so many times too large is no caution any more. Where tolerances hold a fit back, noise that is
 /// stated a thousand times too large leaves a misfit of less than that.
 const CAUTIOUS: f64 = 10.0;
@@ -198,9 +197,11 @@ fn believed(case: &Case<'_>, given: Option<&Tried>, mut all: Vec<Tried>) -> Vec<
     // before them.
     all.retain(|tried| !tried.widens() || NEARER * tried.misfit.ratio() < nearest);
     let decisive = 2.0 * ODDS.ln();
+    let noise = OnceCell::new();
+    let noise = || noise.get_or_init(|| likeliest_noise(case)).clone();
     all.retain(|tried| {
         let is_likelier = of_given - evidence(tried) > decisive;
-        is_likelier && is_demanded(case, tried, decisive + penalty(tried))
+        is_likelier && is_demanded(case, tried, decisive + penalty(tried), noise)
     });
     smallest_first(&mut all, evidence);
     if let Some(best) = all.first() {
@@ -210,9 +211,15 @@ fn believed(case: &Case<'_>, given: Option<&Tried>, mut all: Vec<Tried>) -> Vec<
     all
 }
 
-/// False of a dimension far off that noise as large as what it leaves would not ask for, at odds of −2 ln `decisive`: at
-/// that noise tolerances hold what it would drive.
-fn is_demanded(case: &Case<'_>, found: &Tried, decisive: f64) -> bool {
+/// False of a dimension far off that larger noise would not ask for, at odds of −2 ln `decisive`: at that noise tolerances hold
+/// what the stated one would drive. With the dimension and without it the noise is the likelier of what the dimension leaves,
+/// all of it alike, and of what explains most without it, be it that of positions or of rotations alone.
+fn is_demanded(
+    case: &Case<'_>,
+    found: &Tried,
+    decisive: f64,
+    noise: impl FnOnce() -> Option<Hypothesis>,
+) -> bool {
     let Some(hypothesis @ Hypothesis::Dimension { .. }) = &found.hypothesis else {
         return true;
     };
@@ -220,14 +227,37 @@ fn is_demanded(case: &Case<'_>, found: &Tried, decisive: f64) -> bool {
         return true;
     }
     let ratio = found.misfit.ratio();
-    let noisy = case.mended(&Hypothesis::Noise {
+    let left = Hypothesis::Noise {
         position: ratio,
         rotation: ratio,
-    });
+    };
+    let noisy = [Some(left), noise()];
+    let noisy: Vec<Case<'_>> = (noisy.iter().flatten())
+        .map(|noise| case.mended(noise))
+        .collect();
     let evidence = |hypothesis| {
-        tried(&noisy, hypothesis, ITERATIONS).map_or(f64::INFINITY, |own| own.evidence(1.0))
+        let fits = noisy
+            .iter()
+            .filter_map(|case| tried(case, hypothesis, ITERATIONS));
+        fits.map(|own| own.evidence(1.0))
+            .fold(f64::INFINITY, f64::min)
     };
     evidence(None) - evidence(Some(hypothesis)) > decisive
+}
+
+/// Noise larger than stated, of positions or rotations, that explains most of all, if any does more than the stated one.
+fn likeliest_noise(case: &Case<'_>) -> Option<Hypothesis> {
+    let plate = case.robot.plate;
+    let larger = hypothesis::noise(plate).into_iter().filter(is_larger);
+    let all: Vec<Hypothesis> = larger.chain(hypothesis::noise_between(plate)).collect();
+    let all = closer(case, &all, ITERATIONS);
+    least(all.iter(), |tried| tried.evidence(1.0))?
+        .hypothesis
+        .clone()
+}
+
+fn is_larger(noise: &Hypothesis) -> bool {
+    matches!(noise, Hypothesis::Noise { position, rotation } if position.max(*rotation) > 1.0)
 }
 
 /// The fit of which something is least.
@@ -387,20 +417,10 @@ fn first(case: &Case<'_>, hypotheses: Vec<Hypothesis>) -> Vec<Hypothesis> {
 /// Tolerances of lengths so wide that they tell nothing, where a thousandth of them is enough.
 fn wide(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
     let nominal = case.prepared().ok()?.nominal;
-    let widest_m = hypothesis::widest_tolerance_m(case.variant, &nominal);
-    let limit_m = WIDEST_TOLERANCE * case.mean_length_m();
-    if widest_m <= limit_m {
-        return None;
-    }
-    // Where the rest is in metres, those that no machine has are not.
-    [0.0, limit_m].into_iter().find_map(|from_m| {
-        let hypothesis = Hypothesis::Tolerances {
-            factor: THOUSAND.recip(),
-            lengths_only: true,
-            from_m,
-        };
+    let narrower = wide::narrower(case.variant, &nominal, case.mean_length_m());
+    narrower.into_iter().find_map(|hypothesis| {
         let mended = tried(case, Some(&hypothesis), ITERATIONS)?;
-        let is_as_good = mended.misfit.ratio() < NEARER * given.misfit.ratio().max(1.0);
+        let is_as_good = wide::is_as_good(mended.misfit.ratio(), given.misfit.ratio());
         (is_as_good && mended.is_plausible()).then(|| described(case, &[&mended]))?
     })
 }
@@ -408,12 +428,12 @@ fn wide(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
 /// Stated noise that is off by a thousand.
 ///
 /// A misfit beyond the noise has its cause in what the model lacks, unless a thousand times that noise is what it is: noise
-/// is known to a factor of two.
+/// is known to a factor of two. Where that of positions or of rotations alone is too small, the misfit is anything in between.
 fn noise(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
     let off = |tried: &Tried| tried.misfit.ratio().ln().abs();
     let limit = off(given) - NEARER.ln();
     let ratio = given.misfit.ratio();
-    if limit < 0.0 || (1.0..THOUSAND.sqrt()).contains(&ratio) {
+    if limit < 0.0 {
         return None;
     }
     let is_by_chance = |tried: &Tried| {
@@ -432,7 +452,13 @@ fn noise(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
             ratio < CAUTIOUS.recip() || is_by_chance(tried)
         }
     };
-    let hypotheses = hypothesis::noise(case.robot.plate);
+    let turns = !case.robot.plate.turning_axes().is_empty();
+    let is_whole = |own: &Hypothesis| {
+        !turns || matches!(own, Hypothesis::Noise { position, rotation } if position == rotation)
+    };
+    let is_between = (1.0..THOUSAND.sqrt()).contains(&ratio);
+    let mut hypotheses = hypothesis::noise(case.robot.plate);
+    hypotheses.retain(|own| !(is_between && is_whole(own)));
     let mut all = closer(case, &hypotheses, ITERATIONS);
     // Rows far off are as large as noise that is stated too large, or hide that it is.
     let best = least(all.iter(), |tried| tried.of_most.ln().abs());

@@ -12,7 +12,7 @@ use crate::numerics::parallel;
 use crate::numerics::spread::spread;
 use crate::problem::Component;
 use crate::setup::Setup;
-use crate::trust::hypothesis::{self, Case};
+use crate::trust::hypothesis::Case;
 use crate::trust::judged::Judged;
 use crate::trust::mistake::{Mistake, MistakeKind};
 use crate::trust::of_folder::{self, of_case};
@@ -20,7 +20,7 @@ use crate::trust::pull::Pull;
 use crate::trust::reach::Reach;
 use crate::trust::reason::{Reason, Repeated, Size};
 use crate::trust::tried::{self, ITERATIONS};
-use crate::trust::{LARGEST_MISFIT, LEVEL, LISTED, numbering};
+use crate::trust::{LARGEST_MISFIT, LEVEL, LISTED, numbering, wide};
 use crate::uncertainty::Uncertainty;
 use crate::unknown_poses::errors_in_variables::GroupFit;
 use crate::weighing::{self, Loss, MOST_POSES, Outlier, Repeats, Weighing};
@@ -260,8 +260,7 @@ pub fn of_calibration(
     let nominal = &case.prepared()?.nominal;
     let suspect = verdict.status > Status::Consistent
         || is_off
-        || hypothesis::widest_tolerance_m(&machine.variant, nominal)
-            > LARGEST_MISFIT * case.mean_length_m();
+        || wide::widest_m(&machine.variant, nominal) > LARGEST_MISFIT * case.mean_length_m();
     let plain = of_folder::plain(robot, &machine.variant, folder);
     let fit = (calibration.judged())
         .filter(|_| plain.name == machine.variant.name && weighing.outliers.is_empty());
@@ -286,7 +285,11 @@ pub fn of_calibration(
         found.retain(|own| is_off || !is_noise(own));
         verdict.blame(found);
     } else {
-        verdict.blame(numbering::mistake(machine, folder).into_iter().collect());
+        verdict.blame(
+            numbering::mistake(machine, folder, file.noise.rotation_rad)
+                .into_iter()
+                .collect(),
+        );
     }
     let furthest = || {
         let own = tried::furthest(judged, &case, &case.prepared().ok()?, None)?;

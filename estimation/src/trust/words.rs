@@ -97,7 +97,7 @@ pub(crate) fn of_measurements(
             axes,
             fixed,
             transposed,
-        } if robot.plate == Plate::Body => angles(*axes, *fixed, *transposed),
+        } if robot.plate == Plate::Body || file == CART_POSES => angles(*axes, *fixed, *transposed),
         Hypothesis::Angles { .. } => (
             MistakeKind::Angles,
             TCP_POSES,
@@ -149,16 +149,24 @@ pub(crate) fn of_noise(whose: &str, factor: f64) -> Mistake {
     }
 }
 
-/// Tolerances that are too small, all of them or those of lengths.
-pub(crate) fn of_small_tolerances(lengths_only: bool) -> Mistake {
-    let (kind, file, what, mend) = tolerances(THOUSAND, lengths_only, 0.0);
-    Mistake {
+/// Tolerances that are off by a factor; `None` of hypotheses about something else.
+pub(crate) fn of_tolerances(hypothesis: &Hypothesis) -> Option<Mistake> {
+    let Hypothesis::Tolerances {
+        factor,
+        lengths_only,
+        from_m,
+    } = *hypothesis
+    else {
+        return None;
+    };
+    let (kind, file, what, mend) = tolerances(factor, lengths_only, from_m);
+    Some(Mistake {
         kind,
         file,
         what,
         mend,
         is_absurd: true,
-    }
+    })
 }
 
 /// A numbering in words; it holds the cart on each track.

@@ -111,7 +111,11 @@ pub(super) fn beside(
     if plate.widened > 1.0 || !take_part(setup) {
         return Ok(plate);
     }
-    if let Some(mistake) = numbering::mistake(&plate.calibration.machine, setup.folder) {
+    if let Some(mistake) = numbering::mistake(
+        &plate.calibration.machine,
+        setup.folder,
+        setup.file.noise.rotation_rad,
+    ) {
         plate.mistakes.push(mistake);
         return Ok(plate);
     }

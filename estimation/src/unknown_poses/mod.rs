@@ -222,12 +222,12 @@ fn recognising<'a>(
     let folder = setup.folder;
     let mut prepared = Setup { file, ..setup }.prepared_by_all()?;
     refuse_commands(&prepared.machine, folder)?;
+    if let Some(hypothesis) = tolerances {
+        hypothesis.restate(&mut prepared);
+    }
     let sketch_m = starts::sketched(&prepared);
     if let Some((parameter, length_m)) = freed {
         prepared.free(parameter, length_m);
-    }
-    if let Some(hypothesis) = tolerances {
-        hypothesis.restate(&mut prepared);
     }
     let without = |gross: &[GrossRow], machine: Machine, division: &RowDivision, search: Search| {
         let options = calibration::Options {

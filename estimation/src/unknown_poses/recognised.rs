@@ -272,6 +272,9 @@ impl<'a> Case<'a> {
             division: thinned.as_ref().unwrap_or(self.division),
             ..*self
         };
+        if let Some(mistake) = case.wide_tolerances(given) {
+            return vec![mistake];
+        }
         let is_met = given.is_some_and(|given| {
             given.is_met() && given.beyond_tolerance().is_none() && !is_doubtful(given, look)
         });
@@ -282,12 +285,21 @@ impl<'a> Case<'a> {
         let of_rows = (!is_met).then(|| case.of_rows(same_rows, look)).flatten();
         let of_tolerances = || given.and_then(|given| self.small_tolerances(given));
         let of_noise = || given.and_then(|given| self.wrong_noise(given));
-        let found = of_rows.or_else(of_tolerances).or_else(of_noise);
+        let found = match of_rows {
+            // With wider tolerances residuals are the noise: what leaves so much more explains less.
+            Some((mistake, left)) if left > NEARER => of_tolerances().or(Some(mistake)),
+            Some((mistake, _)) => Some(mistake),
+            None => of_tolerances().or_else(of_noise),
+        };
         found.into_iter().collect()
     }
 
-    /// The mistake that brings residuals nearest to the noise.
-    fn of_rows(&self, given: Option<&UnknownPoses>, look: Option<&Look<'_>>) -> Option<Mistake> {
+    /// The mistake that brings residuals nearest to the noise, and the least that one leaves, over the noise.
+    fn of_rows(
+        &self,
+        given: Option<&UnknownPoses>,
+        look: Option<&Look<'_>>,
+    ) -> Option<(Mistake, f64)> {
         let own;
         let look = match look {
             Some(look) => look,
@@ -316,10 +328,12 @@ impl<'a> Case<'a> {
             fitted
         }));
         let dimensions = drawing.map_or(&look.dimensions, |own| &own.dimensions);
+        let left = fitted.iter().map(|own| own.1.residual_over_noise());
+        let left = left.fold(f64::INFINITY, f64::min);
         let mut found = self.likeliest(fitted, dimensions)?;
         let is_missed = given.is_none_or(|given| given.missed_m().is_some());
         found.is_absurd |= found.kind == MistakeKind::CommandZero && is_missed;
-        Some(found)
+        Some((found, left))
     }
 
     /// The parameter that lies farthest from its nominal value where the rows meet the noise so, set free: a few steps from the

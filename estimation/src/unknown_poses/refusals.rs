@@ -9,13 +9,15 @@ use super::elimination::Reduced;
 use super::fit::Fit;
 use super::rows::CLOSURES;
 use crate::calibration::Error;
+use crate::trust::hypothesis::{Hypothesis, UNITS};
+use crate::trust::{Mistake, words};
 use crate::weighing::Treatment;
 
 /// Lengths that are farther off than this (m) by half of their rows are no measurement of a machine whose drawing is
 /// known to centimetres.
-const MILLIMETRES_M: f64 = 1.0;
-/// Lengths that are this many times nearer when divided by a thousand are millimetres.
-const MILLIMETRES_OFF: f64 = 10.0;
+const UNIT_M: f64 = 1.0;
+/// Lengths that are this many times nearer in another unit are in that.
+const UNIT_OFF: f64 = 10.0;
 /// Links that are this many times as long as at the reference are none of the machine, if their drives turn: degrees pay out
 /// fifty times as much. Half and double refuse the same folders.
 const LONG: f64 = 3.0;
@@ -66,7 +68,7 @@ impl Fit<'_> {
         )
     }
 
-    /// Refuses lengths in millimetres that are plausible in themselves, by the residuals at the start.
+    /// Refuses lengths in another unit than metres that are plausible in themselves, by the residuals at the start.
     pub(super) fn refuse_units(&self, reduced: &Reduced) -> Result<(), Error> {
         for (rows, residuals) in self
             .blocks
@@ -91,14 +93,24 @@ impl Fit<'_> {
                 off.sort_by(f64::total_cmp);
                 off[off.len() / 2]
             };
-            let (as_is, as_millimetres) = (off(1.0), off(1000.0));
-            if as_is > MILLIMETRES_OFF * as_millimetres && as_is > MILLIMETRES_M {
+            let as_is = off(1.0);
+            let tried = UNITS.into_iter().filter_map(|unit| match unit {
+                Hypothesis::Unit(of_metre) => Some((off(of_metre), unit)),
+                _ => None,
+            });
+            let nearest = tried.min_by(|a, b| a.0.total_cmp(&b.0));
+            let (as_unit, unit) = nearest.unwrap_or((as_is, Hypothesis::Unit(1.0)));
+            let file = self.assembly.kinds[rows.kinds[0]].of.file();
+            let mistake = words::of_measurements(&self.machine.robot, &unit, file);
+            if as_is > UNIT_OFF * as_unit
+                && as_is > UNIT_M
+                && let Some(Mistake { what, mend, .. }) = mistake
+            {
                 let message = format!(
-                    "the lengths are {as_is:.3} m off what the machine would have them, {as_millimetres:.3} m if they were millimetres"
+                    "the lengths are {as_is:.3} m off what the machine would have them, {as_unit:.3} m if {what}"
                 );
-                let error = InputError::whole(rows.label.clone(), message);
-                return Err(error
-                    .help("these look like millimetres: divide by 1000")
+                return Err(InputError::whole(rows.label.clone(), message)
+                    .help(mend)
                     .into());
             }
         }

@@ -192,12 +192,17 @@ fn some_poses(prepared: &Prepared, division: &RowDivision) -> Option<RowDivision
     })
 }
 
-/// Mean length of the links (m) at the reference, if a place is known to no better than a share of it.
-pub(super) fn sketched(prepared: &Prepared) -> Option<f64> {
-    let machine = &prepared.machine;
+/// Mean length of the links (m) at the reference.
+pub(super) fn length_m(machine: &Machine) -> Option<f64> {
     let stated = machine.surroundings.reference.as_ref()?;
     let sample = Sample::new(Pose::from(stated), &stated.commands_m);
-    let length_m = machine.mean_length_m(&sample).ok()?;
+    machine.mean_length_m(&sample).ok()
+}
+
+/// The same, if a place is known to no better than a share of it.
+pub(super) fn sketched(prepared: &Prepared) -> Option<f64> {
+    let machine = &prepared.machine;
+    let length_m = length_m(machine)?;
     let described = machine.variant.parameters.iter().zip(&prepared.nominal);
     // The tolerance of an effect says nothing of the drawing.
     let is_drawn = |parameter: &Parameter| !matches!(parameter.owner, Owner::Effect(_));

@@ -1,4 +1,4 @@
-//! Noise that is stated a thousand times too large or too small, and tolerances that are too small, where poses are unknown.
+//! Noise and tolerances that are stated a thousand times too large or too small, where poses are unknown.
 //!
 //! More noise makes any residuals fit. That they are noise shows in each kind of them for itself, and in most as in all; and
 //! a dimension without which they are the stated noise goes before, for it leaves less room.
@@ -7,16 +7,17 @@ use tau_robot::measurements::PlateKind;
 use tau_robot::measurements::plausible::LARGEST_NOISE;
 use tau_robot::robot_file::{RobotFile, StatedNoise};
 
-use super::UnknownPoses;
 use super::measurand::Measurand;
 use super::rows::KindFit;
 use super::trials::Case;
+use super::{UnknownPoses, starts};
 use crate::numerics::distribution::chi2_survival;
 use crate::numerics::parallel;
+use crate::setup::Setup;
 use crate::trust::hypothesis::{Hypothesis, LENGTH, THOUSAND, small_tolerances};
 use crate::trust::recognise::POSES;
 use crate::trust::tried::STATED;
-use crate::trust::{LEVEL, Mistake, NEARER, ODDS, words};
+use crate::trust::{LEVEL, Mistake, NEARER, ODDS, wide, words};
 
 /// Fits from the stated noise to a thousandth or a thousand times it, a factor of three between each two.
 const STEPS: u32 = 6;
@@ -26,10 +27,11 @@ const STEPS: u32 = 6;
 enum Whose {
     Measurements,
     Drives,
+    Both,
 }
 
 impl Case<'_> {
-    /// Noise of the measurements, or of the drives, that is stated a thousand times too large or too small: residuals are far
+    /// Noise of the measurements, of the drives, or of both that is stated a thousand times too large or too small: residuals are far
     /// from it, by more than chance, and of all noise between the evidence is the largest for a thousandth or a thousand
     /// times. Of few rows, residuals alone tell little: at a thousandth, tolerances give way to them.
     pub(super) fn wrong_noise(&self, given: &UnknownPoses) -> Option<Mistake> {
@@ -42,9 +44,11 @@ impl Case<'_> {
         } else {
             return None;
         };
-        let all = [Whose::Measurements, Whose::Drives];
-        let has_drives = !self.setup.file.measuring.drives.is_empty();
-        let tried = all.into_iter().take(1 + usize::from(has_drives));
+        let is_told = |whose: Whose| given.kinds.iter().any(|fit| whose.is_of(fit));
+        let tried = [Whose::Measurements, Whose::Drives].into_iter();
+        let tried: Vec<Whose> = tried.filter(|&whose| is_told(whose)).collect();
+        let both = (tried.len() > 1).then_some(Whose::Both);
+        let tried = tried.into_iter().chain(both);
         // Noise of one kind passes for that of others: what no file may state is nobody's.
         let tried = tried.filter(|whose| can_be_stated(&whose.scaled(self.setup.file, factor)));
         let gains = tried.filter_map(|whose| Some((self.gain(whose, factor)?, whose)));
@@ -56,6 +60,7 @@ impl Case<'_> {
         let whose = match whose {
             Whose::Measurements => "of the measurements (`[noise]`)",
             Whose::Drives => "of the drives (`[drives]`)",
+            Whose::Both => "of the measurements and of the drives (`[noise]` and `[drives]`)",
         };
         Some(words::of_noise(whose, factor))
     }
@@ -104,7 +109,26 @@ impl Case<'_> {
                 && found.beyond_tolerance().is_none()
                 && !told.is_empty()
                 && 2 * wide >= told.len();
-            is_right.then(|| words::of_small_tolerances(lengths_only))
+            is_right.then(|| words::of_tolerances(&hypothesis))?
+        })
+    }
+
+    /// Tolerances of lengths that no machine has, where a thousandth of them is enough.
+    pub(super) fn wide_tolerances(&self, given: Option<&UnknownPoses>) -> Option<Mistake> {
+        let file = &self.setup.file.completed(self.setup.robot);
+        let prepared = Setup { file, ..self.setup }.prepared_by_all().ok()?;
+        let length_m = starts::length_m(&prepared.machine)?;
+        let narrower = wide::narrower(self.setup.variant, &prepared.nominal, length_m);
+        narrower.into_iter().find_map(|hypothesis| {
+            let case = Case {
+                tolerances: Some(&hypothesis),
+                ..*self
+            };
+            let found = case.fitted(self.setup.file, self.setup.folder, None).ok()?;
+            let ratio = given.map_or(1.0, UnknownPoses::residual_over_noise);
+            let is_right =
+                wide::is_as_good(found.residual_over_noise(), ratio) && found.is_plausible();
+            is_right.then(|| words::of_tolerances(&hypothesis))?
         })
     }
 
@@ -165,13 +189,15 @@ impl Whose {
     fn is_of(self, fit: &KindFit) -> bool {
         let is_closure = matches!(fit.kind.of, Measurand::Closure { .. });
         let is_drives = is_closure && !fit.kind.is_exact();
-        !fit.kind.is_estimated() && is_drives == (self == Self::Drives)
+        let is_its = self == Self::Both || is_drives == (self == Self::Drives);
+        !fit.kind.is_estimated() && is_its
     }
 
     fn scaled(self, file: &RobotFile, factor: f64) -> RobotFile {
         match self {
             Self::Measurements => with_noise(file, factor),
             Self::Drives => with_drives(file, factor),
+            Self::Both => with_drives(&with_noise(file, factor), factor),
         }
     }
 }

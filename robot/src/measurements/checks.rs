@@ -5,7 +5,7 @@ use std::path::Path;
 
 use nalgebra::{Rotation3, Vector3};
 
-use super::{Folder, TcpPose};
+use super::{Folder, TcpPose, plausible};
 use crate::input_error::{Errors, InputError};
 use crate::robot::{Robot, Value};
 use crate::robot_file::{Dimensions, RobotFile};
@@ -105,15 +105,16 @@ impl Folder {
             .iter()
             .any(|pose| reach.driving_command(pose).abs() > LARGE_COMMAND_M)
             && !reach.is_angle();
+        let in_unit = |of_metre: f64| fits(&|pose| reach.driving_command(pose) / of_metre);
         error.help(
             if reach.is_angle() && fits(&|pose| reach.driving_command(pose).to_radians()) {
-                "the commands look like degrees: multiply by pi/180"
-            } else if is_large && fits(&|pose| reach.driving_command(pose) / 1000.0) {
-                "the commands look like millimetres: divide by 1000"
+                "the commands look like degrees: multiply by pi/180".to_owned()
+            } else if is_large && plausible::is_in_unit(in_unit) {
+                plausible::unit_advice("the commands", in_unit)
             } else if fits(&|pose| -reach.driving_command(pose)) {
-                "with the opposite sign of the command they are in reach"
+                "with the opposite sign of the command they are in reach".to_owned()
             } else {
-                FRAME_ADVICE
+                FRAME_ADVICE.to_owned()
             },
         )
     }

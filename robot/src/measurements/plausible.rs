@@ -21,6 +21,44 @@ pub const OWN_NUMBERS: &str =
 /// Room temperature is 293 in kelvin, 68 in degrees Fahrenheit.
 pub const TEMPERATURES_C: std::ops::RangeInclusive<f64> = -50.0..=60.0;
 
+/// Units of a metre that lengths are written in by mistake.
+const UNITS: [(&str, f64); 3] = [
+    ("millimetres", 1e3),
+    ("centimetres", 1e2),
+    ("inches", 1e3 / 25.4),
+];
+
+/// Remedy for lengths that are no metres: of those units of a metre by which they are plausible, as far as that tells.
+pub(crate) fn unit_advice(subject: &str, is_plausible: impl Fn(f64) -> bool) -> String {
+    let able = UNITS.iter().filter(|(_, of_metre)| is_plausible(*of_metre));
+    let able: Vec<&(&str, f64)> = able.collect();
+    match able.as_slice() {
+        [] => format!("{subject} look like millimetres: divide by 1000"),
+        [(name, of_metre)] => format!(
+            "{subject} look like {name}: divide by {}",
+            rounded(*of_metre)
+        ),
+        several => {
+            let all = several
+                .iter()
+                .map(|(name, of_metre)| format!("{name} by {}", rounded(*of_metre)));
+            format!(
+                "{subject} are no metres: divide {}",
+                all.collect::<Vec<_>>().join(", ")
+            )
+        }
+    }
+}
+
+/// True if lengths are plausible in one of those units.
+pub(crate) fn is_in_unit(is_plausible: impl Fn(f64) -> bool) -> bool {
+    UNITS.iter().any(|(_, of_metre)| is_plausible(*of_metre))
+}
+
+fn rounded(of_metre: f64) -> f64 {
+    (1e4 * of_metre).round() / 1e4
+}
+
 /// Positions are metres.
 pub fn positions(table: &Table<'_>, columns: &[Column; 3], mistakes: &mut Mistakes<'_>) {
     let distances: Vec<f64> = (0..table.rows())
@@ -32,13 +70,14 @@ pub fn positions(table: &Table<'_>, columns: &[Column; 3], mistakes: &mut Mistak
                 .sqrt()
         })
         .collect();
-    let far = Quantiles::of(&distances).median > FARTHEST_M;
-    if far
-        || columns
-            .iter()
-            .any(|column| Quantiles::of(&column.values).width() > WIDEST_M)
-    {
-        millimetres(table, &columns.each_ref(), mistakes);
+    let far = Quantiles::of(&distances).median;
+    let widths = columns
+        .iter()
+        .map(|column| Quantiles::of(&column.values).width());
+    let wide = widths.fold(0.0, f64::max);
+    let is_plausible = |of_metre: f64| far <= of_metre * FARTHEST_M && wide <= of_metre * WIDEST_M;
+    if !is_plausible(1.0) {
+        no_metres(table, &columns.each_ref(), mistakes, is_plausible);
         return;
     }
     strays(table, &columns.each_ref(), mistakes);
@@ -72,13 +111,20 @@ fn goes_round(column: &Column) -> bool {
 
 /// Lengths are metres; fields without a number are passed over.
 pub(crate) fn lengths(table: &Table<'_>, columns: &[&Column], mistakes: &mut Mistakes<'_>) {
-    let is_wide = |column: &Column| {
-        let magnitudes: Vec<f64> = column.values.iter().map(|value| value.abs()).collect();
-        Quantiles::of(&column.values).width() > WIDEST_M
-            || Quantiles::of(&magnitudes).median > LONGEST_M
+    let sizes: Vec<(f64, f64)> = (columns.iter())
+        .map(|column| {
+            let magnitudes: Vec<f64> = column.values.iter().map(|value| value.abs()).collect();
+            let width = Quantiles::of(&column.values).width();
+            (width, Quantiles::of(&magnitudes).median)
+        })
+        .collect();
+    let is_plausible = |of_metre: f64| {
+        let mut sizes = sizes.iter();
+        sizes
+            .all(|&(width, median)| !(width > of_metre * WIDEST_M || median > of_metre * LONGEST_M))
     };
-    if columns.iter().any(|column| is_wide(column)) {
-        millimetres(table, columns, mistakes);
+    if !is_plausible(1.0) {
+        no_metres(table, columns, mistakes, is_plausible);
         return;
     }
     strays(table, columns, mistakes);
@@ -129,7 +175,12 @@ pub(crate) fn forces(table: &Table<'_>, column: &Column, mistakes: &mut Mistakes
     }
 }
 
-fn millimetres(table: &Table<'_>, columns: &[&Column], mistakes: &mut Mistakes<'_>) {
+fn no_metres(
+    table: &Table<'_>,
+    columns: &[&Column],
+    mistakes: &mut Mistakes<'_>,
+    is_plausible: impl Fn(f64) -> bool,
+) {
     let largest = columns
         .iter()
         .flat_map(|column| {
@@ -149,7 +200,7 @@ fn millimetres(table: &Table<'_>, columns: &[&Column], mistakes: &mut Mistakes<'
                 table.name(column),
                 table.text(row, column)
             ),
-            "these look like millimetres: divide by 1000",
+            unit_advice("these", is_plausible),
         );
     }
 }

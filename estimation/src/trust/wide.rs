@@ -1,0 +1,50 @@
+//! Tolerances of lengths so wide that they tell nothing of a machine, as those that are written in millimetres.
+
+use tau_robot::robot::{Owner, Parameter, Variant};
+use tau_robot::robot_file::keys::WIDE;
+
+use crate::calibration::Nominal;
+use crate::trust::NEARER;
+use crate::trust::hypothesis::{Hypothesis, LENGTH, THOUSAND};
+
+/// Share of the links' length that no tolerance reaches: it would tell nothing of the machine.
+const WIDEST: f64 = 0.1;
+/// A tolerance from which on it stands for none.
+const NONE: f64 = 0.5 * WIDE;
+
+/// True of a tolerance that a robot file states. No file states those of frames and of targets on carts.
+pub(super) fn is_stated(parameter: &Parameter, tolerance: f64) -> bool {
+    let has_section = !matches!(parameter.owner, Owner::Frame(_) | Owner::Target { .. });
+    has_section && tolerance < NONE
+}
+
+/// The widest tolerance of a length (m) that is stated; zero where none is.
+pub(super) fn widest_m(variant: &Variant, nominal: &[Nominal]) -> f64 {
+    let parameters = variant.parameters.iter().zip(nominal);
+    parameters
+        .filter(|(parameter, _)| parameter.unit == LENGTH)
+        .filter_map(|(parameter, nominal)| {
+            nominal.tolerance.filter(|own| is_stated(parameter, *own))
+        })
+        .fold(0.0, f64::max)
+}
+
+/// Tolerances of lengths a thousand times narrower, where some are wider than those of a machine with links so long (m): all
+/// of them, or, where the rest is in metres, those that no machine has.
+pub(crate) fn narrower(variant: &Variant, nominal: &[Nominal], length_m: f64) -> Vec<Hypothesis> {
+    let limit_m = WIDEST * length_m;
+    if length_m <= 0.0 || widest_m(variant, nominal) <= limit_m {
+        return vec![];
+    }
+    let of = |from_m| Hypothesis::Tolerances {
+        factor: THOUSAND.recip(),
+        lengths_only: true,
+        from_m,
+    };
+    vec![of(0.0), of(limit_m)]
+}
+
+/// True if residuals over the noise are about as small under narrower tolerances.
+pub(crate) fn is_as_good(narrower: f64, given: f64) -> bool {
+    narrower < NEARER * given.max(1.0)
+}
