@@ -222,10 +222,12 @@ fn recognising<'a>(
     let folder = setup.folder;
     let mut prepared = Setup { file, ..setup }.prepared_by_all()?;
     refuse_commands(&prepared.machine, folder)?;
+    // Narrower tolerances make a drawing of a sketch; wider ones are tried from the drawing, which is none.
+    let mut sketch_m = starts::sketched(&prepared);
     if let Some(hypothesis) = tolerances {
         hypothesis.restate(&mut prepared);
+        sketch_m = sketch_m.and(starts::sketched(&prepared));
     }
-    let sketch_m = starts::sketched(&prepared);
     if let Some((parameter, length_m)) = freed {
         prepared.free(parameter, length_m);
     }
