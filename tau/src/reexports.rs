@@ -92,6 +92,6 @@ pub mod unknown_poses {
 /// Weights of poses in a calibration: outliers, losses that bound their pull, repeated readings.
 pub mod weighing {
     pub use tau_estimation::weighing::{
-        LackOfFit, Loss, Misread, Outlier, Repeats, Treatment, Weighing,
+        Kept, LackOfFit, Loss, Misread, Outlier, Repeats, Treatment, Weighing,
     };
 }

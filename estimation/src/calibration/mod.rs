@@ -31,8 +31,7 @@ use crate::samples::Sample;
 use crate::samples::frames::Frames;
 use crate::setup::Setup;
 use crate::trust::judged::Judged;
-use crate::trust::reason::Reason;
-use crate::weighing::{self, Treatment, Weighing};
+use crate::weighing::{self, Kept, Treatment, Weighing};
 
 use closure_fit::{ClosureFit, total_iterations};
 pub(crate) use cost::closure_cost;
@@ -290,7 +289,7 @@ fn from_prepared(
     let (mut weighing, judged) = weighed_poses?;
     let left: Vec<usize> = weighing.taking_part(poses).collect();
     if let Err(error) = check_poses(Setup::new(robot, variant, file, folder), &left) {
-        weighing = weighing.keeping_outliers(Reason::OutliersNeeded(error.to_string()));
+        weighing = weighing.keeping_outliers(Kept::Needed(error.to_string()));
     }
     let (identifiability, factor) = if weighing.is_even() {
         of_even?

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::trust::verdict::Status;
+use crate::trust::status::Status;
 
 /// Something wrong with the input.
 #[derive(Debug, Clone, PartialEq)]

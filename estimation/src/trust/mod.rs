@@ -27,6 +27,7 @@ pub(crate) mod reason;
 pub(crate) mod recognise;
 mod refined;
 mod sentences;
+mod status;
 pub(crate) mod tried;
 mod verdict;
 pub(crate) mod wide;
@@ -42,7 +43,8 @@ pub use pull::Pull;
 pub use reach::Reach;
 pub use reason::{Estimate, HeldBy, Reason, Repeated, Size};
 pub use recognise::Recognised;
-pub use verdict::{FileFit, PoseFit, Status, Verdict, of_calibration};
+pub use status::Status;
+pub use verdict::{FileFit, PoseFit, Verdict, of_calibration};
 
 /// Worst poses or rows and largest pulls that are listed.
 pub(crate) const LISTED: usize = 5;

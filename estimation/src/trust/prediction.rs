@@ -23,8 +23,9 @@ use crate::trust::of_folder::case;
 use crate::trust::of_folder::mistakes;
 use crate::trust::pull::Pull;
 use crate::trust::reason::Reason;
+use crate::trust::status::Status;
 use crate::trust::tried::{self, ITERATIONS};
-use crate::trust::verdict::{LEAST_RATIO, Status, Verdict, measured};
+use crate::trust::verdict::{LEAST_RATIO, Verdict, measured};
 use crate::uncertainty::Uncertainty;
 use crate::weighing::{Deleted, MOST_POSES, Outlier, Treatment, Weighing, weigh};
 

@@ -3,9 +3,8 @@
 use tau_robot::robot::Variant;
 
 use crate::numerics::order::largest_first;
+use crate::trust::LISTED;
 use crate::trust::judged::Deviation;
-use crate::trust::reason::Reason;
-use crate::trust::{ABSURD_TOLERANCES, LISTED};
 
 /// A parameter that is pulled off its nominal value.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,10 +35,5 @@ impl Pull {
             parameter: name.to_owned(),
             tolerances: deviation.tolerances,
         }
-    }
-
-    /// A refusal of a parameter that is as far off its drawing as that of no machine.
-    pub(crate) fn refusal(&self) -> Option<Reason> {
-        (self.tolerances.abs() >= ABSURD_TOLERANCES).then(|| Reason::Implausible(self.clone()))
     }
 }

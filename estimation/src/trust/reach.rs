@@ -11,7 +11,6 @@ use tau_robot::measurements::TcpPose;
 use tau_robot::robot::Plate;
 use tau_robot::robot_file::Noise;
 
-use super::reason::Reason;
 use crate::numerics::order::extent;
 use crate::numerics::{count, parallel};
 use crate::uncertainty::Uncertainty;
@@ -92,11 +91,6 @@ impl Reach {
     /// True if poses like those that calibrate show as much as there is elsewhere.
     pub fn speaks_for_rest(&self) -> bool {
         self.elsewhere_m <= self.shown_m
-    }
-
-    /// A warning where they do not.
-    pub fn warning(&self) -> Option<Reason> {
-        (!self.speaks_for_rest()).then_some(Reason::Reach(*self))
     }
 }
 

@@ -1,9 +1,10 @@
 //! Reasons of verdicts, as numbers and places; [`sentences`](super::sentences) puts them into words.
 
+use crate::trust::ABSURD_TOLERANCES;
 use crate::trust::mistake::Mistake;
 use crate::trust::pull::Pull;
 use crate::trust::reach::Reach;
-use crate::weighing::{LackOfFit, Loss, Outlier};
+use crate::weighing::{Kept, LackOfFit, Loss, Outlier};
 
 /// A reason of a verdict, or what is to be known with it. It displays as a sentence, in which what is measured stands by its
 /// file, and by the quantity where that has several.
@@ -80,10 +81,8 @@ pub enum Reason {
         /// Residual over the noise that the largest of so many poses hardly exceeds.
         limit_sigmas: f64,
     },
-    /// Poses far off, of so many, are too many to be outliers; the last is true if none was left out.
-    TooManyOutliers(usize, usize, bool),
-    /// Outliers are kept: without them there would be an error.
-    OutliersNeeded(String),
+    /// Outliers take part all the same.
+    Kept(Kept),
     /// Rows or poses that take part, or their weights, still changed after so many rounds.
     Unsettled(usize),
     /// Repeated readings.
@@ -145,6 +144,20 @@ pub enum HeldBy {
     NoiseAndParameters,
     /// Noise, less what the fit that found the parameters absorbs.
     Fit,
+}
+
+impl Pull {
+    /// A refusal of a parameter that is as far off its drawing as that of no machine.
+    pub(crate) fn refusal(&self) -> Option<Reason> {
+        (self.tolerances.abs() >= ABSURD_TOLERANCES).then(|| Reason::Implausible(self.clone()))
+    }
+}
+
+impl Reach {
+    /// A warning where poses like those that calibrate show less than there is elsewhere.
+    pub fn warning(&self) -> Option<Reason> {
+        (!self.speaks_for_rest()).then_some(Reason::Reach(*self))
+    }
 }
 
 /// Estimated noise.

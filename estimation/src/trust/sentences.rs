@@ -7,7 +7,7 @@ use crate::trust::mistake::Mistake;
 use crate::trust::reach::Reach;
 use crate::trust::reason::{Estimate, HeldBy, Reason, Repeated, Size};
 use crate::weighing::lack_of_fit::ROUNDED;
-use crate::weighing::{Loss, Misread, Outlier};
+use crate::weighing::{Kept, Loss, Misread, Outlier};
 
 /// Outliers that are named one by one.
 const NAMED: usize = 8;
@@ -146,11 +146,15 @@ fn sentence(reason: &Reason) -> String {
             loss,
             limit_sigmas,
         } => outliers(all, *poses, *loss, *limit_sigmas),
-        Reason::TooManyOutliers(far, poses, are_all_kept) => format!(
+        Reason::Kept(Kept::TooMany {
+            far,
+            poses,
+            are_all_kept,
+        }) => format!(
             "{far} of {poses} poses lie further off than most of them let expect: too many to be outliers, so that {} kept.",
             if *are_all_kept { "they are" } else { "most are" }
         ),
-        Reason::OutliersNeeded(error) => format!("Outliers are kept: without them, {error}."),
+        Reason::Kept(Kept::Needed(error)) => format!("Outliers are kept: without them, {error}."),
         Reason::Unsettled(rounds) => format!(
             "What takes part, and by how much, still changed after {rounds} rounds of fit and weights."
         ),

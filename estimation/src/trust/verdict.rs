@@ -19,6 +19,7 @@ use crate::trust::of_folder::{self, of_case};
 use crate::trust::pull::Pull;
 use crate::trust::reach::Reach;
 use crate::trust::reason::{Reason, Repeated, Size};
+use crate::trust::status::Status;
 use crate::trust::tried::{self, ITERATIONS};
 use crate::trust::{LARGEST_MISFIT, LEVEL, LISTED, numbering, wide};
 use crate::uncertainty::Uncertainty;
@@ -27,29 +28,6 @@ use crate::weighing::{self, Loss, MOST_POSES, Outlier, Repeats, Weighing};
 
 /// Residuals below this share of the stated noise make it suspect: by chance even twenty of them are never so small.
 pub(super) const LEAST_RATIO: f64 = 1.0 / 3.0;
-
-/// The status of an answer: measurements, stated noise and parameters go together or not.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Status {
-    /// They do.
-    #[default]
-    Consistent,
-    /// Residuals beyond the stated noise, or parameters beyond their tolerances, by more than chance allows.
-    Inconsistent,
-    /// A mistake, so that figures mean nothing.
-    Absurd,
-}
-
-impl Status {
-    /// As in JSON.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Consistent => "consistent",
-            Self::Inconsistent => "inconsistent",
-            Self::Absurd => "absurd",
-        }
-    }
-}
 
 /// A kind of measurement in a file, and how it is met.
 #[derive(Debug, Clone, PartialEq)]
@@ -364,6 +342,7 @@ impl Verdict {
             limit_sigmas: weighing.limit_sigmas,
         });
         let kept = (weighing.kept_because.clone()).filter(|_| self.mistakes.is_empty());
+        let kept = kept.map(Reason::Kept);
         let unsettled = (weighing.is_unsettled).then_some(Reason::Unsettled(weighing::ROUNDS));
         let repeats = weighing.repeats.as_ref().map(Repeats::reason);
         let all = [outliers, kept, unsettled, repeats];

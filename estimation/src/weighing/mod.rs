@@ -6,6 +6,7 @@
 //! larger, at the scale that most of them have: larger noise, or an effect that the model lacks, makes no outliers.
 
 mod deleted;
+mod kept;
 pub(crate) mod lack_of_fit;
 mod loss;
 mod misread;
@@ -28,12 +29,12 @@ use crate::samples::Sample;
 use crate::samples::outliers;
 use crate::trust::NEARER;
 use crate::trust::judged::Judged;
-use crate::trust::reason::Reason;
 use deleted::deleted;
 
 use repeats::ByVisit;
 
 pub(crate) use deleted::{Deleted, variance_of_most};
+pub use kept::Kept;
 pub use lack_of_fit::LackOfFit;
 pub(crate) use lack_of_fit::{along, apart, together};
 pub use loss::Loss;
@@ -89,7 +90,7 @@ pub struct Weighing {
     /// Repeated readings, if there are any.
     pub repeats: Option<Repeats>,
     /// A reason why poses far off are not left out.
-    pub kept_because: Option<Reason>,
+    pub kept_because: Option<Kept>,
     /// The loss, if there is one.
     pub loss: Option<Loss>,
     /// True if weights, or which poses are outliers, still changed when the rounds ran out.
@@ -187,7 +188,7 @@ impl Weighing {
     }
 
     /// The same with all outliers, because of something.
-    pub(crate) fn keeping_outliers(mut self, because: Reason) -> Self {
+    pub(crate) fn keeping_outliers(mut self, because: Kept) -> Self {
         for (weight, inflation) in self.fit.iter_mut().zip(&self.inflation) {
             *weight = inflation.recip();
         }
@@ -419,16 +420,16 @@ impl Far {
     }
 
     /// Why poses are kept that lie further off than most let expect.
-    fn too_many(&self, sums: &[(f64, f64)], is_outlier: &[bool]) -> Option<Reason> {
+    fn too_many(&self, sums: &[(f64, f64)], is_outlier: &[bool]) -> Option<Kept> {
         let left_out = is_outlier.iter().filter(|is| **is).count();
         let most = outliers::variance_of_most(sums).max(1.0);
         let far = sums.iter().filter(|sum| sum.0 > self.limit * most).count();
         let is_many = far > outliers::most_outliers(sums.len());
-        (is_many && far > left_out).then_some(Reason::TooManyOutliers(
+        (is_many && far > left_out).then_some(Kept::TooMany {
             far,
-            sums.len(),
-            left_out == 0,
-        ))
+            poses: sums.len(),
+            are_all_kept: left_out == 0,
+        })
     }
 }
 
