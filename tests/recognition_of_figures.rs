@@ -149,7 +149,7 @@ fn small_tolerances_are_no_frame() {
     }
 }
 
-/// How a tracker stands decides by how much noise is off in other angles: where that is within chance nothing is said, and
+/// By how much noise is off in other angles depends on how a tracker stands: where that is within chance nothing is said, and
 /// nothing else in any case.
 #[test]
 fn angles_of_carts_about_other_axes_are_named() {

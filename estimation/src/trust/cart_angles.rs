@@ -1,4 +1,4 @@
-//! What the angles of set 2 mean, told by their noise.
+//! Euler angles of set 2, told by their noise.
 //!
 //! A cart hardly turns, so that angles of any convention run smoothly along its track. Their noise tells: it is the stated
 //! one in all directions, which angles about other axes show larger in one and smaller in another. How densely angles lie

@@ -5,8 +5,9 @@ use std::sync::Arc;
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 use tau_kinematics::{Pose, nearest_rotation, zyz};
 use tau_robot::measurements::{Folder, TcpPose};
-use tau_robot::robot::{Parameter, Plate, Robot, Variant};
+use tau_robot::robot::{Owner, Parameter, Plate, Robot, Variant};
 use tau_robot::robot_file::RobotFile;
+use tau_robot::robot_file::keys::WIDE;
 
 use crate::calibration::{Error, Prepared};
 use crate::numerics::spread::spread;
@@ -14,7 +15,6 @@ use crate::samples::Sample;
 use crate::samples::frames::Frames;
 use crate::trust::LARGEST_MISFIT;
 use crate::trust::reason::Reason;
-use crate::trust::wide::is_stated;
 
 /// Measurements and parameters, as given or mended.
 #[derive(Clone)]
@@ -404,6 +404,14 @@ impl Hypothesis {
 
 /// Unit of lengths.
 pub(crate) const LENGTH: &str = "m";
+/// A tolerance from which on it stands for none.
+const NONE: f64 = 0.5 * WIDE;
+
+/// True of a tolerance that a robot file states. No file states those of frames and of targets on carts.
+pub(super) fn is_stated(parameter: &Parameter, tolerance: f64) -> bool {
+    let has_section = !matches!(parameter.owner, Owner::Frame(_) | Owner::Target { .. });
+    has_section && tolerance < NONE
+}
 
 /// Mirrored axes and pairs of exchanged ones, among those along which the plate moves: of positions alone and, where it
 /// turns, of rotations, too.

@@ -1,23 +1,13 @@
 //! Tolerances of lengths so wide that they tell nothing of a machine, as those that are written in millimetres.
 
-use tau_robot::robot::{Owner, Parameter, Variant};
-use tau_robot::robot_file::keys::WIDE;
+use tau_robot::robot::Variant;
 
 use crate::calibration::Nominal;
 use crate::trust::NEARER;
-use crate::trust::hypothesis::{Hypothesis, LENGTH, THOUSAND};
+use crate::trust::hypothesis::{Hypothesis, LENGTH, THOUSAND, is_stated};
 
 /// Share of the links' length that no tolerance reaches: it would tell nothing of the machine.
 const WIDEST: f64 = 0.1;
-/// A tolerance from which on it stands for none.
-const NONE: f64 = 0.5 * WIDE;
-
-/// True of a tolerance that a robot file states. No file states those of frames and of targets on carts.
-pub(super) fn is_stated(parameter: &Parameter, tolerance: f64) -> bool {
-    let has_section = !matches!(parameter.owner, Owner::Frame(_) | Owner::Target { .. });
-    has_section && tolerance < NONE
-}
-
 /// The widest tolerance of a length (m) that is stated; zero where none is.
 pub(super) fn widest_m(variant: &Variant, nominal: &[Nominal]) -> f64 {
     let parameters = variant.parameters.iter().zip(nominal);
