@@ -76,7 +76,6 @@ pub fn positions(table: &Table<'_>, columns: &[Column; 3], mistakes: &mut Mistak
         .map(|column| Quantiles::of(&column.values).width());
     let wide = widths.fold(0.0, f64::max);
     // Without a number nothing is said.
-    // What is no number says nothing.
     let is_plausible = |of_metre: f64| !(far > of_metre * FARTHEST_M || wide > of_metre * WIDEST_M);
     if !is_plausible(1.0) {
         no_metres(table, &columns.each_ref(), mistakes, is_plausible);
