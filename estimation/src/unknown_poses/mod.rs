@@ -65,6 +65,7 @@ use crate::trust::Mistake;
 use crate::weighing::Loss;
 use elimination::Reduced;
 use fit::{Fit, UNSEEN};
+use kinds::kinds_of_noise;
 use refusals::{refuse_commands, refuse_contradictions};
 use starts::Search;
 use tracker::of_true_poses;
@@ -277,9 +278,13 @@ fn recognising<'a>(
         Some(length_m) => starts::best(&prepared, length_m, division, fitted, mirrored),
         None => fitted(nominal(), division, Search::Stated),
     };
-    // Rows are suspected only beside the best fit that they have as they are.
+    // Beside noise that is to be estimated anything passes for a fit: rows are suspected only where they have none as they are.
     let leads_nowhere = matches!(first, Err(Error::NotConverged { .. }));
-    let is_widened = leads_nowhere && at_sight.is_none() && sketch_m.is_none();
+    let is_estimated = || {
+        let kinds = kinds_of_noise(folder, file, &prepared.machine);
+        kinds.is_ok_and(|kinds| kinds.iter().any(Kind::is_estimated))
+    };
+    let is_widened = leads_nowhere && at_sight.is_none() && sketch_m.is_none() && is_estimated();
     let first = if is_widened {
         widened().or(first)
     } else {
