@@ -326,3 +326,26 @@ fn a_machine_of_eleven_tracks_is_calibrated() {
     let found = tau_in(folder, line).json();
     assert_eq!(found["fit"]["status"], "consistent", "{}", found["fit"]);
 }
+
+/// Beside noise that is to be estimated, heights of the other sign fit somewhere, too: they are not suspected where those that
+/// were measured fit.
+#[test]
+fn rows_that_fit_are_not_suspected_where_noise_is_estimated() {
+    let fixtures = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/struts");
+    let folder = tempfile::tempdir().unwrap();
+    let found = tau_in(
+        folder.path(),
+        &format!(
+            "tau calibrate {fixtures} --model {fixtures}/struts.tau --variant Full --split all --out DIR/out --json -"
+        ),
+    )
+    .json();
+    let fit = &found["fit"];
+    assert_eq!(fit["status"], "consistent", "{fit}");
+    assert!(fit["mistakes"].as_array().unwrap().is_empty(), "{fit}");
+    // Poses that are met worst stand in the order of their residuals.
+    let worst = fit["worst"].as_array().unwrap();
+    assert_eq!(worst.len(), 5, "{fit}");
+    let sigmas: Vec<f64> = worst.iter().map(|own| number(&own["sigmas"])).collect();
+    assert!(sigmas.is_sorted_by(|a, b| a >= b), "{sigmas:?}");
+}

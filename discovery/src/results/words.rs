@@ -364,3 +364,22 @@ macro_rules! serialize_as_displayed {
 }
 
 serialize_as_displayed!(Place, Motion, Reason, Separation, Verdict, Derived);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn poses_that_are_measured_more_than_once_stand_once() {
+        let separation = Separation::Repeat {
+            poses: vec![1, 1, 1, 4, 7, 7],
+            treatment: TREATMENTS[0].0,
+            chi2: [1.0, 90.0, 30.0],
+        };
+        let text = separation.to_string();
+        assert!(
+            text.starts_with("poses 1 (3 times), 4, 7 (2 times) once more"),
+            "{text}"
+        );
+    }
+}
