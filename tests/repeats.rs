@@ -236,7 +236,8 @@ fn deviations_are_widened_by_what_readings_share() {
 fn readings_of_a_dwell_share_their_pose_and_the_noise_of_the_drives() {
     let (stated, widened) = squares_of_errors("--noise-drives 5e-6");
     assert!(stated > 1.3 * widened, "{stated}, {widened}");
-    assert!((0.4..1.9).contains(&widened), "{widened}");
+    // All parameters of a machine share one error: eight squares have a mean beyond 3.3 once in a thousand times.
+    assert!((0.1..4.0).contains(&widened), "{widened}");
 }
 
 /// Mean squares of errors over their standard deviations, as stated and widened, where readings share half of their variance.
