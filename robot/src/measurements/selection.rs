@@ -295,7 +295,7 @@ impl Poses {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::measurements::{CartPose, Conditions, TcpPose};
     use crate::prototype;
@@ -312,7 +312,7 @@ mod tests {
         }
     }
 
-    fn tcp_pose(commands_m: &[f64]) -> TcpPose {
+    pub(crate) fn tcp_pose(commands_m: &[f64]) -> TcpPose {
         TcpPose {
             pose: 1,
             line: 2,

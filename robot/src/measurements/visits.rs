@@ -69,23 +69,13 @@ fn is_as_warm(first: &TcpPose, pose: &TcpPose) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::measurements::{Conditions, PoseSigmas};
+    use crate::measurements::selection::tests::tcp_pose;
 
     fn pose(commands_m: [f64; 2], side: f64, temperature_c: f64) -> TcpPose {
-        TcpPose {
-            pose: 1,
-            line: 2,
-            commands_m: commands_m.to_vec(),
-            position_m: [0.0; 3],
-            angles_rad: [0.0; 3],
-            conditions: Conditions {
-                temperature_c: Some(temperature_c),
-                ..Conditions::default()
-            },
-            directions: Some(vec![side, f64::NAN]),
-            tensions_n: None,
-            sigmas: PoseSigmas::default(),
-        }
+        let mut pose = tcp_pose(&commands_m);
+        pose.conditions.temperature_c = Some(temperature_c);
+        pose.directions = Some(vec![side, f64::NAN]);
+        pose
     }
 
     /// A dwell ends where the drives move, though they come back, or turn round, or where it has grown warmer, however slowly.
