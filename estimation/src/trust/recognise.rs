@@ -420,8 +420,9 @@ fn wide(case: &Case<'_>, given: &Tried) -> Option<Mistake> {
     let narrower = wide::narrower(case.variant, &nominal, case.mean_length_m());
     narrower.into_iter().find_map(|hypothesis| {
         let mended = tried(case, Some(&hypothesis), ITERATIONS)?;
-        let is_as_good = wide::is_as_good(mended.misfit.ratio(), given.misfit.ratio());
-        (is_as_good && mended.is_plausible()).then(|| described(case, &[&mended]))?
+        let (own, stated) = (mended.misfit.ratio(), given.misfit.ratio());
+        let are_enough = wide::are_enough(own, &mended.deviations, stated);
+        are_enough.then(|| described(case, &[&mended]))?
     })
 }
 

@@ -5,6 +5,8 @@ use tau_robot::robot::Variant;
 use crate::calibration::Nominal;
 use crate::trust::NEARER;
 use crate::trust::hypothesis::{Hypothesis, LENGTH, THOUSAND, is_stated};
+use crate::trust::judged::Deviation;
+use crate::trust::tried::exceeds_noise;
 
 /// Share of the links' length that no tolerance reaches: it would tell nothing of the machine.
 const WIDEST: f64 = 0.1;
@@ -34,7 +36,12 @@ pub(crate) fn narrower(variant: &Variant, nominal: &[Nominal], length_m: f64) ->
     vec![of(0.0), of(limit_m)]
 }
 
-/// True if residuals over the noise are about as small under narrower tolerances.
-pub(crate) fn is_as_good(narrower: f64, given: f64) -> bool {
-    narrower < NEARER * given.max(1.0)
+/// True if narrower tolerances are enough: residuals over the noise are about as small under them as under the `given` ones,
+/// and parameters depart from nominal no further than chance lets them. Whoever states wide tolerances with caution has a
+/// machine that departs further.
+pub(crate) fn are_enough(residuals: f64, departures: &[Deviation], given: f64) -> bool {
+    let squares: f64 = departures.iter().map(|own| own.tolerances.powi(2)).sum();
+    let expected: f64 = departures.iter().map(|own| own.told).sum();
+    let scale = residuals.max(1.0);
+    residuals < NEARER * given.max(1.0) && !exceeds_noise(squares / scale.powi(2), expected)
 }

@@ -99,10 +99,10 @@ mod tests {
     /// first.
     #[test]
     fn the_rows_of_readings_that_are_alike_are_taken_in_their_order() {
-        let first = random(6, 4, 1);
+        let first = random(6, 6, 1);
         for seed in 2..10 {
-            let second = &first + 1e-5 * random(6, 4, seed);
-            let columns = DMatrix::from_fn(12, 4, |row, column| {
+            let second = &first + 1e-5 * random(6, 6, seed);
+            let columns = DMatrix::from_fn(12, 6, |row, column| {
                 [&first, &second][row / 6][(row % 6, column)]
             });
             let (_, mut pivots, _) = pivoted(&outside(&columns), 6, |_| false);

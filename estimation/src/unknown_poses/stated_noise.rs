@@ -113,23 +113,22 @@ impl Case<'_> {
         })
     }
 
-    /// Tolerances of lengths that no machine has, where a thousandth of them is enough.
+    /// Tolerances of lengths that no machine has, where a thousandth of them all is enough. Those of some alone may be stated
+    /// with caution: where no pose is known, others make up for what these are then denied.
     pub(super) fn wide_tolerances(&self, given: Option<&UnknownPoses>) -> Option<Mistake> {
         let file = &self.setup.file.completed(self.setup.robot);
         let prepared = Setup { file, ..self.setup }.prepared_by_all().ok()?;
         let length_m = starts::length_m(&prepared.machine)?;
         let narrower = wide::narrower(self.setup.variant, &prepared.nominal, length_m);
-        narrower.into_iter().find_map(|hypothesis| {
-            let case = Case {
-                tolerances: Some(&hypothesis),
-                ..*self
-            };
-            let found = case.fitted(self.setup.file, self.setup.folder, None).ok()?;
-            let ratio = given.map_or(1.0, UnknownPoses::residual_over_noise);
-            let is_right =
-                wide::is_as_good(found.residual_over_noise(), ratio) && found.is_plausible();
-            is_right.then(|| words::of_tolerances(&hypothesis))?
-        })
+        let hypothesis = narrower.into_iter().next()?;
+        let case = Case {
+            tolerances: Some(&hypothesis),
+            ..*self
+        };
+        let found = case.fitted(self.setup.file, self.setup.folder, None).ok()?;
+        let ratio = given.map_or(1.0, UnknownPoses::residual_over_noise);
+        let are_enough = wide::are_enough(found.residual_over_noise(), &found.deviations(), ratio);
+        are_enough.then(|| words::of_tolerances(&hypothesis))?
     }
 
     /// Gain in 2 ln of the evidence by a factor on noise, if it is decisive and no factor between gains more. With

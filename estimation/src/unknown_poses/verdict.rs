@@ -165,7 +165,7 @@ impl UnknownPoses {
     }
 
     /// Parameters against their tolerances.
-    fn deviations(&self) -> Vec<Deviation> {
+    pub(super) fn deviations(&self) -> Vec<Deviation> {
         let estimates = self.calibration.parameters.iter().enumerate();
         let of = estimates.filter_map(|(place, own)| {
             let tolerance = own.tolerance?;
