@@ -12,6 +12,8 @@ use crate::weighing::{Kept, LackOfFit, Loss, Outlier};
 pub enum Reason {
     /// No fit, for a reason in words.
     NoFit(String),
+    /// Another variant, which might fit, that could not be calibrated, for a reason in words.
+    NoOther(String, String),
     /// A mistake of the input.
     Mistake(Mistake),
     /// Residuals beyond what the stated noise allows.

@@ -21,6 +21,9 @@ impl fmt::Display for Reason {
 fn sentence(reason: &Reason) -> String {
     match reason {
         Reason::NoFit(why) => format!("There is no fit: {why}."),
+        Reason::NoOther(variant, why) => {
+            format!("`{variant}` was not calibrated: {why}.")
+        }
         Reason::Mistake(Mistake {
             file, what, mend, ..
         }) => format!("In {file}, {what}: {mend}."),

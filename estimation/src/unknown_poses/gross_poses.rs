@@ -61,6 +61,9 @@ impl Fit<'_> {
         let mut far: BTreeSet<RowPlace> = self.gross.iter().map(|row| row.place).collect();
         far.extend(&self.left_out);
         far.retain(|place| place.drive.is_none());
+        if far.is_empty() {
+            return vec![];
+        }
         // The first block are the closures, and carts have poses of their own.
         let plate = self.blocks.iter().skip(CLOSURES + 1);
         let plate = plate.filter(|rows| rows.own_each() > 0);
@@ -80,14 +83,15 @@ impl Fit<'_> {
             }
             let poses = counts.into_iter().map(|(pose, [far, rows])| GrossPose {
                 pose,
-                commands: self.place_of_commands(pose),
+                commands: None,
                 far,
                 rows,
             });
             let told = poses.filter(GrossPose::is_told);
-            let Some(worst) = told.max_by_key(|own| own.far) else {
+            let Some(mut worst) = told.max_by_key(|own| own.far) else {
                 return found;
             };
+            worst.commands = self.place_of_commands(worst.pose);
             far.retain(|place| place.poses().all(|pose| pose != worst.pose));
             found.push(worst);
         }

@@ -11,7 +11,7 @@ use tau_estimation::expected::Expected;
 use tau_estimation::numerics::order::extent;
 use tau_estimation::numerics::parallel;
 use tau_estimation::sensitivity;
-use tau_estimation::trust::{self, Check, Mistake, of_calibration};
+use tau_estimation::trust::{self, Check, Mistake, Reason, Status, of_calibration};
 use tau_estimation::uncertainty::Uncertainty;
 use tau_estimation::unknown_poses::{HeldErrors, RowDivision, UnknownPoses};
 use tau_estimation::weighing::Treatment;
@@ -92,7 +92,7 @@ pub fn run<R>(
     let mut layouts = Vec::new();
     let mut full = None;
     let outcomes = variants.into_iter().zip(calibrated);
-    take_calibrated(outcomes, &mut remarks, |variant, calibrated, remarks| {
+    let others = take_calibrated(outcomes, &mut remarks, |variant, calibrated, remarks| {
         let (calibration, found) = calibrated;
         let name = &variant.name;
         let without = found.not_predicted.iter();
@@ -103,6 +103,7 @@ pub fn run<R>(
         }
         results.push(found);
     })?;
+    say_others(&mut results, &others);
     next("computing sensitivities");
     let sensitivity = full.and_then(|(calibration, poses)| {
         let machine = &calibration.machine;
@@ -122,7 +123,7 @@ pub fn run<R>(
     Ok(study)
 }
 
-/// Takes the variants that could be calibrated; those that could not are remarked.
+/// Takes the variants that could be calibrated; those that could not are remarked, and returned as reasons.
 ///
 /// # Errors
 /// The first failure, where all variants fail.
@@ -130,8 +131,9 @@ fn take_calibrated<'a, T>(
     outcomes: impl Iterator<Item = (&'a Variant, Result<T, Error>)>,
     remarks: &mut Vec<String>,
     mut take: impl FnMut(&Variant, T, &mut Vec<String>),
-) -> Result<(), Error> {
+) -> Result<Vec<Reason>, Error> {
     let (mut failure, mut is_any) = (None, false);
+    let mut others = vec![];
     for (variant, outcome) in outcomes {
         match outcome {
             Ok(calibrated) => {
@@ -140,11 +142,20 @@ fn take_calibrated<'a, T>(
             }
             Err(error) => {
                 remarks.push(format!("left out: `{}`: {error}", variant.name));
+                others.push(Reason::NoOther(variant.name.clone(), error.to_string()));
                 failure.get_or_insert(error);
             }
         }
     }
-    failure.filter(|_| !is_any).map_or(Ok(()), Err)
+    failure.filter(|_| !is_any).map_or(Ok(others), Err)
+}
+
+/// Says with verdicts that are not consistent which variants might have fitted.
+fn say_others(variants: &mut [VariantResult], others: &[Reason]) {
+    let fits = variants.iter_mut().filter_map(|variant| variant.fit.as_mut());
+    for fit in fits.filter(|fit| fit.status > Status::Consistent) {
+        fit.why.extend_from_slice(others);
+    }
 }
 
 /// The study of variants, without what only some folders allow.

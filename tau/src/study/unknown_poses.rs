@@ -9,7 +9,7 @@ use tau_robot::measurements::Division;
 use tau_robot::robot::Variant;
 
 use super::results::Study;
-use super::{Progress, chosen_variants, layout_within, study, take_calibrated};
+use super::{Progress, chosen_variants, layout_within, say_others, study, take_calibrated};
 use crate::session::Session;
 use tau_estimation::Setup;
 
@@ -40,7 +40,7 @@ pub(super) fn run<R>(
         next(&format!("calibrating {}", variant.name));
         (variant, of_variant(session, variant, &division))
     });
-    take_calibrated(outcomes, &mut remarks, |_, calibrated, _| {
+    let others = take_calibrated(outcomes, &mut remarks, |_, calibrated, _| {
         let (found, mut result, held) = calibrated;
         let is_held_out = division.is_disjoint();
         result.fit = Some(verdict(&found, &held, &check.mistakes, is_held_out));
@@ -48,6 +48,7 @@ pub(super) fn run<R>(
         results.push(result);
         fitted.push(found);
     })?;
+    say_others(&mut results, &others);
     next("done");
     let mut study = Study {
         rows: Some(division.clone()),
