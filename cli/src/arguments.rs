@@ -548,6 +548,23 @@ pub(super) struct Input {
     pub(super) seed: Option<u64>,
 }
 
+impl Input {
+    /// The arguments as they were given.
+    pub(super) fn words(&self) -> Vec<String> {
+        let path = |path: &PathBuf| path.display().to_string();
+        let options = [
+            ("--model", self.robot.model.as_ref().map(path)),
+            ("--robot", self.robot.robot.as_ref().map(path)),
+            ("--split", self.split.clone()),
+            ("--seed", self.seed.map(|seed| seed.to_string())),
+        ];
+        let options = options.into_iter();
+        let options = options.filter_map(|(name, value)| Some([name.to_owned(), value?]));
+        let folder = self.folder.as_ref().map(path);
+        folder.into_iter().chain(options.flatten()).collect()
+    }
+}
+
 /// Choice of the robot.
 #[derive(Debug, Default, Args)]
 pub(super) struct Robot {
