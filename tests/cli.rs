@@ -537,6 +537,10 @@ fn help_teaches() {
         let help = ran.done();
         let too_wide = help.lines().find(|line| line.chars().count() > 110);
         assert_eq!(too_wide, None);
+        // Usage is wrapped by hand.
+        let usage = help.lines().skip_while(|line| !line.starts_with("Usage:"));
+        let mut usage = usage.take_while(|line| !line.is_empty());
+        assert_eq!(usage.find(|line| line.chars().count() > 80), None);
         let name = format!("help_{}", command.replace(' ', "_"));
         insta::assert_snapshot!(name.trim_end_matches('_'), help);
     }

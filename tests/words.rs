@@ -108,6 +108,9 @@ fn a_study_calls_a_machine_by_its_parts() {
     ] {
         let work = tempfile::tempdir().unwrap();
         let (text, files) = study(work.path(), model);
+        // The next steps are commands for this machine and its measurements.
+        let given = format!("{}/measured --model {model} ", work.path().display());
+        assert!(text.contains(&given), "{model}: {text}");
         for lacking in [tracks, turning, paper] {
             assert_lacks(&text, lacking, model);
         }

@@ -444,7 +444,9 @@ fn one_of(options: [&'static str; 2]) -> ArgGroup {
 /// links than hold the plate and they differ from their lengths by more than a millimetre at best, and by more
 /// than the stated noise of drives and links makes likely, it fails, too.
 #[derive(Debug, Args)]
-#[command(group(one_of(["commands", "poses"])), after_help = "\
+#[command(group(one_of(["commands", "poses"])), override_usage = "\
+tau kinematics forward [OPTIONS] --variant <NAME>
+                              <--commands <Q1,Q2,…>|--poses <FILE>> [FOLDER]", after_help = "\
 Examples:
   tau kinematics forward --variant Full --commands 0.1,0.2,-0.1
   tau kinematics forward measured --variant Full --robot tau-calibration/robot.toml --poses path.csv
@@ -480,7 +482,9 @@ pub(super) struct Forward {
 /// them. Without angles, the way from the row before decides, for the first row from `[reference]` of the
 /// robot file or of the description, without it from the nearest measured pose of the folder.
 #[derive(Debug, Args)]
-#[command(group(one_of(["pose", "poses"])), after_help = "\
+#[command(group(one_of(["pose", "poses"])), override_usage = "\
+tau kinematics inverse [OPTIONS] --variant <NAME>
+                              <--pose <X,Y,Z,…>|--poses <FILE>> [FOLDER]", after_help = "\
 Examples:
   tau kinematics inverse --variant Full --pose -1.5,-4.6,0.2
   tau kinematics inverse measured --variant Full --robot tau-calibration/robot.toml --poses path.csv
@@ -542,6 +546,23 @@ pub(super) struct Input {
     /// Seed of the random choice of --split fraction:F
     #[arg(long, value_name = "SEED")]
     pub(super) seed: Option<u64>,
+}
+
+impl Input {
+    /// The arguments as they were given.
+    pub(super) fn words(&self) -> Vec<String> {
+        let path = |path: &PathBuf| path.display().to_string();
+        let options = [
+            ("--model", self.robot.model.as_ref().map(path)),
+            ("--robot", self.robot.robot.as_ref().map(path)),
+            ("--split", self.split.clone()),
+            ("--seed", self.seed.map(|seed| seed.to_string())),
+        ];
+        let options = options.into_iter();
+        let options = options.filter_map(|(name, value)| Some([name.to_owned(), value?]));
+        let folder = self.folder.as_ref().map(path);
+        folder.into_iter().chain(options.flatten()).collect()
+    }
 }
 
 /// Choice of the robot.

@@ -5,6 +5,7 @@ use tau::input_error::InputError;
 use tau::kinematics::Layout;
 use tau::measurements::Split;
 use tau::robot_file::RobotFile;
+use tau::session::Record;
 use tau::{Session, study};
 use tau_codegen::CompiledRobot;
 use tau_codegen::emit;
@@ -84,7 +85,10 @@ pub(super) fn run(
                     .map(|pose| pose.position_m)
                     .collect(),
                 rows: unknown.map(|unknown| unknown.rows.clone()),
-                record: session.record(&stamp()),
+                record: Record {
+                    arguments: arguments.input.words(),
+                    ..session.record(&stamp())
+                },
             };
             let page = report::html::discovery_page(discovery, &setting, &robot.name, &folder.name);
             Ok::<_, Failure>((calibrated, page))

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use tau::session::Record;
 use tau::study;
 use tau::trust::Status;
 use tau_report as report;
@@ -39,7 +40,11 @@ pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result
         study::search(&mut results, &session, &mut |doing| spinner.show(doing));
     }
 
-    let files = report::study_files(out, &results, &session.record(&stamp()));
+    let record = Record {
+        arguments: arguments.input.words(),
+        ..session.record(&stamp())
+    };
+    let files = report::study_files(out, &results, &record);
     let mut paths = written(&files);
     let stale = report::stale_figures(out, &files);
     if !stale.is_empty() {

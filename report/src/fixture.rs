@@ -87,6 +87,7 @@ pub(super) fn record() -> Record {
         },
         split: "alternate".to_owned(),
         inputs: vec![Input::new("tcp_poses.csv", b"")],
+        arguments: vec!["measured".to_owned()],
     }
 }
 

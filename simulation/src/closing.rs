@@ -55,6 +55,13 @@ impl Held {
 
 /// Pose at which every rod of a state has its length, in the freedoms of the plate.
 pub(crate) fn pose(machine: &Machine, state: &State) -> Option<Pose> {
+    let (pose, gap_m) = nearest_pose(machine, state)?;
+    (gap_m < CLOSED).then_some(pose)
+}
+
+/// Pose at which rods of a state miss their lengths least in the sense of least squares, and the largest length (m) that
+/// one misses.
+pub(crate) fn nearest_pose(machine: &Machine, state: &State) -> Option<(Pose, f64)> {
     let longest = LONGEST_STEP * machine.mean_length_m();
     let freedoms = machine.plate.freedoms();
     let mut pose = state.pose;
@@ -89,7 +96,7 @@ pub(crate) fn pose(machine: &Machine, state: &State) -> Option<Pose> {
         };
         if shift.norm() + turn.norm() < SETTLED {
             pose.rotation.renormalize();
-            return (gap.amax() < CLOSED).then_some(pose);
+            return Some((pose, gap.amax()));
         }
     }
     None

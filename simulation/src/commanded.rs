@@ -30,27 +30,41 @@ pub(super) struct Commanded {
 
 impl Commanded {
     /// The machine at the commands of its reference; where redundant drives do not agree with each other there, at its
-    /// position. `None` where the rods do not meet near it, or do not hold the plate.
+    /// position, or, where that is out of reach, where the rods miss their lengths least. `None` where the rods do not
+    /// meet near it, or do not hold the plate.
     pub(super) fn reference(machine: &Machine, reference: &Reference) -> Option<Self> {
         let stated = Self::stated(reference);
         let state = machine.unloaded(&stated.commands_m, stated.pose);
-        let found = if machine.is_redundant() {
-            stated.near(machine, stated.pose.position_m)?
-        } else {
-            Self {
-                pose: closing::pose(machine, &state)?,
-                ..stated.clone()
-            }
+        let stands =
+            |found: &Self| found.is_near(&stated, machine) && found.firmness(machine) > FIRM;
+        if machine.is_redundant() {
+            let at_position = stated.near(machine, stated.pose.position_m).filter(stands);
+            return at_position.or_else(|| {
+                let (pose, _) = closing::nearest_pose(machine, &state)?;
+                let assembled = Self {
+                    pose,
+                    ..stated.clone()
+                };
+                assembled.near(machine, pose.position_m).filter(stands)
+            });
+        }
+        let found = Self {
+            pose: closing::pose(machine, &state)?,
+            ..stated.clone()
         };
+        stands(&found).then_some(found)
+    }
+
+    /// True if it is no farther from a stated place than that may be off.
+    fn is_near(&self, stated: &Self, machine: &Machine) -> bool {
         let rough = ROUGH * machine.mean_length_m();
-        let commands = found.commands_m.iter().zip(&stated.commands_m);
+        let commands = self.commands_m.iter().zip(&stated.commands_m);
         let off = (commands.zip(&machine.ways_m))
             .map(|((found, stated), way)| (found - stated).abs() * way)
             .fold(0.0, f64::max);
-        let is_near = (found.pose.position_m - stated.pose.position_m).norm() < rough
+        (self.pose.position_m - stated.pose.position_m).norm() < rough
             && off < rough
-            && found.pose.rotation.angle_to(&stated.pose.rotation) < 2.0 * ROUGH;
-        (is_near && found.firmness(machine) > FIRM).then_some(found)
+            && self.pose.rotation.angle_to(&stated.pose.rotation) < 2.0 * ROUGH
     }
 
     /// The motion of the plate, in words, that no rod holds at the reference of a machine; `None` where all are held.
@@ -248,5 +262,48 @@ fn motion_in_words(shift: Vector3<f64>, turn: Vector3<f64>) -> String {
         ),
         (false, true) => format!("turn about {}", axis(turn)),
         _ => format!("move along {}", axis(shift)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tau_robot::robot::Robot;
+
+    use super::*;
+    use crate::drawing::Drawing;
+
+    /// The rod on the rail is 780 mm long, and the reference has its plate joint 781 mm above the rail. The commands are
+    /// those of another place, 6 mm below.
+    #[test]
+    fn redundant_drives_need_not_lead_to_a_rough_reference() {
+        let text = "robot Square {
+            plate body in plane;
+            track rail;
+            cluster c on rail {
+                link r { length = 780 mm tol 1 mm; plate_joint = (0, -120, 0) mm tol 1 mm;
+                    track_offset = (300, -800, 0) mm tol 1 mm; track_direction = (1, 0, 0) exact; }
+            }
+            cluster b on base {
+                link left actuated length { length = q; plate_joint = (-120, 0, 0) mm tol 1 mm;
+                    track_offset = (-1000, 300, 0) mm tol 1 mm; }
+                link right actuated length { length = q; plate_joint = (60, 104, 0) mm tol 1 mm;
+                    track_offset = (2000, 300, 0) mm tol 1 mm; }
+                link top actuated length { length = q; plate_joint = (120, 60, 0) mm tol 1 mm;
+                    track_offset = (1500, 1400, 0) mm tol 1 mm; }
+            }
+            reference { commands = (0.087776 m, 1.197281 m, 1.643506 m, 1.648420 m); position = (0.3, 0.101, 0) m; }
+            variant Full { arm full; tracks linear per link; }
+        }";
+        let robot = Robot::from_text(text).unwrap();
+        let file = tau_robot::prototype::parameters_of(&robot).unwrap();
+        let reference = file.completed(&robot).reference.unwrap();
+        let drawing = Drawing::new(&robot, &file, &reference).unwrap();
+        let found = Commanded::reference(&drawing.nominal, &reference).unwrap();
+        // The distances of its joints from the anchors, with the plate upright, were rounded to a micrometre.
+        let off_m = found.pose.position_m - Vector3::new(0.2996, 0.095, 0.0);
+        assert!(off_m.norm() < 1e-5, "{off_m}");
+        for (found, stated) in found.commands_m.iter().zip(&reference.commands_m) {
+            assert!((found - stated).abs() < 1e-5, "{found} {stated}");
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use super::{Answers, OnDisk, ROBOT, replaced};
+use super::{Answers, OnDisk, ROBOT, TCP_POSES, replaced};
 use crate::support::tau_in;
 
 const HEIGHTS: &str = "\
@@ -171,6 +171,42 @@ fn other_measurements() {
         .write("lengths.csv", DISTANCES);
     answers.add("positions of another name", &folder.answer(folder.read()));
     insta::assert_snapshot!(answers.0);
+}
+
+/// A calibration would silently lack them; notes and logs are nobody's measurements.
+#[test]
+fn measurements_under_other_names_are_refused() {
+    let mut answers = Answers::default();
+    let mut case = |name: &str, file: &str, contents: &str| {
+        let folder = OnDisk::valid();
+        folder.write(file, contents);
+        answers.add(name, &folder.answer(folder.read()));
+    };
+    case("columns of one kind", "probe.csv", HEIGHTS);
+    let semicolons = HEIGHTS.replace(',', ";");
+    case("semicolons between them", "probe.csv", &semicolons);
+    let copy = TCP_POSES.replace("x_m", " \"X_m\"");
+    case("columns of a file that is there", "copy.csv", &copy);
+    case("drives alone", "moves.csv", READINGS);
+    let inclined = replaced(HEIGHTS, "height_m", "tilt_rad");
+    case("columns of no kind", "inclinometer.csv", &inclined);
+    let two = HEIGHTS.replace("height_m", "height_m,distance_m");
+    case("columns of two kinds", "both.csv", &two);
+    case("poses without commands", "sag.csv", "pose,sag_um\n11,4\n");
+    case("commands without poses", "path.csv", "q1_m,q2_m\n0,0\n");
+    case("a log", "log.csv", "time_s,temperature_c\n0,20.1\n");
+    case("a log by another name", "height.csv", "time_s,level\n0,1\n");
+    case("an empty table", "notes.csv", "\n");
+    case("no table", "notes.txt", HEIGHTS);
+    insta::assert_snapshot!(answers.0);
+
+    let folder = OnDisk::valid();
+    folder
+        .write("probe.csv", HEIGHTS)
+        .write("distances.csv", "pose_a,pose_b,distance_m\n1,2,-1\n");
+    let error = folder.read().unwrap_err().to_string();
+    assert!(error.contains("probe.csv:1:1:"), "{error}");
+    assert!(error.contains("distances.csv:2:"), "{error}");
 }
 
 #[test]

@@ -10,8 +10,8 @@ use super::{Input, Json};
 /// measurements determine, and which combinations they leave to the tolerances; which effects could be
 /// seen; what is missing and what it would bring. Mistakes are recognised by trying what would mend
 /// them: exchanged commands or carts, mirrored axes, other Euler angles, millimetres, tolerances or one
-/// dimension far off. Fails where a calibration would mean nothing: fewer residuals than parameters,
-/// parameters that neither data nor tolerances determine, or a mistake.
+/// dimension far off. Fails where a calibration of every variant looked at would mean nothing: fewer
+/// residuals than parameters, parameters that neither data nor tolerances determine, or a mistake.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

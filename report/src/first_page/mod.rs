@@ -25,7 +25,7 @@ use crate::machine::{self, Drawing, Errors, Pin, Scene};
 /// The first page of a study.
 pub(crate) fn of_study(study: &Study, record: &Record) -> Markup {
     let found = study.discovery.as_ref();
-    let advice = next::of_study(study);
+    let advice = next::of_study(study, record);
     html! {
         section.front aria-label="Summary" {
             (verdict::of_study(study))

@@ -1,9 +1,11 @@
 //! Next steps, in sentences: from the verdict, from what the search found and could not decide, and from what the
 //! check before the fit missed.
 
+use std::path::MAIN_SEPARATOR;
+
 use tau::discovery::results::FoundEffect;
 use tau::discovery::{Discovery, Status as Found};
-use tau::prototype::ROBOT_NAME;
+use tau::session::Record;
 use tau::study::results::Study;
 use tau::trust::{Check, Mistake, Status, Verdict};
 
@@ -19,22 +21,19 @@ const POSES: usize = 5;
 struct Judged<'a> {
     variant: &'a str,
     verdict: &'a Verdict,
-    /// Arguments of commands that name the measurements, and the description where it is not the built-in one.
-    folder: &'static str,
+    /// Arguments of commands that name the measurements and the machine, each after a space.
+    arguments: String,
     /// The measurement that the stated noise is of.
     noise_of: &'static str,
 }
 
 /// After a study.
-pub(super) fn of_study(study: &Study) -> Vec<String> {
+pub(super) fn of_study(study: &Study, record: &Record) -> Vec<String> {
     let fit = study.fit().map(|(variant, verdict)| Judged {
         variant: &variant.name,
         verdict,
-        folder: if study.robot == ROBOT_NAME {
-            "FOLDER"
-        } else {
-            "FOLDER --model ROBOT"
-        },
+        arguments: (record.arguments.iter())
+            .fold(String::new(), |line, word| line + " " + &shell_word(word)),
         noise_of: if study.rows.is_some() {
             "the measurements"
         } else {
@@ -93,15 +92,15 @@ fn advice(
         (Some(found), _) if !findings::is_base(found) => format!(
             "Calculate with what was found{}; `tau evaluate` judges the calibrated robot file on new measurements.",
             match fit {
-                Some(Judged { folder, .. }) => format!(
-                    ": `tau discover {folder} --base {} --out found` writes the description and the robot file",
+                Some(Judged { arguments, .. }) => format!(
+                    ": `tau discover{arguments} --base {} --out found` writes the description and the robot file",
                     found.base
                 ),
                 None => ": the description and the robot file are beside this report".to_owned(),
             }
         ),
-        (_, Some(Judged { variant, folder, .. })) => format!(
-            "`tau calibrate {folder} --variant {variant} --out calibrated` writes the robot file; `tau evaluate` judges it on \
+        (_, Some(Judged { variant, arguments, .. })) => format!(
+            "`tau calibrate{arguments} --variant {variant} --out calibrated` writes the robot file; `tau evaluate` judges it on \
              new measurements."
         ),
         _ => "`tau evaluate` judges a calibrated robot file on new measurements.".to_owned(),
@@ -135,13 +134,13 @@ fn worst(verdict: &Verdict) -> String {
 fn without_search(fit: &Judged<'_>) -> Option<String> {
     let Judged {
         verdict,
-        folder,
+        arguments,
         noise_of,
         ..
     } = fit;
     (verdict.status == Status::Inconsistent && verdict.widening() > 1.0).then(|| {
         format!(
-            "Find what the model lacks: `tau discover {folder} --out found`. If it finds nothing, state the noise that \
+            "Find what the model lacks: `tau discover{arguments} --out found`. If it finds nothing, state the noise that \
              {noise_of} really have. {}",
             worst(verdict)
         )
@@ -238,6 +237,18 @@ fn missing(check: &Check) -> Vec<String> {
         .iter()
         .map(|gap| format!("Add {}: it would bring {}.", gap.what, gap.brings))
         .collect()
+}
+
+/// A word of a command line as a shell reads it back.
+fn shell_word(word: &str) -> String {
+    let is_plain = |letter: char| {
+        letter.is_alphanumeric() || letter == MAIN_SEPARATOR || "_-./:,=+@%".contains(letter)
+    };
+    if !word.is_empty() && word.chars().all(is_plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', r"'\''"))
+    }
 }
 
 /// With a small first letter, unless it is a name.

@@ -31,9 +31,9 @@ fn study(status: Status, ratio: f64) -> tau::study::results::Study {
 #[test]
 fn a_consistent_fit_needs_no_more_than_to_be_used() {
     let study = study(Status::Consistent, 1.0);
-    let steps = next::of_study(&study);
+    let steps = next::of_study(&study, &fixture::record());
     assert_eq!(steps.len(), 1, "{steps:?}");
-    assert!(steps[0].contains("tau calibrate FOLDER --variant Full"));
+    assert!(steps[0].contains("tau calibrate measured --variant Full"));
     let page = of_study(&study, &fixture::record()).into_string();
     assert!(page.contains("verdict consistent") && page.contains("<code>they</code>"));
 }
@@ -59,7 +59,7 @@ fn the_reason_for_a_verdict_on_another_variant_is_said() {
 
 #[test]
 fn an_inconsistent_fit_asks_for_a_search_and_wider_deviations() {
-    let steps = next::of_study(&study(Status::Inconsistent, 4.0));
+    let steps = next::of_study(&study(Status::Inconsistent, 4.0), &fixture::record());
     assert!(
         steps[0].contains("tau discover") && steps[0].contains("Pose 17"),
         "{steps:?}"
@@ -94,11 +94,11 @@ fn an_absurd_one_asks_for_the_mend_and_nothing_else() {
         misfit: None,
         mistakes: vec![],
     });
-    let steps = next::of_study(&study);
+    let steps = next::of_study(&study, &fixture::record());
     assert_eq!(steps.len(), 2, "{steps:?}");
     assert!(steps[0].contains("mirrored") && steps[0].contains("change the sign"));
     study.variants[2].fit = Some(verdict(Status::Consistent, 1.0));
-    let steps = next::of_study(&study);
+    let steps = next::of_study(&study, &fixture::record());
     assert!(
         steps[0].contains("cart_poses.csv") && steps[0].contains("shape"),
         "{steps:?}"
@@ -119,24 +119,28 @@ fn the_page_says_where_it_comes_from() {
     }
 }
 
-/// Commands of advice name what they would refuse without: the description of another robot, and the base that was
-/// searched from. Where no pose was measured there is no tracker whose noise could be stated.
+/// Commands of advice name measurements and machine as the study was given them, and the base that was searched from.
+/// Where no pose was measured there is no tracker whose noise could be stated.
 #[test]
 fn advice_suits_the_machine_and_its_measurements() {
     let mut study = study(Status::Inconsistent, 4.0);
-    assert!(next::of_study(&study)[0].contains("tau discover FOLDER --out"));
-    "Hangprinter".clone_into(&mut study.robot);
+    let mut record = fixture::record();
+    record.arguments.clear();
+    assert!(next::of_study(&study, &record)[0].contains("`tau discover --out"));
+    record.arguments = ["my data", "--model", "bob's.tau"]
+        .map(str::to_owned)
+        .into();
     study.rows = Some(RowDivision::of(&Folder::default(), Split::All));
-    let steps = next::of_study(&study);
+    let steps = next::of_study(&study, &record);
     assert!(
-        steps[0].contains("tau discover FOLDER --model ROBOT --out"),
+        steps[0].contains(r"tau discover 'my data' --model 'bob'\''s.tau' --out"),
         "{steps:?}"
     );
     assert!(!steps[0].contains("tracker"), "{steps:?}");
     study.variants[2].fit = Some(verdict(Status::Consistent, 1.0));
-    let steps = next::of_study(&study);
+    let steps = next::of_study(&study, &record);
     assert!(
-        steps[0].contains("tau calibrate FOLDER --model ROBOT --variant Full"),
+        steps[0].contains(r"tau calibrate 'my data' --model 'bob'\''s.tau' --variant Full"),
         "{steps:?}"
     );
 }

@@ -2,6 +2,7 @@
 //! the plate.
 
 mod checks;
+mod other_tables;
 mod plate;
 pub mod plausible;
 mod read;

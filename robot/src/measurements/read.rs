@@ -4,6 +4,7 @@ use std::fs;
 use std::io::ErrorKind;
 use std::path::Path;
 
+use super::other_tables::{is_table, other_names, refuse_measurements};
 use super::set::{
     ANGLES, ConditionColumns, DIRECTION, DirectionColumns, ForceColumns, POSITION, Set,
     TEMPERATURE, TIME, drop_idle, file_name, read_directions, vector,
@@ -17,7 +18,7 @@ use super::{
 };
 use tau_model_dsl::nearest;
 
-use crate::input_error::{self, Errors, InputError, Source, quoted};
+use crate::input_error::{self, Errors, InputError, Source, both, quoted};
 
 /// Optional columns of sets 2 and 3.
 const OPTIONAL: [&str; 3] = [TIME, TEMPERATURE, DIRECTION];
@@ -48,7 +49,7 @@ impl Folder {
     ///
     /// # Errors
     /// All mistakes of all files: files missing or unreadable, text that is no table of numbers,
-    /// quantities in the wrong unit, poses given twice.
+    /// quantities in the wrong unit, poses given twice, tables of measurements under other names.
     pub fn read(path: &Path, shape: &Shape) -> Result<Self, InputError> {
         Self::read_noting(path, shape, &mut |_, _| {})
     }
@@ -72,15 +73,15 @@ impl Folder {
             let text = texts.iter().find(|(file, _)| *file == name);
             text.and_then(|(_, text)| text.as_deref())
         });
+        let others = refuse_measurements(path, shape);
         if texts.lack_the_plate() {
-            return Err(missing_tcp_poses(path, shape));
+            return Err(others.err().unwrap_or_else(|| missing_tcp_poses(path)));
         }
         texts.files().for_each(|(file, text)| note(file, text));
         let folder = Self::from_texts(&path.display().to_string(), texts, shape);
-        folder.map(|mut folder| {
-            folder.remarks.extend(misspelt(path, shape));
-            folder
-        })
+        let (mut folder, remarks) = both(folder, others)?;
+        folder.remarks.extend(remarks);
+        Ok(folder)
     }
 
     /// Counts time from the first measurement: from the origin of a calendar, what drifts would have drifted
@@ -230,95 +231,17 @@ fn read_text(path: &Path) -> Result<Option<String>, InputError> {
     }
 }
 
-/// Names of the files of a folder that are not those of measurements.
-fn other_names(folder: &Path) -> Vec<String> {
-    let mut names: Vec<String> = fs::read_dir(folder)
-        .into_iter()
-        .flatten()
-        .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
-        .filter(|name| !FILES.contains(&name.as_str()))
-        .collect();
-    names.sort();
-    names
-}
-
-/// True for the name of a table.
-fn is_table(name: &str) -> bool {
-    Path::new(name)
-        .extension()
-        .is_some_and(|extension| extension.eq_ignore_ascii_case("csv"))
-}
-
-/// The file of measurements whose columns a table has, where they are those of one.
-fn file_by_columns(table: &Path, shape: &Shape) -> Option<&'static str> {
-    let text = fs::read_to_string(table).ok()?;
-    let mut lines = text.trim_start_matches('\u{feff}').split(['\n', '\r']);
-    let header = lines.find(|line| !line.trim().is_empty())?;
-    let names = header.split(',').map(|name| name.trim().trim_matches('"'));
-    let names: Vec<&str> = names.collect();
-    let has_all = |columns: &[&str]| columns.iter().all(|column| names.contains(column));
-    let has_any = |columns: &[&str]| columns.iter().any(|column| names.contains(column));
-    if has_all(&["pose_a", "pose_b"]) {
-        Some(DISTANCES)
-    } else if has_all(&["cart", "point"]) {
-        Some(CART_POSES)
-    } else if has_all(&["cart", "pose"]) {
-        Some(CART_POSITIONS)
-    } else if !has_all(&["pose"]) {
-        None
-    } else if has_all(&shape.pose_names()) && !has_any(&["target"]) {
-        Some(TCP_POSES)
-    } else {
-        let commands = shape.command_names();
-        let is_reading = commands.iter().all(|name| names.contains(&name.as_str()));
-        let mut kinds = PlateKind::ALL.into_iter();
-        let kind = kinds.find(|kind| has_any(kind.columns()));
-        kind.or(is_reading.then_some(PlateKind::Reading))
-            .map(PlateKind::file)
-    }
-}
-
-/// Remarks on tables that hold measurements by their columns, or nearly by their name, and are called otherwise. Columns tell
-/// better which are meant.
-fn misspelt(folder: &Path, shape: &Shape) -> Vec<String> {
-    let names = other_names(folder)
-        .into_iter()
-        .filter(|name| is_table(name));
-    let meant = names.filter_map(|name| {
-        let by_columns = file_by_columns(&folder.join(&name), shape);
-        let meant = by_columns.or_else(|| nearest(&name, FILES))?;
-        Some((meant, name))
-    });
-    meant
-        .map(|(meant, name)| {
-            format!("{name} is not read: a file of measurements is called `{meant}`")
-        })
-        .collect()
-}
-
-fn missing_tcp_poses(folder: &Path, shape: &Shape) -> InputError {
+fn missing_tcp_poses(folder: &Path) -> InputError {
     let names = other_names(folder);
     let error = InputError::whole(
         folder.join(TCP_POSES).display().to_string(),
         "the file does not exist, expected the TCP poses (set 1)",
     );
-    let tables = || {
-        names
-            .iter()
-            .map(String::as_str)
-            .filter(|name| is_table(name))
-    };
-    let by_columns =
-        tables().filter_map(|name| Some((name, file_by_columns(&folder.join(name), shape)?)));
-    // Measurements of the plate are what is missing.
-    let of_others = [CART_POSES, CART_POSITIONS, DISTANCES];
-    let by_columns = by_columns.min_by_key(|(_, file)| of_others.contains(file));
-    let poses = nearest(TCP_POSES, names.iter().map(String::as_str));
-    let by_name = || tables().find_map(|name| Some((name, nearest(name, FILES)?)));
-    let found = by_columns
-        .or(poses.map(|name| (name, TCP_POSES)))
-        .or_else(by_name);
-    match found {
+    let names = || names.iter().map(String::as_str);
+    let poses = nearest(TCP_POSES, names()).map(|name| (name, TCP_POSES));
+    let tables = names().filter(|name| is_table(name));
+    let mut others = tables.filter_map(|name| Some((name, nearest(name, FILES)?)));
+    match poses.or_else(|| others.next()) {
         Some((found, meant)) => error.help(format!("found `{found}`, rename it to `{meant}`")),
         None => {
             let names = quoted(PlateKind::ALL.map(PlateKind::file));

@@ -54,7 +54,7 @@ impl<'a> Table<'a> {
             );
             return None;
         }
-        let header = split(source, header_line.clone());
+        let header = fields(source, header_line.clone());
         if header
             .iter()
             .all(|field| source.text[field.clone()].parse::<f64>().is_ok())
@@ -74,7 +74,7 @@ impl<'a> Table<'a> {
         };
         let mut ragged = Vec::new();
         for (index, line) in numbered {
-            let row = split(source, line.clone());
+            let row = fields(source, line.clone());
             if row.len() == table.header.len() {
                 table.fields.extend(row);
                 table.lines.push(index + 1);
@@ -374,7 +374,7 @@ pub(crate) fn spelt(name: &str) -> String {
 }
 
 /// Byte ranges of the fields of a line, without spaces around them and without quotes.
-fn split(source: Source<'_>, line: Range<usize>) -> Vec<Range<usize>> {
+pub(super) fn fields(source: Source<'_>, line: Range<usize>) -> Vec<Range<usize>> {
     let mut fields = Vec::new();
     let mut start = line.start;
     let mut quoted = false;

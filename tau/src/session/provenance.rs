@@ -11,7 +11,7 @@ use tau_robot::fingerprint;
 use tau_robot::measurements::{Distance, Folder, PoseCounts, Poses, Shape, Split, TcpPose};
 use tau_robot::robot::Variant;
 use tau_robot::robot_file::{Provenance, RobotFile};
-use tau_robot::{InputError, Robot};
+use tau_robot::{InputError, Robot, prototype};
 
 use super::{Input, Session};
 
@@ -33,6 +33,8 @@ pub struct Record {
     pub split: String,
     /// The files, the description first; empty for measurements that were in no file.
     pub inputs: Vec<Input>,
+    /// Arguments of `tau` that name the measurements, the machine and the split; none: those that are built in.
+    pub arguments: Vec<String>,
 }
 
 /// Relation of evaluated poses to the calibration of a robot file.
@@ -150,7 +152,8 @@ impl<R> Session<R> {
         poses.iter().filter(is_new).copied().collect()
     }
 
-    /// The origin of what this session computes.
+    /// The origin of what this session computes. Of a description only the text is known: the argument for its file is
+    /// `F.tau`.
     pub fn record(&self, stamp: &Stamp) -> Record {
         let Robot {
             name, description, ..
@@ -161,7 +164,19 @@ impl<R> Session<R> {
             stamp: stamp.clone(),
             split: self.split.to_string(),
             inputs: inputs.collect(),
+            arguments: self.arguments(),
         }
+    }
+
+    fn arguments(&self) -> Vec<String> {
+        let is_read = !self.folder.fingerprint.is_empty() && self.folder.name != prototype::NAME;
+        let folder = is_read.then(|| self.folder.name.clone());
+        let model = ["--model", "F.tau"].map(str::to_owned);
+        let model = (!prototype::is_of(&self.robot)).then_some(model);
+        folder
+            .into_iter()
+            .chain(model.into_iter().flatten())
+            .collect()
     }
 
     /// The poses that validate, without those on which the robot file was calibrated.
