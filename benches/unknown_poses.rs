@@ -68,6 +68,8 @@ struct Case {
     poses: usize,
     /// More of the robot file.
     more: &'static str,
+    /// Noise that the fit has to estimate, as the robot file asks for it.
+    estimated: &'static str,
 }
 
 fn cases() -> Vec<Case> {
@@ -79,7 +81,9 @@ fn cases() -> Vec<Case> {
         measures,
         poses,
         more,
+        estimated: "",
     };
+    let estimating = |estimated, case: Case| Case { estimated, ..case };
     let drives = "[drives]\nnoise_m = 1e-5\n";
     vec![
         case(
@@ -242,6 +246,43 @@ fn cases() -> Vec<Case> {
             60,
             "",
         ),
+        estimating(
+            "[noise]\nrotation_rad = 4e-5\n[noise.tcp_positions]\nposition_m = \"estimate\"\n[drives]\nnoise_m = \"estimate\"\n",
+            case(
+                "hexapod, positions, drives, noise estimated",
+                HEXAPOD,
+                "Full",
+                vec![rows(PlateKind::Position)],
+                40,
+                drives,
+            ),
+        ),
+        estimating(
+            "[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\nheights = { height_m = \"estimate\" }\nball_bar = { distance_m = \"estimate\" }\n",
+            case(
+                "hexapod, positions, heights and ball bar, noise estimated",
+                HEXAPOD,
+                "Full",
+                vec![
+                    rows(PlateKind::Position),
+                    rows(PlateKind::Height),
+                    rows(PlateKind::BallBar),
+                ],
+                40,
+                "",
+            ),
+        ),
+        estimating(
+            "[noise]\nheights = { height_m = \"estimate\" }\ndistances = { distance_m = \"estimate\" }\n",
+            case(
+                "delta, heights and distances, noise estimated",
+                DELTA,
+                "Nominal",
+                vec![rows(PlateKind::Height), Measure::Distances],
+                40,
+                "",
+            ),
+        ),
     ]
 }
 
@@ -250,16 +291,22 @@ impl Case {
         let robot = Robot::from_text(self.description).unwrap();
         let [position, rotation] = [scale * NOISE_M, scale * 4e-5];
         let noise = format!("[noise]\nposition_m = {position:e}\nrotation_rad = {rotation:e}\n");
-        let text = format!("robot = \"{}\"\n{noise}{}", robot.name, self.more);
-        let file = RobotFile::parse_for(&text, "robot.toml", &robot).unwrap();
-        let mut file = file.completed(&robot);
+        let file = Self::file(&robot, scale, &format!("{noise}{}", self.more));
+        (robot, file)
+    }
+
+    /// The robot file with noise and more in text.
+    fn file(robot: &Robot, scale: f64, more: &str) -> RobotFile {
+        let text = format!("robot = \"{}\"\n{more}", robot.name);
+        let file = RobotFile::parse_for(&text, "robot.toml", robot).unwrap();
+        let mut file = file.completed(robot);
         for link in file.links.values_mut() {
             let places = [&mut link.plate_joint, &mut link.track_offset];
             let others = [&mut link.length, &mut link.track_direction];
             let values = places.into_iter().chain(others).flatten();
             values.for_each(|value| value.tol *= scale);
         }
-        (robot, file)
+        file
     }
 
     /// The file from which machines are drawn. Parallel links have the mean of their lengths, which scatters less than the
@@ -313,8 +360,11 @@ impl Case {
         let variant = robot.variant(self.variant).unwrap();
         let start = Instant::now();
         let options = Options::default();
+        let estimating =
+            (!self.estimated.is_empty()).then(|| Self::file(robot, 1.0, self.estimated));
+        let stated = estimating.as_ref().unwrap_or(file);
         let found = calibrate(
-            Setup::new(robot, variant, file, &simulated.folder),
+            Setup::new(robot, variant, stated, &simulated.folder),
             &division,
             &options,
         );

@@ -53,15 +53,21 @@ impl Held {
     }
 }
 
-/// Pose at which every rod of a state has its length, in the freedoms of the plate.
-pub(crate) fn pose(machine: &Machine, state: &State) -> Option<Pose> {
-    let (pose, gap_m) = nearest_pose(machine, state)?;
-    (gap_m < CLOSED).then_some(pose)
+/// Translation and rotation vector by some of the plate's motions.
+fn motion_of(motions: &[usize], amounts: &DVector<f64>) -> (Vector3<f64>, Vector3<f64>) {
+    let (mut shift, mut turn) = (Vector3::zeros(), Vector3::zeros());
+    for (&motion, &amount) in motions.iter().zip(amounts) {
+        if motion < 3 {
+            shift[motion] = amount;
+        } else {
+            turn[motion - 3] = amount;
+        }
+    }
+    (shift, turn)
 }
 
-/// Pose at which rods of a state miss their lengths least in the sense of least squares, and the largest length (m) that
-/// one misses.
-pub(crate) fn nearest_pose(machine: &Machine, state: &State) -> Option<(Pose, f64)> {
+/// Pose at which every rod of a state has its length, in the freedoms of the plate.
+pub(crate) fn pose(machine: &Machine, state: &State) -> Option<Pose> {
     let longest = LONGEST_STEP * machine.mean_length_m();
     let freedoms = machine.plate.freedoms();
     let mut pose = state.pose;
@@ -77,14 +83,7 @@ pub(crate) fn nearest_pose(machine: &Machine, state: &State) -> Option<(Pose, f6
             }
         }
         let step = least_norm(matrix, &gap)?;
-        let (mut shift, mut turn) = (Vector3::zeros(), Vector3::zeros());
-        for (&motion, &amount) in freedoms.iter().zip(&step) {
-            if motion < 3 {
-                shift[motion] = amount;
-            } else {
-                turn[motion - 3] = amount;
-            }
-        }
+        let (mut shift, mut turn) = motion_of(freedoms, &step);
         let scale = (shift.norm() / longest)
             .max(turn.norm() / LONGEST_STEP)
             .max(1.0);
@@ -96,10 +95,22 @@ pub(crate) fn nearest_pose(machine: &Machine, state: &State) -> Option<(Pose, f6
         };
         if shift.norm() + turn.norm() < SETTLED {
             pose.rotation.renormalize();
-            return Some((pose, gap.amax()));
+            return (gap.amax() < CLOSED).then_some(pose);
         }
     }
     None
+}
+
+/// Pose and commands at which every rod has its length: of all, those to which plate and commands move least from a state
+/// that stands at `commands`.
+pub(crate) fn place(
+    machine: &Machine,
+    state: &State,
+    commands: &[f64],
+) -> Option<(Pose, Vec<f64>)> {
+    let freedoms = machine.plate.freedoms();
+    let (pose, commands, gap_m) = commands_and_motion(machine, state, commands, freedoms)?;
+    (gap_m < CLOSED).then_some((pose, commands))
 }
 
 /// Commands at which every rod has its length with the TCP of a state where it is, and the pose there: of several, the
@@ -113,7 +124,7 @@ pub(crate) fn commands(
     let turns: Vec<usize> = (machine.plate.freedoms().iter().copied())
         .filter(|&motion| motion >= 3)
         .collect();
-    let (pose, commands, _) = commands_and_turn(machine, state, commands, &turns)?;
+    let (pose, commands, _) = commands_and_motion(machine, state, commands, &turns)?;
     Some((pose, commands))
 }
 
@@ -123,16 +134,16 @@ pub(crate) fn commands_of_pose(
     state: &State,
     commands: &[f64],
 ) -> Option<Vec<f64>> {
-    let (_, commands, gap_m) = commands_and_turn(machine, state, commands, &[])?;
+    let (_, commands, gap_m) = commands_and_motion(machine, state, commands, &[])?;
     (gap_m < CLOSED).then_some(commands)
 }
 
-/// Pose, commands, and the largest length (m) that a rod still lacks.
-fn commands_and_turn(
+/// Pose, reached from that of the state by some motions, commands, and the largest length (m) that a rod still lacks.
+fn commands_and_motion(
     machine: &Machine,
     state: &State,
     commands: &[f64],
-    turns: &[usize],
+    motions: &[usize],
 ) -> Option<(Pose, Vec<f64>, f64)> {
     let command = |commands: &[f64], k: Option<usize>| k.map_or(0.0, |k| commands[k]);
     let straight = |k: usize, commands: &[f64]| {
@@ -151,33 +162,34 @@ fn commands_and_turn(
         .collect();
     let (mut pose, mut here) = (state.pose, commands.to_vec());
     for _ in 0..COMMAND_STEPS {
-        let mut matrix = DMatrix::zeros(machine.rods.len(), turns.len() + machine.commands);
+        let mut matrix = DMatrix::zeros(machine.rods.len(), motions.len() + machine.commands);
         let mut gap = DVector::zeros(machine.rods.len());
         for (k, rod) in machine.rods.iter().enumerate() {
             let (joint, length) = straight(k, &here);
             let (joint, length) = (joint + displaced[k].0, length + displaced[k].1);
             let held = Held::new(pose, state.plate_joints_m[k], joint, length);
             gap[k] = held.gap_m;
-            for (column, &motion) in turns.iter().enumerate() {
+            for (column, &motion) in motions.iter().enumerate() {
                 matrix[(k, column)] = held.by_motion(motion);
             }
             // Columns of angles are those of the way that they move, so that all count alike.
             if let Some(track) = rod.track {
                 let rate = rod.joint_rate(machine.crank(track), here[track]);
-                matrix[(k, turns.len() + track)] = -held.along.dot(&rate) / machine.ways_m[track];
+                matrix[(k, motions.len() + track)] = -held.along.dot(&rate) / machine.ways_m[track];
             }
             if let Some(own) = rod.actuated_by {
-                matrix[(k, turns.len() + own)] = -rod.length_rate(here[own]) / machine.ways_m[own];
+                matrix[(k, motions.len() + own)] =
+                    -rod.length_rate(here[own]) / machine.ways_m[own];
             }
         }
         let step = least_norm(matrix, &gap)?;
-        let mut turn = Vector3::zeros();
-        for (&motion, &amount) in turns.iter().zip(&step) {
-            turn[motion - 3] = amount;
-        }
-        pose.rotation = Rotation3::new(turn) * pose.rotation;
-        let mut farthest = turn.amax();
-        for (k, way) in step.iter().skip(turns.len()).enumerate() {
+        let (shift, turn) = motion_of(motions, &step);
+        pose = Pose {
+            position_m: pose.position_m + shift,
+            rotation: Rotation3::new(turn) * pose.rotation,
+        };
+        let mut farthest = shift.amax().max(turn.amax());
+        for (k, way) in step.iter().skip(motions.len()).enumerate() {
             let change = way / machine.ways_m[k];
             here[k] += change;
             let is_crank = machine.crank(k).is_some();

@@ -142,7 +142,12 @@ fn take_calibrated<'a, T>(
             }
             Err(error) => {
                 remarks.push(format!("left out: `{}`: {error}", variant.name));
-                others.push(Reason::NoOther(variant.name.clone(), error.to_string()));
+                let why = match &error {
+                    Error::Input(error) => error.problems().first().map(|own| own.message.clone()),
+                    _ => None,
+                };
+                let why = why.unwrap_or_else(|| error.to_string());
+                others.push(Reason::NoOther(variant.name.clone(), why));
                 failure.get_or_insert(error);
             }
         }
@@ -152,7 +157,9 @@ fn take_calibrated<'a, T>(
 
 /// Says with verdicts that are not consistent which variants might have fitted.
 fn say_others(variants: &mut [VariantResult], others: &[Reason]) {
-    let fits = variants.iter_mut().filter_map(|variant| variant.fit.as_mut());
+    let fits = variants
+        .iter_mut()
+        .filter_map(|variant| variant.fit.as_mut());
     for fit in fits.filter(|fit| fit.status > Status::Consistent) {
         fit.why.extend_from_slice(others);
     }
