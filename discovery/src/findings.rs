@@ -410,9 +410,13 @@ fn remarks(search: &Search<'_>, fit: &Fit, whiteness: Option<&Whiteness>) -> Vec
     for scale in misfit::noise_scales(fit) {
         let is_usual = (0.85..1.15).contains(&scale.factor);
         if !(is_usual || allows_more && scale.factor < 1.0) {
+            let of = match scale.set {
+                1 if unknown.is_some() => "what was measured of the plate".to_owned(),
+                set => format!("set {set} ({})", scale.of),
+            };
+            let factor = scale.factor;
             remarks.push(format!(
-                "the noise of set {} ({}) is {:.2} times the stated one",
-                scale.set, scale.of, scale.factor
+                "the noise of {of} is {factor:.2} times the stated one"
             ));
         }
     }
