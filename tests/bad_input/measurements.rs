@@ -193,7 +193,12 @@ fn measurements_under_other_names_are_refused() {
     let two = HEIGHTS.replace("height_m", "height_m,distance_m");
     case("columns of two kinds", "both.csv", &two);
     case("poses without commands", "sag.csv", "pose,sag_um\n11,4\n");
-    case("commands without poses", "path.csv", "q1_m,q2_m\n0,0\n");
+    case(
+        "readings without poses",
+        "dial.csv",
+        "q1_m,q2_m,dial_mm\n0,0,1\n",
+    );
+    case("a path of commands", "path.csv", "q1_m,q2_m,dir1\n0,0,1\n");
     case("a log", "log.csv", "time_s,temperature_c\n0,20.1\n");
     case("a log by another name", "height.csv", "time_s,level\n0,1\n");
     case("an empty table", "notes.csv", "\n");

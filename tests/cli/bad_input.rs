@@ -268,20 +268,18 @@ fn tables_that_are_asked_about() {
 #[test]
 fn inputs_are_not_replaced() {
     let folder = tempfile::tempdir().unwrap();
-    let measured = folder.path().join("m");
-    fs::create_dir(&measured).unwrap();
     for name in ["tcp_poses.csv", "robot.toml"] {
-        fs::copy(Path::new(DATA).join(name), measured.join(name)).unwrap();
+        fs::copy(Path::new(DATA).join(name), folder.path().join(name)).unwrap();
     }
     fs::write(folder.path().join("p.csv"), "q1_m,q2_m,q3_m\n0,0,0\n").unwrap();
     let lines = [
-        "tau kinematics forward DIR/m --variant Full --poses DIR/p.csv --out DIR/p.csv",
-        "tau kinematics forward DIR/m --variant Full --commands 0,0,0 --out DIR/m/robot.toml",
-        "tau kinematics inverse DIR/m --variant Full --pose=-1.5,-4.6,0.2 --json DIR/m/tcp_poses.csv",
-        "tau kinematics forward DIR/m --variant Full --commands 0,0,0 --out DIR/x --json DIR/x",
+        "tau kinematics forward DIR --variant Full --poses DIR/p.csv --out DIR/p.csv",
+        "tau kinematics forward DIR --variant Full --commands 0,0,0 --out DIR/robot.toml",
+        "tau kinematics inverse DIR --variant Full --pose=-1.5,-4.6,0.2 --json DIR/tcp_poses.csv",
+        "tau kinematics forward DIR --variant Full --commands 0,0,0 --out DIR/x --json DIR/x",
     ];
     insta::assert_snapshot!(answers(folder.path(), &lines));
-    let kept = fs::read(measured.join("robot.toml")).unwrap();
+    let kept = fs::read(folder.path().join("robot.toml")).unwrap();
     assert_eq!(kept, fs::read(Path::new(DATA).join("robot.toml")).unwrap());
 }
 

@@ -16,8 +16,8 @@ use crate::input_error::{Errors, InputError, Source, quoted};
 /// Column of the number of a pose.
 const POSE: &str = "pose";
 
-/// Refuses tables of measurements: those that have the columns of a kind, a column `pose`, or the commands. A calibration
-/// would silently lack them. Returns remarks on tables that nearly have the name of a file of measurements.
+/// Refuses tables of measurements: those that have the columns of a kind, a column `pose`, or the commands with more than
+/// goes with a path of them. A calibration would silently lack them. Returns remarks on tables that nearly have the name of a file of measurements.
 pub(super) fn refuse_measurements(folder: &Path, shape: &Shape) -> Result<Vec<String>, InputError> {
     let (mut errors, mut remarks) = (Errors::default(), Vec::new());
     for name in other_names(folder)
@@ -72,7 +72,7 @@ fn refusal(table: Source<'_>, folder: &Path, shape: &Shape) -> Option<InputError
             error("measurements under a name that is not read")
                 .help(format!("rename the file to `{file}`")),
         ),
-        None if header.has(POSE) || header.has_all(&shape.command_names()) => {
+        None if header.has(POSE) || header.has_more_than_commands(shape) => {
             Some(error("the columns fit no kind of measurement").help(kinds(shape)))
         }
         None => None,
@@ -130,13 +130,13 @@ impl Header {
             .filter(|kind| self.has_any(kind.columns()));
         match (measured.next(), measured.next()) {
             (Some(kind), None) => Some(kind.file()),
-            (None, _) if self.is_reading(shape) => Some(PlateKind::Reading.file()),
+            (None, _) if self.are_commands(shape) => Some(PlateKind::Reading.file()),
             _ => None,
         }
     }
 
     /// True if the commands are there, and nothing that could be a measurement of another kind.
-    fn is_reading(&self, shape: &Shape) -> bool {
+    fn are_commands(&self, shape: &Shape) -> bool {
         let commands = shape.command_names();
         let directions = shape.direction_names();
         let forces = shape.force_names();
@@ -146,6 +146,11 @@ impl Header {
                 [POSE, TIME, TEMPERATURE].contains(&name.as_str())
                     || known().any(|known| spelt(known) == *name)
             })
+    }
+
+    /// True if the commands are there, and what could be measured at them.
+    fn has_more_than_commands(&self, shape: &Shape) -> bool {
+        self.has_all(&shape.command_names()) && !self.are_commands(shape)
     }
 }
 
