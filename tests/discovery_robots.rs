@@ -176,6 +176,26 @@ fn tracks_stay_straight_where_poses_are_unknown() {
     assert_eq!(found["piecewise_tracks"].as_array().map_or(0, Vec::len), 0);
 }
 
+/// Set 1 are measured poses: where there are none, noise beyond the stated one is that of what was measured.
+#[test]
+fn noise_of_heights_is_none_of_set_1() {
+    let folder = tempfile::tempdir().unwrap();
+    let line = "tau simulate --model linear_delta --out DIR/measured --random --poses 80 --seed 4 --measure heights \
+         --noise-scale 2,2,2";
+    tau_in(folder.path(), line).done();
+    let line = "tau discover DIR/measured --model linear_delta --base Full --out DIR/out --json -";
+    let found = tau_in(folder.path(), line).json();
+    let remarks: Vec<&str> = (found["remarks"].as_array().unwrap().iter())
+        .map(|remark| remark.as_str().unwrap())
+        .collect();
+    let says = |text: &str| remarks.iter().any(|remark| remark.contains(text));
+    assert!(
+        says("the noise of what was measured of the plate is "),
+        "{remarks:?}"
+    );
+    assert!(!says("set 1 ("), "{remarks:?}");
+}
+
 /// Closures of exact drives beyond the plate's freedoms are no residuals: distances alone tell the noise, and where nothing
 /// is hidden nothing is found.
 #[test]

@@ -57,6 +57,22 @@ fn every_line(text: &str, change: impl Fn(&str) -> String) -> String {
     lines.join("\n") + "\n"
 }
 
+/// A folder of a drawn machine whose tolerances of lengths are stated so many times as large.
+fn with_tolerances(model: &str, measured: &str, seed: u32, factor: f64) -> TempDir {
+    let rest = format!("--measure {measured} --random --poses 60 --seed {seed}");
+    let folder = drawn(model, &rest);
+    edit(folder.path(), |text| {
+        every_line(text, |line| {
+            if is_of_length(line) {
+                scaled(line, "tol", factor)
+            } else {
+                line.to_owned()
+            }
+        })
+    });
+    folder
+}
+
 #[test]
 fn tolerances_in_millimetres_are_named_for_any_layout() {
     let mut named = 0;
@@ -69,17 +85,7 @@ fn tolerances_in_millimetres_are_named_for_any_layout() {
         ("five_bar", "distances"),
     ] {
         for seed in &SEEDS[..2] {
-            let rest = format!("--measure {measured} --random --poses 60 --seed {seed}");
-            let folder = drawn(model, &rest);
-            edit(folder.path(), |text| {
-                every_line(text, |line| {
-                    if is_of_length(line) {
-                        scaled(line, "tol", 1e3)
-                    } else {
-                        line.to_owned()
-                    }
-                })
-            });
+            let folder = with_tolerances(model, measured, *seed, 1e3);
             let wanted = ["tolerances", "robot.toml", "a thousand times too large"];
             all_name(folder.path(), "", wanted);
             named += 1;
@@ -98,17 +104,7 @@ fn tolerances_that_are_wide_with_caution_are_no_mistake() {
         ("five_bar", "distances"),
     ] {
         for seed in &SEEDS[..2] {
-            let rest = format!("--measure {measured} --random --poses 60 --seed {seed}");
-            let folder = drawn(model, &rest);
-            edit(folder.path(), |text| {
-                every_line(text, |line| {
-                    if is_of_length(line) {
-                        scaled(line, "tol", 50.0)
-                    } else {
-                        line.to_owned()
-                    }
-                })
-            });
+            let folder = with_tolerances(model, measured, *seed, 50.0);
             let found = tau_in(
                 folder.path(),
                 "tau calibrate DIR/measured --variant Full --out DIR/out --json -",

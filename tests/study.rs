@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 use tau::kinematics::xyz;
 use tau::measurements::{CartPose, CartPosition, Conditions, Folder};
+use tau::trust::Status;
 use tau::{Session, study};
 use tau::{assumptions, calibration};
 
@@ -92,7 +93,9 @@ fn without_set_2_the_piecewise_variants_are_left_out() {
 
 #[test]
 fn variants_that_too_few_poses_calibrate_are_left_out() {
-    let (mut folder, file) = prototype();
+    let (mut folder, mut file) = prototype();
+    file.noise.position_m *= 0.1;
+    file.noise.rotation_rad *= 0.1;
     folder.cart_poses.clear();
     let (low, high) = file.range_m.unwrap();
     let is_in_range = |q: &f64| (low..=high).contains(q);
@@ -107,6 +110,12 @@ fn variants_that_too_few_poses_calibrate_are_left_out() {
     assert_eq!(study.variants[0].name, "Nominal");
     let left_out = |remark: &String| remark.starts_with("left out: `Full`: ");
     assert!(study.remarks.iter().any(left_out), "{:?}", study.remarks);
+    // At a tenth of the noise, nothing that could be calibrated fits.
+    let fit = study.variants[0].fit.as_ref().unwrap();
+    let why: Vec<String> = fit.why.iter().map(ToString::to_string).collect();
+    let names = |why: &String| why.starts_with("`Full` was not calibrated: ");
+    assert!(fit.status > Status::Consistent);
+    assert!(why.iter().any(names), "{why:?}");
 }
 
 #[test]
