@@ -222,21 +222,27 @@ impl Displacements {
         let end = start + wanted.len();
         self.members.resize(end, Vec::new());
         for entry in entries {
-            for (column, &parameter) in (start..).zip(wanted) {
-                let Some(slopes) = &entry.slopes[parameter] else {
-                    continue;
-                };
-                let known = self.parts.iter().position(|part| part.probe == entry.probe);
-                let index = known.unwrap_or_else(|| {
-                    self.parts.push(Part {
-                        probe: entry.probe,
-                        slopes: Vec::new(),
-                        samples: probes.all[entry.probe].samples.len(),
-                        columns: Vec::new(),
-                    });
-                    self.parts.len() - 1
+            let own = (start..).zip(wanted);
+            let own = own.filter_map(|(column, &parameter)| {
+                Some((column, entry.slopes[parameter].as_ref()?))
+            });
+            let room = own.clone().map(|(_, slopes)| slopes.len()).sum();
+            if room == 0 {
+                continue;
+            }
+            let known = self.parts.iter().position(|part| part.probe == entry.probe);
+            let index = known.unwrap_or_else(|| {
+                self.parts.push(Part {
+                    probe: entry.probe,
+                    slopes: Vec::new(),
+                    samples: probes.all[entry.probe].samples.len(),
+                    columns: Vec::new(),
                 });
-                let part = &mut self.parts[index];
+                self.parts.len() - 1
+            });
+            let part = &mut self.parts[index];
+            part.slopes.reserve(room);
+            for (column, slopes) in own {
                 self.members[column].push((index, part.columns.len()));
                 part.slopes.extend_from_slice(slopes);
                 part.columns.push(column);

@@ -2,12 +2,13 @@
 
 use faer::Mat;
 
-use crate::linear::qr::triangle;
+use crate::identifiability::Data;
+use crate::linear::qr::{RowReduction, triangle};
 use crate::linear::svd::svd;
 use crate::linear::{SchurCholesky, SparseCholesky, pays};
-use crate::partition::partition;
+use crate::partition::{Part, partition};
 use crate::system::{Content, System};
-use crate::{Error, Problem};
+use crate::{Error, Parameter, Problem};
 
 /// Parts with more parameters are factored sparsely.
 const DENSE_COVARIANCE_COLUMNS: usize = 400;
@@ -42,33 +43,11 @@ enum Place {
 /// too many or too few; [`Error::SingularValues`] where a decomposition fails.
 pub fn covariance(problem: &Problem, parameters: &[f64]) -> Result<Covariance, Error> {
     check_at(problem, parameters)?;
-    let mut place: Vec<Place> = problem
-        .parameters
-        .iter()
-        .map(|p| {
-            if p.is_free() {
-                Place::Unknown
-            } else {
-                Place::Fixed
-            }
-        })
-        .collect();
-    let mut parts = Vec::new();
-    for (index, part) in partition(problem).parts.iter().enumerate() {
-        for (column, &p) in part.parameters.iter().enumerate() {
-            place[p] = Place::In {
-                part: index,
-                column,
-            };
-        }
-        let mut system = System::new(problem, part, parameters, Content::Information);
-        let x: Vec<f64> = part.parameters.iter().map(|&p| parameters[p]).collect();
-        system
-            .linearize(&x)
-            .map_err(|fault| fault.into_error(problem))?;
-        parts.push(PartCovariance::new(&mut system)?);
+    let mut covariance = Covariance::of_none(problem);
+    for part in &partition(problem).parts {
+        covariance.add(problem, parameters, part, None)?;
     }
-    Ok(Covariance { place, parts })
+    Ok(covariance)
 }
 
 /// Checks a problem and a point of it.
@@ -125,6 +104,41 @@ impl PartCovariance {
         dense_covariance(system, &factors, &factors).map(Self::Dense)
     }
 
+    /// Of data that were reduced, and priors.
+    fn of_data(problem: &Problem, part: &Part, data: &Data) -> Result<Self, Error> {
+        let count = data.factors.len();
+        let mut rows = RowReduction::new(2 * count, count);
+        let weight = |column: usize| {
+            let prior = problem.parameters[part.parameters[column]].prior;
+            prior.map_or(0.0, |prior| prior.sigma.recip())
+        };
+        let known = |column: usize| {
+            let is_nothing = (0..count).all(|row| data.triangle[(row, column)] == 0.0);
+            let norm = if is_nothing {
+                0.0
+            } else {
+                data.factors[column].recip()
+            };
+            norm.hypot(weight(column))
+        };
+        let factors: Vec<f64> = (0..count)
+            .map(|column| match known(column) {
+                0.0 => 1.0,
+                known => known.recip(),
+            })
+            .collect();
+        for row in 0..count {
+            let entry = |column: usize| data.triangle[(row, column)] / data.factors[column];
+            rows.push((row..count).map(|column| (column, entry(column) * factors[column])));
+        }
+        for column in 0..count {
+            rows.push([(column, weight(column) * factors[column])].into_iter());
+        }
+        let reduced = rows.reduce();
+        let triangle = Mat::from_fn(count, count, |row, column| reduced[(row, column)]);
+        of_triangle(&triangle, &factors).map(Self::Dense)
+    }
+
     fn entry(&self, i: usize, j: usize) -> f64 {
         match self {
             Self::Dense(matrix) => matrix[(i, j)],
@@ -141,8 +155,12 @@ impl PartCovariance {
 /// Covariance by singular values of the Jacobian with columns multiplied by `scaling`; entry i, j of
 /// what comes out is multiplied by the factors of i and j.
 fn dense_covariance(system: &System, scaling: &[f64], factors: &[f64]) -> Result<Mat<f64>, Error> {
+    of_triangle(&triangle(&system.jacobian, scaling), factors)
+}
+
+fn of_triangle(triangle: &Mat<f64>, factors: &[f64]) -> Result<Mat<f64>, Error> {
     let n = factors.len();
-    let decomposition = svd(triangle(&system.jacobian, scaling).as_ref())?;
+    let decomposition = svd(triangle.as_ref())?;
     let least = rank_tolerance(&decomposition.values);
     let rank = decomposition
         .values
@@ -180,6 +198,52 @@ pub(crate) fn rank_tolerance(values: &[f64]) -> f64 {
 }
 
 impl Covariance {
+    /// Before any part is known.
+    pub(crate) fn of_none(problem: &Problem) -> Self {
+        let place = |parameter: &Parameter| {
+            if parameter.is_free() {
+                Place::Unknown
+            } else {
+                Place::Fixed
+            }
+        };
+        Self {
+            place: problem.parameters.iter().map(place).collect(),
+            parts: Vec::new(),
+        }
+    }
+
+    /// Adds a part, of which the data may have been reduced already.
+    pub(crate) fn add(
+        &mut self,
+        problem: &Problem,
+        parameters: &[f64],
+        part: &Part,
+        data: Option<&Data>,
+    ) -> Result<(), Error> {
+        for (column, &p) in part.parameters.iter().enumerate() {
+            self.place[p] = Place::In {
+                part: self.parts.len(),
+                column,
+            };
+        }
+        let own = match data {
+            Some(data) if data.factors.len() <= DENSE_COVARIANCE_COLUMNS => {
+                PartCovariance::of_data(problem, part, data)?
+            }
+            _ => {
+                let mut system = System::new(problem, part, parameters, Content::Information);
+                let x: Vec<f64> = part.parameters.iter().map(|&p| parameters[p]).collect();
+                system
+                    .linearize(&x)
+                    .map_err(|fault| fault.into_error(problem))?;
+                PartCovariance::new(&mut system)?
+            }
+        };
+        self.parts.push(own);
+        Ok(())
+    }
+
     /// Standard deviation of a parameter, by index in the problem: zero if fixed, infinite if nothing
     /// determines it.
     ///

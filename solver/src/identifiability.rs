@@ -2,10 +2,10 @@
 
 use faer::Mat;
 
-use crate::covariance::{check_at, inverse_column_norms, rank_tolerance};
+use crate::covariance::{Covariance, check_at, inverse_column_norms, rank_tolerance};
 use crate::linear::qr::{PivotedQr, triangle};
 use crate::linear::svd::svd;
-use crate::partition::partition;
+use crate::partition::{Part, partition};
 use crate::system::{Content, System};
 use crate::{Error, Problem};
 
@@ -45,6 +45,37 @@ pub struct Undetermined {
 /// # Errors
 /// As [`covariance`](crate::covariance).
 pub fn identifiability(problem: &Problem, parameters: &[f64]) -> Result<Identifiability, Error> {
+    analysed(problem, parameters, |_, _| Ok(()))
+}
+
+/// The same beside the [`covariance`](crate::covariance()), for which residuals are not evaluated and reduced again.
+///
+/// # Errors
+/// As [`covariance`](crate::covariance()).
+pub fn covariance_and_identifiability(
+    problem: &Problem,
+    parameters: &[f64],
+) -> Result<(Covariance, Identifiability), Error> {
+    let mut covariance = Covariance::of_none(problem);
+    let found = analysed(problem, parameters, |part, data| {
+        covariance.add(problem, parameters, part, Some(data))
+    })?;
+    Ok((covariance, found))
+}
+
+/// Derivatives of the data of a part, reduced.
+pub(crate) struct Data {
+    /// The triangle, its columns multiplied by `factors`.
+    pub(crate) triangle: Mat<f64>,
+    /// Reciprocal norms of the columns.
+    pub(crate) factors: Vec<f64>,
+}
+
+fn analysed(
+    problem: &Problem,
+    parameters: &[f64],
+    mut visit: impl FnMut(&Part, &Data) -> Result<(), Error>,
+) -> Result<Identifiability, Error> {
     check_at(problem, parameters)?;
     let mut result = Identifiability {
         free: 0,
@@ -58,9 +89,16 @@ pub fn identifiability(problem: &Problem, parameters: &[f64]) -> Result<Identifi
         system
             .linearize(&x)
             .map_err(|fault| fault.into_error(problem))?;
+        let factors = inverse_column_norms(&system);
+        let data = Data {
+            triangle: triangle(&system.jacobian, &factors),
+            factors,
+        };
+        drop(system);
         part.parameters.iter().for_each(|&p| known[p] = true);
         result.free += part.parameters.len();
-        analyse(problem, &system, &mut result)?;
+        analyse(problem, part, &data, &mut result)?;
+        visit(part, &data)?;
     }
     for (p, parameter) in problem.parameters.iter().enumerate() {
         if parameter.is_free() && !known[p] {
@@ -77,26 +115,30 @@ pub fn identifiability(problem: &Problem, parameters: &[f64]) -> Result<Identifi
     Ok(result)
 }
 
-fn analyse(problem: &Problem, system: &System, result: &mut Identifiability) -> Result<(), Error> {
-    let by_norm = inverse_column_norms(system);
-    let normalized = svd(triangle(&system.jacobian, &by_norm).as_ref())?;
+fn analyse(
+    problem: &Problem,
+    part: &Part,
+    data: &Data,
+    result: &mut Identifiability,
+) -> Result<(), Error> {
+    let normalized = svd(data.triangle.as_ref())?;
     let least = rank_tolerance(&normalized.values);
     result.rank += normalized.values.iter().filter(|&&s| s > least).count();
 
     let prior_sigma = |column: usize| {
-        problem.parameters[system.parameters[column]]
+        problem.parameters[part.parameters[column]]
             .prior
             .map(|p| p.sigma)
     };
-    let n = system.jacobian.column_count;
+    let n = data.factors.len();
     let (free, tied): (Vec<usize>, Vec<usize>) = (0..n).partition(|&c| prior_sigma(c).is_none());
-    let scale: Vec<f64> = (0..n)
-        .map(|c| prior_sigma(c).unwrap_or(by_norm[c]))
-        .collect();
+    let scaled = |row: usize, column: usize| {
+        let factor = prior_sigma(column).map_or(1.0, |sigma| sigma / data.factors[column]);
+        data.triangle[(row, column)] * factor
+    };
 
     let order: Vec<usize> = free.iter().chain(&tied).copied().collect();
-    let triangle = triangle(&system.jacobian, &scale);
-    let ordered = Mat::from_fn(n, n, |i, j| triangle[(i, order[j])]);
+    let ordered = Mat::from_fn(n, n, |i, j| scaled(i, order[j]));
     let (following, own) = ordered.as_ref().split_at_col(free.len());
 
     let among_free = svd(following)?;
@@ -107,7 +149,7 @@ fn analyse(problem: &Problem, system: &System, result: &mut Identifiability) -> 
             .iter()
             .enumerate()
             .map(|(i, &c)| (c, among_free.v[(i, k)]));
-        result.push(system, terms, f64::INFINITY);
+        result.push(part, terms, f64::INFINITY);
     }
 
     let mut qr = PivotedQr::new(n, free.len(), tied.len());
@@ -122,7 +164,7 @@ fn analyse(problem: &Problem, system: &System, result: &mut Identifiability) -> 
         }
         let terms = tied.iter().enumerate().map(|(i, &c)| (c, alone.v[(i, k)]));
         let data_over_prior = if s > rounding { 1.0 / s } else { f64::INFINITY };
-        result.push(system, terms, data_over_prior);
+        result.push(part, terms, data_over_prior);
     }
     Ok(())
 }
@@ -130,13 +172,13 @@ fn analyse(problem: &Problem, system: &System, result: &mut Identifiability) -> 
 impl Identifiability {
     fn push(
         &mut self,
-        system: &System,
+        part: &Part,
         terms: impl Iterator<Item = (usize, f64)>,
         data_over_prior: f64,
     ) {
         let mut terms: Vec<(usize, f64)> = terms
             .filter(|(_, share)| share.abs() > LEAST_SHARE)
-            .map(|(column, share)| (system.parameters[column], share))
+            .map(|(column, share)| (part.parameters[column], share))
             .collect();
         terms.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
         // the sign of a direction means nothing: let the largest share be positive

@@ -58,7 +58,8 @@ impl<'a> ClosureFit<'a> {
         }
     }
 
-    /// The minimum without the bias that the noise of the poses gives it, and the inverse of its information.
+    /// The minimum without the bias that the noise of the poses gives it, and at the minimum the inverse of its information
+    /// and what the data leave to the priors.
     ///
     /// # Errors
     /// It is not reached.
@@ -66,31 +67,19 @@ impl<'a> ClosureFit<'a> {
         &self,
         problem: &Problem<'_>,
         weights: &[f64],
-    ) -> Result<(Solution, DMatrix<f64>), Error> {
+    ) -> Result<(Solution, DMatrix<f64>, Identifiability), Error> {
         let solution = tau_solver::solve(problem, &self.solver);
         let mut solution = solution.map_err(|error| self.failed(&error))?;
         if !solution.converged() || solution.parameters.iter().any(|value| !value.is_finite()) {
             return Err(self.failed(&solution.termination));
         }
         let minimum = (&solution.parameters[..], solution.cost);
-        let inverse = problem::inverse_information(problem, minimum.0);
-        let inverse = inverse.map_err(|error| self.failed(&error))?;
+        let known = problem::knowledge(problem, minimum.0);
+        let (inverse, identifiability) = known.map_err(|error| self.failed(&error))?;
         let measured_in = (&self.prepared.machine, self.samples, self.noise);
         solution.parameters =
             problem::corrected(&self.residuals, measured_in, minimum, weights, &inverse)?;
-        Ok((solution, inverse))
-    }
-
-    /// Parameters that the data leave to their priors.
-    ///
-    /// # Errors
-    /// The problem can't be evaluated there.
-    pub(super) fn identifiability(
-        &self,
-        problem: &Problem<'_>,
-        at: &[f64],
-    ) -> Result<Identifiability, Error> {
-        tau_solver::identifiability(problem, at).map_err(|error| self.failed(&error))
+        Ok((solution, inverse, identifiability))
     }
 
     /// Factor of the covariance with shared noise, of the inverse of the information.

@@ -273,36 +273,33 @@ fn from_prepared(
     let searched = searched::start(&mut problem, variant, used, range_m, &fit.solver);
     searched.map_err(|error| fit.failed(&error))?;
     let mut iterations = fit.start_from_some(&mut problem);
-    let (mut solution, mut inverse) = fit.solved(&problem, &even)?;
+    let (mut solution, inverse, mut identifiability) = fit.solved(&problem, &even)?;
     iterations += total_iterations(&solution);
 
     let values = problem::values(machine, used, &solution.parameters);
     // Where poses count as they are, which most do, nothing waits for their weights.
     let (weighed_poses, of_even) = parallel::both(
         || weighing::weighed(prepared, &values, &samples, file.noise, options.treatment),
-        || {
-            let factor = fit.factor(&inverse, &solution.parameters, &even);
-            fit.identifiability(&problem, &solution.parameters)
-                .map(|found| (found, factor))
-        },
+        || fit.factor(&inverse, &solution.parameters, &even),
     );
     let (mut weighing, judged) = weighed_poses?;
     let left: Vec<usize> = weighing.taking_part(poses).collect();
-    if let Err(error) = check_poses(Setup::new(robot, variant, file, folder), &left) {
+    if let Err(error) = check_places(Setup::new(robot, variant, file, folder), &left) {
         weighing = weighing.keeping_outliers(Kept::Needed(error.to_string()));
     }
-    let (identifiability, factor) = if weighing.is_even() {
-        of_even?
+    let (inverse, factor) = if weighing.is_even() {
+        (inverse, of_even)
     } else {
         let start = fit.problem(&weighing.fit, &solution.parameters);
         solution = fit.solved(&start, &weighing.fit)?.0;
         iterations += total_iterations(&solution);
         problem = fit.problem(&weighing.information, &solution.parameters);
         let at = &solution.parameters;
-        let weighed = problem::inverse_information(&problem, at);
-        inverse = weighed.map_err(|error| fit.failed(&error))?;
+        let known = problem::knowledge(&problem, at);
+        let (inverse, found) = known.map_err(|error| fit.failed(&error))?;
+        identifiability = found;
         let factor = fit.factor(&inverse, at, &weighing.information);
-        (fit.identifiability(&problem, at)?, factor)
+        (inverse, factor)
     };
     let name = |index: usize| problem.parameters[index].name.clone();
     let fitted = Fitted {
@@ -446,11 +443,17 @@ pub(crate) fn combinations(
 /// # Errors
 /// They are not.
 pub fn check_poses(setup: Setup<'_>, poses: &[usize]) -> Result<(), InputError> {
+    check_places(setup, poses)?;
+    setup.folder.check_reach(poses, setup.robot, setup.file)
+}
+
+/// Checks that poses are as many as a variant needs, and apart.
+fn check_places(setup: Setup<'_>, poses: &[usize]) -> Result<(), InputError> {
     let Setup {
         robot,
         variant,
-        file,
         folder,
+        ..
     } = setup;
     let moves = |pose: &usize| {
         let (pose, first) = (&folder.tcp_poses[*pose], &folder.tcp_poses[poses[0]]);
@@ -467,12 +470,15 @@ pub fn check_poses(setup: Setup<'_>, poses: &[usize]) -> Result<(), InputError> 
         ));
     }
     let (needed, of) = poses_needed(variant, robot.plate.is_in_plane());
-    let commands = poses.iter().map(|&pose| &folder.tcp_poses[pose].commands_m);
-    let places: BTreeSet<Vec<u64>> = commands
-        .map(|commands| commands.iter().map(|own| own.to_bits()).collect())
-        .collect();
-    folder.check_pose_count(places.len(), needed, &of)?;
-    folder.check_reach(poses, robot, file)
+    let mut places = BTreeSet::new();
+    for &pose in poses {
+        let commands = folder.tcp_poses[pose].commands_m.iter();
+        places.insert(commands.map(|own| own.to_bits()).collect::<Vec<u64>>());
+        if places.len() >= needed {
+            return Ok(());
+        }
+    }
+    folder.check_pose_count(places.len(), needed, &of)
 }
 
 /// True of components along z, on which closures of a plate in the plane depend by their squares alone.

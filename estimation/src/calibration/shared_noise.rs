@@ -183,7 +183,7 @@ mod tests {
             parameters: problem::parameters(variant, used, &residuals.priors, at.iter().copied()),
             blocks: blocks.map(|part| part.block(|_, weight| weight)).collect(),
         };
-        let inverse = problem::inverse_information(&problem, &at).unwrap();
+        let (inverse, _) = problem::knowledge(&problem, &at).unwrap();
         let even = vec![1.0; samples.len()];
         let scales = vec![1e-4; residuals.parts.len()];
         let factor =

@@ -19,7 +19,7 @@ use tau_robot::measurements::TCP_POSES;
 use tau_robot::robot::{Instance, Owner, ResidualKind, TrackShape, Variant};
 use tau_robot::robot_file::Noise;
 use tau_runtime::ResidualFamily;
-use tau_solver::{Block, Parameter, Problem};
+use tau_solver::{Block, Identifiability, Parameter, Problem};
 
 use crate::calibration::error::Error;
 use crate::calibration::nominal::Nominal;
@@ -217,19 +217,19 @@ pub(crate) fn values(machine: &Machine, used: &[usize], fitted: &[f64]) -> Vec<f
     values
 }
 
-/// Inverse of the information that residuals and priors of a problem hold, infinite where nothing determines a parameter.
+/// Inverse of the information that residuals and priors of a problem hold, infinite where nothing determines a parameter, and
+/// what the residuals leave to the priors.
 ///
 /// # Errors
 /// As [`tau_solver::covariance`].
-pub(crate) fn inverse_information(
+pub(crate) fn knowledge(
     problem: &Problem<'_>,
     parameters: &[f64],
-) -> Result<DMatrix<f64>, tau_solver::Error> {
-    let known = tau_solver::covariance(problem, parameters)?;
+) -> Result<(DMatrix<f64>, Identifiability), tau_solver::Error> {
+    let (known, found) = tau_solver::covariance_and_identifiability(problem, parameters)?;
     let count = parameters.len();
-    Ok(DMatrix::from_fn(count, count, |i, j| {
-        known.covariance(i, j)
-    }))
+    let inverse = DMatrix::from_fn(count, count, |i, j| known.covariance(i, j));
+    Ok((inverse, found))
 }
 
 impl Part {

@@ -14,6 +14,7 @@ use tau_solver::Problem;
 use crate::calibration::{
     Combination, Error, Prepared, check_poses, combinations, factor_with_shared_noise, is_along_z,
 };
+use crate::numerics::spread::spread;
 use crate::problem::{self, Closures, Residuals};
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
@@ -25,6 +26,10 @@ use crate::trust::of_folder::plain;
 use crate::trust::{mistake::Mistake, reach::Reach, reason::Reason};
 use crate::uncertainty::Uncertainty;
 use crate::unknown_poses::{self, Rank, RowDivision};
+
+/// More poses than these are looked at by as many of them: what these determine all do, and what they leave is known to a
+/// percent.
+const MOST_POSES: usize = 4000;
 
 /// A column's range.
 #[derive(Debug, Clone, PartialEq)]
@@ -379,7 +384,12 @@ fn determine(checked: &mut Checked, setup: Setup<'_>, poses: &[usize]) -> Result
     let file = &file.completed(robot);
     let prepared = Setup { file, ..setup }.prepared(poses)?;
     let (machine, nominal) = (&prepared.machine, &prepared.nominal);
-    let samples = Sample::all(robot, folder, poses, &Frames::default());
+    // Of many poses, some tell what all do: each counts for as many as it stands for.
+    let some: Vec<usize> = (spread(poses.len(), MOST_POSES).into_iter())
+        .map(|place| poses[place])
+        .collect();
+    let counted = poses.len() as f64 / some.len().max(1) as f64;
+    let samples = Sample::all(robot, folder, &some, &Frames::default());
     let residuals = Residuals::new(machine, nominal, &samples, file.noise, Closures::Apart)?;
     let used = &residuals.used;
     let at: Vec<f64> = used.iter().map(|&index| machine.values[index]).collect();
@@ -387,12 +397,15 @@ fn determine(checked: &mut Checked, setup: Setup<'_>, poses: &[usize]) -> Result
     let blocks = residuals
         .parts
         .iter()
-        .map(|part| part.block(|_, weight| weight));
+        .map(|part| part.block(|_, weight| weight * counted.sqrt()));
     let problem = Problem {
         parameters,
         blocks: blocks.collect(),
     };
-    checked.rows = residuals.parts.iter().map(|part| part.weights.len()).sum();
+    let of_pose: usize = (residuals.parts.iter())
+        .map(|part| part.components.len())
+        .sum();
+    checked.rows = of_pose * poses.len();
     checked.parameters = used.len();
     let is_in_plane = robot.plate.is_in_plane();
     let free = (used.iter()).filter(|&&index| !(is_in_plane && is_along_z(variant, index)));
@@ -401,7 +414,7 @@ fn determine(checked: &mut Checked, setup: Setup<'_>, poses: &[usize]) -> Result
         variant: variant.name.clone(),
         why: error.to_string(),
     };
-    let found = tau_solver::identifiability(&problem, &at).map_err(failed)?;
+    let (inverse, found) = problem::knowledge(&problem, &at).map_err(failed)?;
     checked.rank = found.rank;
     let name = |index: usize| problem.parameters[index].name.clone();
     checked.undetermined = combinations(&found, name);
@@ -425,8 +438,7 @@ fn determine(checked: &mut Checked, setup: Setup<'_>, poses: &[usize]) -> Result
     };
     if checked.why_not.is_none() {
         check_poses(setup, poses)?;
-        let inverse = problem::inverse_information(&problem, &at).map_err(failed)?;
-        let even = vec![1.0; samples.len()];
+        let even = vec![counted; samples.len()];
         let scales = &prepared.track_scales;
         let known = factor_with_shared_noise(&inverse, &residuals, file.noise, scales, &at, &even);
         let known = known.map(|factor| {
@@ -452,6 +464,32 @@ mod tests {
         assert_eq!(repeats(rows.iter().map(<[f64; 2]>::as_slice)), 2);
         assert_eq!(missing_numbers([3, 4, 7, 9].into_iter()), 3);
         assert_eq!(missing_numbers(std::iter::empty()), 0);
+    }
+
+    /// Poses that all stand there twice tell as much as those of half the noise squared, be they looked at by a half.
+    #[test]
+    fn of_many_poses_each_that_is_looked_at_counts_for_others() {
+        let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
+        let file = tau_robot::prototype::robot_file().unwrap();
+        let prototype = tau_robot::prototype::folder().unwrap();
+        let looked_at = |times: usize, readings: usize| {
+            let mut folder = prototype.clone();
+            let measured = prototype.tcp_poses.iter().cycle().take(times);
+            let again = measured.flat_map(|pose| std::iter::repeat_n(pose, readings));
+            folder.tcp_poses = again.cloned().collect();
+            let all: Vec<usize> = (0..folder.tcp_poses.len()).collect();
+            let variant = robot.variant("Full").unwrap();
+            checked(Setup::new(&robot, variant, &file, &folder), &all, None)
+        };
+        let (once, twice) = (looked_at(MOST_POSES, 1), looked_at(MOST_POSES, 2));
+        assert_eq!((2 * once.rows, once.rank), (twice.rows, twice.rank));
+        assert!(!twice.undetermined.is_empty());
+        for (own, other) in twice.undetermined.iter().zip(&once.undetermined) {
+            let ratio = other.data_over_prior / own.data_over_prior;
+            assert!((ratio - 2.0_f64.sqrt()).abs() < 1e-6, "{ratio}");
+        }
+        let [one, other] = [once, twice].map(|own| own.reach.unwrap().poses_m);
+        assert!((one / other - 2.0_f64.sqrt()).abs() < 0.1, "{one} {other}");
     }
 
     #[test]

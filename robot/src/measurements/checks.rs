@@ -57,14 +57,15 @@ impl Folder {
             .iter()
             .filter_map(|&index| self.tcp_poses.get(index))
             .collect();
+        let rotations: Vec<Rotation3<f64>> = poses.iter().map(|pose| rotation(pose)).collect();
         let mut errors = Errors::default();
         let mut blamed = BTreeSet::new();
         for reach in Reach::of_links(robot, file) {
-            let beyond: Vec<&TcpPose> = poses
-                .iter()
-                .copied()
-                .filter(|pose| !reach.reaches(pose, reach.driving_command(pose)))
-                .collect();
+            let turned = poses.iter().copied().zip(&rotations);
+            let beyond = turned.filter(|&(pose, rotation)| {
+                !reach.reaches_turned(pose, rotation, reach.driving_command(pose))
+            });
+            let beyond: Vec<&TcpPose> = beyond.map(|(pose, _)| pose).collect();
             if 2 * beyond.len() > poses.len() {
                 errors.add(self.most_beyond(&reach, &beyond));
                 continue;
@@ -185,9 +186,9 @@ impl<'a> Reach<'a> {
         length.unwrap_or(f64::NAN)
     }
 
-    /// Distance (m) between the two joints that the link connects.
-    fn distance_m(&self, pose: &TcpPose, command: f64) -> f64 {
-        let plate = Vector3::from(pose.position_m) + rotation(pose) * self.plate_joint_m;
+    /// Distance (m) between the two joints that the link connects, at a pose so turned.
+    fn distance_m(&self, pose: &TcpPose, rotation: &Rotation3<f64>, command: f64) -> f64 {
+        let plate = Vector3::from(pose.position_m) + rotation * self.plate_joint_m;
         let joint = match self.crank {
             Some([centre, axis]) => {
                 centre + Rotation3::new(axis * command) * (self.track_offset_m - centre)
@@ -198,8 +199,13 @@ impl<'a> Reach<'a> {
     }
 
     fn reaches(&self, pose: &TcpPose, command: f64) -> bool {
+        self.reaches_turned(pose, &rotation(pose), command)
+    }
+
+    fn reaches_turned(&self, pose: &TcpPose, rotation: &Rotation3<f64>, command: f64) -> bool {
         let length = self.length_m(command);
-        (self.distance_m(pose, command) - length).abs() <= LARGEST_MISFIT * length.abs()
+        let distance = self.distance_m(pose, rotation, command);
+        (distance - length).abs() <= LARGEST_MISFIT * length.abs()
     }
 
     fn is_angle(&self) -> bool {
@@ -216,7 +222,7 @@ impl<'a> Reach<'a> {
             "link `{}` is {:.3} m long, its joints are {:.3} m apart{with}",
             self.robot.links[self.link].name,
             self.length_m(command),
-            self.distance_m(pose, command)
+            self.distance_m(pose, &rotation(pose), command)
         )
     }
 }
