@@ -2,7 +2,7 @@
 //!
 //! `cargo bench -p tau-benches --bench sketch -- [READINGS ...]`, by default 100, 10 000 and 100 000. Anchors are drawn up
 //! to half of the machine off. The calibration is a call of the library, noise, gross rows and covariance included; its
-//! processor time counts all threads. Then the first least-squares problem alone, from the same start to the same cost:
+//! processor time counts all threads, and its allocator is that of the command line. Then the first least-squares problem alone, from the same start to the same cost:
 //! by tau-solver, and by Ceres Solver with analytic derivatives and Schur elimination (`peers/sketch.cpp`), on one thread or
 //! all, whichever is faster; it is left out where it can't be built. Every size runs in a process of its own, whose peak
 //! memory is that of the calibration.
@@ -17,12 +17,16 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
+use mimalloc::MiMalloc;
 use sketch::Readings;
 use tau::Setup;
 use tau::calibration::Options;
 use tau::unknown_poses::calibrate;
 use tau_estimation::unknown_poses::Unsolved;
 use tau_solver::{Problem, solve};
+
+#[global_allocator]
+static ALLOCATOR: MiMalloc = MiMalloc;
 
 const SIZES: [usize; 3] = [100, 10_000, 100_000];
 /// Sketches of a hundred readings; of more, the first.

@@ -3,7 +3,9 @@
 
 use super::constants::Constants;
 use super::scan::global_p;
-use tau_estimation::numerics::distribution::{bisect, detectable_noncentrality, f_quantile_above};
+use tau_estimation::numerics::distribution::{
+    detectable_noncentrality, f_quantile_above, falling_root,
+};
 
 /// The family-wise test over the candidates of one search.
 ///
@@ -68,7 +70,7 @@ impl Significance {
 
     fn threshold_at(&self, level: f64, Null { rank, crossings }: Null) -> f64 {
         match crossings {
-            Some(crossings) => bisect(rank, 10.0 * rank + 20.0, |statistic| {
+            Some(crossings) => falling_root(rank, 10.0 * rank + 20.0, |statistic| {
                 global_p(statistic, rank, crossings).value() - level
             }),
             None => rank * f_quantile_above(level, rank, (self.degrees - rank).max(1.0)),

@@ -5,12 +5,13 @@ use std::sync::Arc;
 
 use nalgebra::Vector3;
 use tau_kinematics::{Machine, Pose};
-use tau_robot::measurements::{Conditions, DISTANCES, Folder, PlateKind, PlateRow, TCP_POSES};
+use tau_robot::measurements::{DISTANCES, Folder, PlateKind, PlateRow, TCP_POSES};
 use tau_robot::robot_file::{RobotFile, StatedNoise};
 
 use super::kinds::kinds_of_noise;
 use super::measurand::Measurand;
 use super::objects::{Object, ObjectUnknown, collect_objects};
+use super::pose::{DriveReading, UnknownPose};
 use super::quantity::{Measured, Quantity, base};
 use super::rows::{Kind, RowPlace, Rows};
 use super::tracker::{TrackerErrors, pose_sample, position_sample};
@@ -18,73 +19,12 @@ use crate::calibration::error::Error;
 use crate::numerics::parallel;
 use crate::problem::POSE_UNKNOWNS;
 use crate::problem::used_by_plate;
-use crate::samples::Sample;
 
 /// A step of Newton's method (m, rad) that moves a pose by less than a drawing leaves open of it.
 const ROUGH_STEP: f64 = 1e-3;
 /// Poses, clusters or samples that a thread takes at once: fewer are done before another thread has woken. Chunks are put
 /// together in their order, so that nothing depends on the number of threads.
 pub(super) const CHUNK: usize = 512;
-
-/// Readings of the drives at a pose.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct DriveReading {
-    pub(super) commands_m: Vec<f64>,
-    directions: Option<Vec<f64>>,
-    tensions_n: Option<Vec<f64>>,
-    conditions: Conditions,
-    pub(super) place: RowPlace,
-}
-
-impl DriveReading {
-    /// A failure of kinematics there.
-    pub(super) fn failed(&self, error: tau_kinematics::Error) -> Error {
-        let RowPlace {
-            file, line, pose, ..
-        } = self.place;
-        Error::at_row((file, line), pose, error)
-    }
-}
-
-/// A pose of the plate that is unknown.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct UnknownPose {
-    pub(super) number: u32,
-    /// Where it is taken to be.
-    pub(super) base: Pose,
-    pub(super) readings: Vec<DriveReading>,
-}
-
-impl UnknownPose {
-    /// Sample of one of its readings.
-    pub(super) fn sample(&self, reading: &DriveReading) -> Sample {
-        Sample::of_drives(
-            self.number,
-            &reading.commands_m,
-            [&reading.directions, &reading.tensions_n].map(Option::as_deref),
-            reading.conditions,
-            self.base,
-        )
-    }
-
-    /// Samples of all its readings.
-    pub(super) fn samples(&self) -> impl Iterator<Item = Sample> {
-        self.readings.iter().map(|reading| self.sample(reading))
-    }
-
-    /// A failure of kinematics at its first reading.
-    fn failed(&self, error: tau_kinematics::Error) -> Error {
-        match self.readings.first() {
-            Some(reading) => reading.failed(error),
-            None => Error::at_pose(self.number, error),
-        }
-    }
-
-    /// Sample of its first reading.
-    pub(super) fn first_sample(&self) -> Option<Sample> {
-        self.readings.first().map(|reading| self.sample(reading))
-    }
-}
 
 /// Rows that take part.
 pub(super) struct Chosen<'a> {
@@ -129,6 +69,18 @@ impl<'a> Assembly<'a> {
         folder: &'a Folder,
         chosen: &Chosen<'_>,
     ) -> Result<Self, Error> {
+        let used = used_by_plate(machine);
+        Ok(Self::with_closures(machine, &used, file, folder, chosen)?.0)
+    }
+
+    /// The same, and the closures at these poses if they were looked at; `used` are as in [`rows`](Self::rows).
+    pub(super) fn with_closures(
+        machine: &Machine,
+        used: &[usize],
+        file: &'a RobotFile,
+        folder: &'a Folder,
+        chosen: &Chosen<'_>,
+    ) -> Result<(Self, Option<Rows>), Error> {
         let mut assembly = Self {
             folder,
             file,
@@ -141,17 +93,21 @@ impl<'a> Assembly<'a> {
         assembly.collect_poses(chosen);
         assembly.kinds = kinds_of_noise(folder, file, machine)?;
         let is_redundant = machine.closure_count() > machine.pose_unknowns().len();
-        match &machine.surroundings.reference {
+        let closures = match &machine.surroundings.reference {
             Some(stated) if is_redundant => {
                 assembly.place_roughly(machine, stated.into())?;
-                assembly.turn_to_closures(machine, chosen)?;
+                let closures = assembly.closures(machine, used, chosen)?;
+                assembly.turn_to_closures(machine, used, closures)
             }
-            _ => assembly.place(machine)?,
-        }
+            _ => {
+                assembly.place(machine)?;
+                None
+            }
+        };
         let at = |(number, pose): (&u32, &usize)| (*number, assembly.poses[*pose].base.position);
         let poses = assembly.index.iter().map(at).collect();
         assembly.objects = collect_objects(folder, &file.measuring, &poses)?;
-        Ok(assembly)
+        Ok((assembly, closures))
     }
 
     /// Commands of every reading.
@@ -275,22 +231,27 @@ impl<'a> Assembly<'a> {
         parallel::map_owned(chunks, place).into_iter().collect()
     }
 
-    /// Moves poses to the other minimum of what their closures leave where that is less.
-    fn turn_to_closures(&mut self, machine: &Machine, chosen: &Chosen<'_>) -> Result<(), Error> {
-        let used = used_by_plate(machine);
-        let blocks = [self.closures(machine, &used, chosen)?];
+    /// Moves poses to the other minimum of what their closures leave where that is less; the closures where none was moved.
+    fn turn_to_closures(
+        &mut self,
+        machine: &Machine,
+        used: &[usize],
+        closures: Rows,
+    ) -> Option<Rows> {
+        let blocks = [closures];
         let shared: Vec<f64> = used.iter().map(|&index| machine.values[index]).collect();
         let mut own = vec![0.0; POSE_UNKNOWNS * self.poses.len()];
-        if self.revisit(&blocks, &shared, &mut own, self.mean_length_m(machine)) {
-            let measured = self.measured_poses();
-            for (pose, own) in self.poses.iter().zip(own.chunks_exact_mut(POSE_UNKNOWNS)) {
-                if measured.contains_key(&pose.number) {
-                    own.fill(0.0);
-                }
-            }
-            self.move_by(&own);
+        if !self.revisit(&blocks, &shared, &mut own, self.mean_length_m(machine)) {
+            return blocks.into_iter().next();
         }
-        Ok(())
+        let measured = self.measured_poses();
+        for (pose, own) in self.poses.iter().zip(own.chunks_exact_mut(POSE_UNKNOWNS)) {
+            if measured.contains_key(&pose.number) {
+                own.fill(0.0);
+            }
+        }
+        self.move_by(&own);
+        None
     }
 
     /// True if a pose takes part.
@@ -381,7 +342,18 @@ impl<'a> Assembly<'a> {
         used: &[usize],
         chosen: &Chosen<'_>,
     ) -> Result<Vec<Rows>, Error> {
-        let mut rows = vec![self.closures(machine, used, chosen)?];
+        self.beside(self.closures(machine, used, chosen)?, machine, used, chosen)
+    }
+
+    /// The same beside closures that are known.
+    pub(super) fn beside(
+        &self,
+        closures: Rows,
+        machine: &Machine,
+        used: &[usize],
+        chosen: &Chosen<'_>,
+    ) -> Result<Vec<Rows>, Error> {
+        let mut rows = vec![closures];
         let shared = used.len();
         let errors = TrackerErrors::of(&machine.variant).map(Arc::new);
         let tracker = (errors.as_ref(), used);

@@ -13,6 +13,7 @@ use tau_kinematics::Pose;
 
 use super::assembly::{Assembly, CHUNK};
 use super::clusters::Clusters;
+use super::dense::orthonormal;
 use super::elimination::{Elimination, OwnRows};
 use super::fit::Fit;
 use super::rows::Rows;
@@ -239,10 +240,8 @@ impl OwnRows {
         for column in (0..width).filter(|&column| is_turn(column)) {
             scaled.column_mut(column).scale_mut(lever.recip());
         }
-        let v_t = singular::right(scaled).1;
-        let mut motion = match v_t.nrows().checked_sub(1) {
-            Some(last) => v_t.row(last).transpose(),
-            None => return DVector::zeros(width),
+        let Some(mut motion) = singular::last(scaled) else {
+            return DVector::zeros(width);
         };
         let mut longest = 0.0_f64;
         for column in 0..width {
@@ -296,11 +295,9 @@ impl OwnRows {
         } else {
             return None;
         };
-        let others = &self.by_own - &self.by_own * &unit * unit.transpose();
-        let svd = others.svd(true, false);
-        let u = svd.u?;
-        // The last is that of the motion itself, which was taken out.
-        Some(u.columns(0, u.ncols().saturating_sub(1)).into_owned())
+        Some(orthonormal(
+            &self.by_own - &self.by_own * &unit * unit.transpose(),
+        ))
     }
 
     fn damped_step(&self, damping: f64) -> Option<DVector<f64>> {

@@ -7,11 +7,12 @@ use tau_kinematics::{Closures, Machine};
 use tau_robot::input_error::InputError;
 use tau_runtime::ResidualFamily;
 
-use super::assembly::{Assembly, CHUNK, Chosen, UnknownPose};
+use super::assembly::{Assembly, CHUNK, Chosen};
 use super::coupled::Coupled;
 use super::kinds::drive_sigmas;
 use super::lengths::Lengths;
 use super::measurand::Measurand;
+use super::pose::UnknownPose;
 use super::rows::{RowPlace, Rows};
 use crate::calibration::error::Error;
 use crate::numerics::order::place;

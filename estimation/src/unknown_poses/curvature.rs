@@ -15,16 +15,18 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{DMatrix, DMatrixView, DVector};
+use nalgebra::{DMatrix, DVector};
 
-use super::dense::DEPENDENT;
+use super::assembly::CHUNK;
+use super::dense::{DEPENDENT, add_scaled};
 use super::elimination::Elimination;
 use super::fit::{BOUNDED, Fit};
+use crate::numerics::parallel;
 use crate::problem::POSE_UNKNOWNS;
 
-/// Part of a standard deviation by which unknowns are moved for second derivatives: small enough that the third ones do not
+/// Part of a standard deviation by which unknowns are moved for second derivatives: so small that the third ones do not
 /// matter, and far above rounding.
-const STEP: f64 = 1e-2;
+const STEP: f64 = 1e-4;
 /// Knowledge of a combination, in units of that of its tolerance, to which the data add as much as this says.
 const TOLERANCE_ALONE: f64 = std::f64::consts::SQRT_2;
 
@@ -41,25 +43,20 @@ impl Fit<'_> {
         let spread = self.spread(triangle, variance, |known, of_tolerances| {
             known < TOLERANCE_ALONE && of_tolerances > BOUNDED
         });
-        if spread.is_empty() {
+        if spread.is_empty() || self.is_lead {
             return DVector::zeros(covariance.nrows());
         }
         let about = self.elimination(values);
         let followed = about.followed(&spread);
         let directions = [spread.transpose(), followed.transpose()];
+        let bases = about.bases();
         let (mut curves, mut reach) = (vec![], vec![]);
         for (k, (shared, own)) in (spread.column_iter().zip(followed.column_iter())).enumerate() {
-            let moved = |step: f64| -> Vec<f64> {
-                let steps = shared.iter().chain(own.iter());
-                let moved = values.iter().zip(steps);
-                moved.map(|(value, own)| value + step * own).collect()
-            };
-            let places = [moved(STEP), moved(-STEP)];
-            let [ahead, behind] = places.each_ref().map(|values| {
-                let (shared, own) = values.split_at(self.shared());
-                about.moved(shared, own)
-            });
-            let bent = about.bent([&ahead, &behind], &directions, k);
+            let steps = shared.iter().chain(own.iter());
+            let moved = values.iter().zip(steps);
+            let moved: Vec<f64> = moved.map(|(value, own)| value + STEP * own).collect();
+            let (shared, own) = moved.split_at(self.shared());
+            let bent = about.bent(about.moved(shared, own), &directions, &bases, k);
             let curve = &covariance * &bent.by_shared;
             let left = bent.squares - bent.by_shared.column(k).dot(&curve.column(k));
             reach.push((2.0 / left.max(0.0).sqrt()).min(1.0).sqrt());
@@ -127,22 +124,28 @@ impl Elimination<'_> {
         followed
     }
 
-    /// Second derivatives by direction `k`, from rows of two places a [`STEP`] along it on either side.
-    fn bent(&self, [ahead, behind]: [&Self; 2], directions: &[DMatrix<f64>; 2], k: usize) -> Bent {
+    /// Second derivatives by direction `k`, from rows a [`STEP`] along it; `bases` are those of what poses change.
+    fn bent(
+        &self,
+        moved: Elimination<'_>,
+        directions: &[DMatrix<f64>; 2],
+        bases: &[DMatrix<f64>],
+        k: usize,
+    ) -> Bent {
+        let turned = moved.less(self);
         let (count, width) = directions[0].shape();
-        let parts = self.of_chunks(|clusters, dense| {
+        let chunks = self.clusters.all.chunks(CHUNK).zip(bases.chunks(CHUNK));
+        let parts = parallel::map_owned(chunks.collect(), |(clusters, bases)| {
             let (mut by_shared, mut squares) = (DMatrix::zeros(count, width), 0.0);
-            for cluster in clusters {
-                self.fill(cluster, dense);
-                let height = dense.rows.len();
-                let mut change = DMatrix::zeros(count, height);
-                ahead.add_change(cluster, directions, 0.5 / STEP, &mut change);
-                behind.add_change(cluster, directions, -0.5 / STEP, &mut change);
-                let slopes = DMatrixView::from_slice(&dense.columns, height, width);
-                by_shared.gemm(1.0, &change, &slopes, 1.0);
-                let basis = DMatrixView::from_slice(&dense.own, height, dense.rank);
-                let own = change.row(k).transpose();
-                squares += (&own - basis * basis.tr_mul(&own)).norm_squared();
+            for (cluster, basis) in clusters.iter().zip(bases) {
+                let mut change = DMatrix::zeros(count, basis.nrows());
+                turned.add_change(cluster, directions, STEP.recip(), &mut change);
+                let of_poses = &change * basis;
+                change.gemm(-1.0, &of_poses, &basis.transpose(), 1.0);
+                squares += change.row(k).norm_squared();
+                self.each_by_shared(cluster, |at, shared, entry| {
+                    add_scaled(&mut by_shared, shared, entry, &change, at);
+                });
             }
             Bent {
                 by_shared: by_shared.transpose(),

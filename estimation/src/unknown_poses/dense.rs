@@ -171,6 +171,22 @@ pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
+/// Adds a column of a matrix, times a factor, to a column of another one.
+pub(super) fn add_scaled(
+    to: &mut DMatrix<f64>,
+    column: usize,
+    factor: f64,
+    from: &DMatrix<f64>,
+    place: usize,
+) {
+    let height = from.nrows();
+    let from = &from.as_slice()[place * height..][..height];
+    let to = &mut to.as_mut_slice()[column * height..][..height];
+    for (to, from) in to.iter_mut().zip(from) {
+        *to += factor * from;
+    }
+}
+
 /// Upper triangle of rows that come some at a time.
 pub(super) struct Triangle {
     /// The triangle, and the rows that wait beneath.

@@ -10,7 +10,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::assembly::{Assembly, CHUNK};
 use super::clusters::{Cluster, Clusters};
-use super::dense::{DEPENDENT, Dense, Triangle, orthonormal, stacked};
+use super::dense::{DEPENDENT, Dense, Triangle, add_scaled, orthonormal, stacked};
 use super::linearized::{Linearized, values_of};
 use super::rows::{Kind, KindFit, RowIndex, Rows, noise_of_rows};
 use crate::numerics::parallel;
@@ -115,7 +115,7 @@ pub(super) struct Elimination<'a> {
     pub(super) own: usize,
     /// Residuals and derivatives of each block.
     linearized: Vec<Linearized>,
-    clusters: Arc<Clusters>,
+    pub(super) clusters: Arc<Clusters>,
 }
 
 impl<'a> Elimination<'a> {
@@ -133,6 +133,16 @@ impl<'a> Elimination<'a> {
     /// The same rows at other values.
     pub(super) fn moved<'b>(&'b self, shared: &'b [f64], own: &'b [f64]) -> Elimination<'b> {
         Elimination::of_clusters(self.blocks, self.kinds, shared, own, self.clusters.clone())
+    }
+
+    /// The same with derivatives less those of the same rows elsewhere.
+    pub(super) fn less(mut self, elsewhere: &Elimination<'_>) -> Self {
+        for (own, other) in self.linearized.iter_mut().zip(&elsewhere.linearized) {
+            for (own, other) in own.entries.iter_mut().zip(&other.entries) {
+                *own -= other;
+            }
+        }
+        self
     }
 
     pub(super) fn of_clusters(
@@ -184,23 +194,25 @@ impl<'a> Elimination<'a> {
 
     /// Rows of poses that belong together by the unknowns of the poses alone.
     pub(super) fn own_rows(&self) -> Vec<OwnRows> {
-        let of_cluster = |cluster: &Cluster| {
-            let count = self.row_count(cluster);
-            let mut by_own = DMatrix::zeros(count, cluster.own.len());
-            let mut residuals = Vec::with_capacity(count);
-            let row = |_, residual| residuals.push(residual);
-            self.each_entry(cluster, row, |at, place, entry| {
-                if let Place::Own(column) = place {
-                    by_own[(at, column)] += entry;
-                }
-            });
-            OwnRows {
-                by_own,
-                residuals: DVector::from_vec(residuals),
-                own: self.clusters.own[cluster.own.clone()].to_vec(),
+        let clusters = self.of_poses();
+        clusters.map(|cluster| self.own_rows_of(cluster)).collect()
+    }
+
+    fn own_rows_of(&self, cluster: &Cluster) -> OwnRows {
+        let count = self.row_count(cluster);
+        let mut by_own = DMatrix::zeros(count, cluster.own.len());
+        let mut residuals = Vec::with_capacity(count);
+        let row = |_, residual| residuals.push(residual);
+        self.each_entry(cluster, row, |at, place, entry| {
+            if let Place::Own(column) = place {
+                by_own[(at, column)] += entry;
             }
-        };
-        self.of_poses().map(of_cluster).collect()
+        });
+        OwnRows {
+            by_own,
+            residuals: DVector::from_vec(residuals),
+            own: self.clusters.own[cluster.own.clone()].to_vec(),
+        }
     }
 
     /// The least step of each of the poses' unknowns, the shared ones as they are, that takes the residuals down as far
@@ -307,13 +319,39 @@ impl<'a> Elimination<'a> {
             cluster,
             |_, _| (),
             |at, place, entry| {
-                let moved = match place {
-                    Place::Shared(shared) => by_shared.column(shared),
-                    Place::Own(place) => by_own.column(own[place]),
+                let (moves, place) = match place {
+                    Place::Shared(shared) => (by_shared, shared),
+                    Place::Own(place) => (by_own, own[place]),
                 };
-                change.column_mut(at).axpy(factor * entry, &moved, 1.0);
+                add_scaled(change, at, factor * entry, moves, place);
             },
         );
+    }
+
+    /// Visits derivatives by the shared unknowns of the rows of a cluster.
+    pub(super) fn each_by_shared(
+        &self,
+        cluster: &Cluster,
+        mut visit: impl FnMut(usize, usize, f64),
+    ) {
+        self.each_entry(
+            cluster,
+            |_, _| (),
+            |at, place, entry| {
+                if let Place::Shared(shared) = place {
+                    visit(at, shared, entry);
+                }
+            },
+        );
+    }
+
+    /// Orthonormal bases of what the poses of each cluster change.
+    pub(super) fn bases(&self) -> Vec<DMatrix<f64>> {
+        let parts = self.of_chunks(|clusters, _| -> Vec<DMatrix<f64>> {
+            let own = clusters.iter().map(|cluster| self.own_rows_of(cluster));
+            own.map(|own| orthonormal(own.by_own)).collect()
+        });
+        parts.concat()
     }
 
     fn row_count(&self, cluster: &Cluster) -> usize {

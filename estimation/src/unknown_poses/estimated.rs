@@ -485,7 +485,7 @@ impl Assembly<'_> {
     pub(super) fn samples(&self) -> impl Iterator<Item = Sample> {
         self.poses
             .iter()
-            .flat_map(super::assembly::UnknownPose::samples)
+            .flat_map(super::pose::UnknownPose::samples)
     }
 
     /// Moves the poses by steps of all their unknowns.

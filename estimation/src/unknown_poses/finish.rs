@@ -187,7 +187,7 @@ impl Fit<'_> {
     ) -> Result<Vec<Combination>, Error> {
         let shared = self.shared();
         // The solver takes no block without residuals.
-        if shared == 0 {
+        if shared == 0 || self.is_lead {
             return Ok(vec![]);
         }
         let family = Linear::new(triangle);

@@ -53,6 +53,8 @@ pub(super) struct Fit<'a> {
     pub(super) loss: Option<Loss>,
     /// True if it is one of several starts, as of a sketch: each is soon given up.
     pub(super) has_others: bool,
+    /// True if its machine is but where another fit starts: then nobody asks how well it is known.
+    pub(super) is_lead: bool,
     /// Noise that parameters are sought at, over the stated one.
     pub(super) widened: f64,
 }
@@ -109,8 +111,12 @@ impl<'a> Fit<'a> {
             distances: &division.distances,
             left_out: &left_out,
         };
-        let assembly = Assembly::new(&machine, file, folder, &chosen);
-        let mut assembly = assembly.map_err(|error| match error {
+        let mut used = used_by_plate(&machine);
+        used.extend(carts.iter().flat_map(|part| &part.parameters));
+        used.sort_unstable();
+        used.dedup();
+        let assembly = Assembly::with_closures(&machine, &used, file, folder, &chosen);
+        let (mut assembly, closures) = assembly.map_err(|error| match error {
             // No row is to blame.
             Error::Kinematics {
                 error: error @ tau_kinematics::Error::NoReference,
@@ -124,11 +130,10 @@ impl<'a> Fit<'a> {
             let message = "no pose of the plate is left to calibrate";
             return Err(InputError::whole(&folder.name, message).into());
         }
-        let mut used = used_by_plate(&machine);
-        used.extend(carts.iter().flat_map(|part| &part.parameters));
-        used.sort_unstable();
-        used.dedup();
-        let mut blocks = assembly.rows(&machine, &used, &chosen)?;
+        let mut blocks = match closures {
+            Some(closures) => assembly.beside(closures, &machine, &used, &chosen)?,
+            None => assembly.rows(&machine, &used, &chosen)?,
+        };
         if !carts.is_empty() {
             let kinds = kinds_of_carts(file.noise);
             blocks.extend(Rows::of_carts(carts, &used, assembly.kinds.len()));
@@ -154,6 +159,7 @@ impl<'a> Fit<'a> {
             groups: vec![],
             loss: None,
             has_others,
+            is_lead: false,
             widened: 1.0,
         })
     }
@@ -367,7 +373,8 @@ impl<'a> Fit<'a> {
 
     pub(super) fn rank(&self, reduced: &Reduced, machine: &Machine) -> Rank {
         let scales = self.scales();
-        let known = singular::right(scaled(&reduced.triangle, &scales)).0;
+        let scaled = scaled(&reduced.triangle, &scales);
+        let (known, v_t) = singular::right(scaled.clone());
         let shared = Shared {
             machine,
             used: &self.used,
@@ -395,7 +402,7 @@ impl<'a> Fit<'a> {
             unknowns: scales.len(),
             determined: known.iter().filter(|value| **value > 1.0).count(),
             is_seen: known.is_empty() || known.iter().any(|value| *value > UNSEEN),
-            open: shared.freedoms(reduced),
+            open: shared.freedoms(reduced, &scaled, (&known, &v_t)),
             has_mirror_image: !fixes_handedness,
         }
     }

@@ -5,8 +5,8 @@ use nalgebra::Vector3;
 use tau_kinematics::Pose;
 use tau_robot::measurements::{Folder, PlateKind, PlateRow, TCP_POSES};
 
-use super::assembly::UnknownPose;
 use super::fit::Fit;
+use super::pose::UnknownPose;
 use crate::numerics::spread::spread;
 use crate::samples::Sample;
 use crate::trust::LARGEST_MISFIT;

@@ -3,7 +3,6 @@
 mod motions;
 
 use crate::numerics::order::{largest_first, smallest_first};
-use crate::numerics::singular;
 use nalgebra::{DMatrix, DVector};
 
 use super::elimination::Reduced;
@@ -44,10 +43,13 @@ const LEAST_OF_UNKNOWNS: f64 = 0.2;
 const NAMED_TOGETHER: usize = 4;
 
 impl Shared<'_> {
-    /// The motions and changes that a triangle does not see.
-    pub(super) fn freedoms(&self, reduced: &Reduced) -> Vec<Freedom> {
-        let scaled = scaled(&reduced.triangle, self.scale);
-        let (values, v_t) = singular::right(scaled.clone());
+    /// The motions and changes that a triangle does not see, in `scaled` units with its singular values and vectors.
+    pub(super) fn freedoms(
+        &self,
+        reduced: &Reduced,
+        scaled: &DMatrix<f64>,
+        (values, v_t): (&DVector<f64>, &DMatrix<f64>),
+    ) -> Vec<Freedom> {
         let largest = values.max();
         let open: Vec<usize> = (0..values.len())
             .filter(|&k| values[k] <= OPEN * largest)
@@ -89,7 +91,7 @@ impl Shared<'_> {
             .collect();
         if !together.is_empty() && !basis.is_empty() {
             let columns: Vec<DVector<f64>> = together.iter().map(|m| m.change.clone()).collect();
-            let seen = &scaled * DMatrix::from_columns(&columns);
+            let seen = scaled * DMatrix::from_columns(&columns);
             let svd = seen.svd(false, true);
             if let Some(v_t) = svd.v_t {
                 for k in 0..svd.singular_values.len() {
@@ -127,7 +129,7 @@ impl Shared<'_> {
         // makes them the smaller the smaller the machine.
         for motion in motions.iter().filter(|motion| motion.is_scale) {
             let size = motion.size;
-            let seen = &scaled * &motion.change;
+            let seen = scaled * &motion.change;
             let mut left = seen.insert_row(self.scale.len(), 0.0) * size;
             left -= &reduced.projected * 2.0;
             let is_known = used.iter().any(|known| known.is_scale);

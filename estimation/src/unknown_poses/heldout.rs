@@ -153,6 +153,7 @@ fn gross_rows(
         groups: vec![],
         loss: None,
         has_others: false,
+        is_lead: false,
         widened: 1.0,
     };
     let follows = Follows {

@@ -35,6 +35,7 @@ mod mirror;
 mod noise;
 mod objects;
 mod outcome;
+mod pose;
 mod predicted;
 mod quantity;
 mod recognised;
@@ -244,6 +245,7 @@ fn recognising<'a>(
             if is_loose {
                 fit.loosen();
             }
+            fit.is_lead = search == Search::Lead;
             fit.start_without(gross)?;
             if search == Search::Widened {
                 fit.widen(&options)?;
@@ -334,7 +336,11 @@ fn fitted(mut fit: Fit<'_>, options: &calibration::Options) -> Result<UnknownPos
     }
     fit.restate_gross(&settled.solution.parameters)?;
     let machine = fit.machine_at(&settled.solution.parameters);
-    let rank = fit.rank(&settled.reduced, &machine);
+    let rank = if fit.is_lead {
+        rank
+    } else {
+        fit.rank(&settled.reduced, &machine)
+    };
     let found = fit.finish(&settled, rank, options)?;
     // About a rough drawing, what bends more than the noise looks like a mistake to first order: the fit decides.
     let is_met = found.gross.is_empty() && found.is_met();
@@ -406,12 +412,13 @@ impl Fit<'_> {
                     }
                 }
             }
-            // Errors in variables measure all poses.
-            if !has_groups && rounds < ROUNDS && self.revisit(&mut values) {
+            let moved = self.largest_move(&values);
+            // Errors in variables measure all poses; those that stay were looked at a round before.
+            let may_turn = !has_groups && (rounds == 1 || moved >= SAME_POSE);
+            if may_turn && rounds < ROUNDS && self.revisit(&mut values) {
                 self.rebuild(&mut values)?;
                 continue;
             }
-            let moved = self.largest_move(&values);
             // Weights change until poses stay: nothing else is known before.
             let waits = !is_estimated || (has_groups && !is_exact);
             if waits && moved >= SAME_POSE && rounds < ROUNDS {

@@ -45,6 +45,8 @@ pub(super) enum Search {
     Widened,
     /// From one of several starts, soon given up.
     Descent,
+    /// The same by some poses, which only lead to where all are fitted from.
+    Lead,
 }
 
 impl Search {
@@ -54,7 +56,7 @@ impl Search {
         if self == Self::Stated {
             options.max_iterations = options.max_iterations.min(CREEPING);
         }
-        if self == Self::Descent {
+        if matches!(self, Self::Descent | Self::Lead) {
             options.max_iterations = options.max_iterations.min(DESCENT);
             // A dense factor of all poses' columns would be most of the time.
             if options.method == Method::Auto && poses <= FEW {
@@ -108,9 +110,8 @@ pub(super) fn best(
         best.map(|best| best.fit)
     };
     let is_sure = |start: &Start| start.is_found() || start.is_told();
-    let descents = |of: &RowDivision| plausible(of, Search::Descent, is_sure);
     if let Some(some) = some_poses(prepared, division)
-        && let Some(near) = descents(&some)
+        && let Some(near) = plausible(&some, Search::Lead, is_sure)
         && let Ok(found) = fitted(near.calibration.machine, division, Search::Whole)
     {
         let found = Start::new(found, length_m);
@@ -118,7 +119,7 @@ pub(super) fn best(
             return Ok(found.fit);
         }
     }
-    if let Some(found) = descents(division) {
+    if let Some(found) = plausible(division, Search::Descent, is_sure) {
         return Ok(found);
     }
     match plausible(division, Search::Whole, |_| true) {

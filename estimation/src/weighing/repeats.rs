@@ -13,7 +13,7 @@ use tau_kinematics::nearest_rotation;
 use tau_robot::robot::Plate;
 
 use super::lack_of_fit::{LackOfFit, ROUNDED, along, apart, together};
-use crate::numerics::distribution::bisect;
+use crate::numerics::distribution::falling_root;
 use crate::samples::Sample;
 
 /// Repeatability and lack of fit, from repeated readings.
@@ -106,7 +106,7 @@ impl ByVisit {
         if excess(0.0) <= 0.0 {
             0.0
         } else {
-            bisect(0.0, pure, excess)
+            falling_root(0.0, pure, excess)
         }
     }
 

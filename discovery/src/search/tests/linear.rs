@@ -11,7 +11,7 @@ use tau_codegen::language::model::Readable;
 use tau_codegen::language::{Model, check_text, effects_from_text};
 use tau_estimation::calibration::Nominal;
 use tau_estimation::joint::{Component, Joint, Row};
-use tau_estimation::numerics::distribution::{Random, bisect, f_survival};
+use tau_estimation::numerics::distribution::{Random, f_survival, falling_root};
 use tau_estimation::numerics::grouped::Grouped;
 use tau_estimation::numerics::projection::Basis;
 use tau_estimation::samples::Sample;
@@ -152,7 +152,7 @@ fn name_of(search: &Search<'_>, candidate: usize) -> String {
 /// The cost of one amplitude among twelve names without families: of the fall of −2 ln L where its F test has its
 /// share of 5 %.
 fn cost() -> f64 {
-    let f = bisect(0.0, 5.0, |f| {
+    let f = falling_root(0.0, 5.0, |f| {
         f_survival(f, 1.0, DEGREES - 1.0) - 0.05 / 12.0
     });
     DEGREES * (1.0 + f / (DEGREES - 1.0)).ln()
@@ -405,7 +405,7 @@ fn an_optional_parameter_joins_where_it_pays() {
         assert_eq!(found.is_some(), size > 0.0);
         let Some(found) = found else { continue };
         // One test at the level of one effect more.
-        let f = bisect(0.0, 5.0, |f| f_survival(f, 1.0, DEGREES - 1.0) - 0.05 * 0.1);
+        let f = falling_root(0.0, 5.0, |f| f_survival(f, 1.0, DEGREES - 1.0) - 0.05 * 0.1);
         let cost = DEGREES * (1.0 + f / (DEGREES - 1.0)).ln();
         let before = left(&rows, &[offsets(), vec![bow(&[0])]].concat());
         let after = left(&rows, &[offsets(), vec![bow(&[0]), twist.clone()]].concat());

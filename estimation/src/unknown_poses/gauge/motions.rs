@@ -9,9 +9,9 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use tau_kinematics::{Machine, Pose};
 use tau_robot::measurements::ObjectKind;
 
-use super::super::assembly::UnknownPose;
 use super::super::measurand::AXES;
 use super::super::objects::Object;
+use super::super::pose::UnknownPose;
 use super::super::quantity::across;
 use crate::implicit::Linearized;
 
