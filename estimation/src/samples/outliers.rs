@@ -84,9 +84,10 @@ fn variance_of_all_but(sums: &[(f64, f64)], above: usize) -> f64 {
             sum / *quantile
         })
         .collect();
-    variances.sort_by(f64::total_cmp);
     let index = variances.len().checked_sub(above + 1);
-    index.map_or(1.0, |index| variances[index])
+    index.map_or(1.0, |index| {
+        *variances.select_nth_unstable_by(index, f64::total_cmp).1
+    })
 }
 
 /// Weights that let samples far off count less.

@@ -261,17 +261,29 @@ impl<'a> Assembly<'a> {
 
     /// Of each pose the first one at the same commands.
     pub(super) fn places(&self) -> Vec<usize> {
-        let mut first = BTreeMap::new();
-        let poses = self.poses.iter().enumerate();
-        poses
-            .map(|(index, pose)| match pose.readings.first() {
-                Some(reading) => {
-                    let commands = reading.commands_m.iter().map(|own| own.to_bits());
-                    *first.entry(commands.collect::<Vec<_>>()).or_insert(index)
-                }
-                None => index,
-            })
-            .collect()
+        let commands = |&pose: &usize| {
+            let reading = self.poses[pose].readings.first();
+            reading.map(|own| own.commands_m.iter().map(|command| command.to_bits()))
+        };
+        let mut first: Vec<usize> = (0..self.poses.len()).collect();
+        let mut order = first.clone();
+        order.retain(|pose| commands(pose).is_some());
+        order.sort_by(|a, b| {
+            commands(a)
+                .into_iter()
+                .flatten()
+                .cmp(commands(b).into_iter().flatten())
+        });
+        let is_same = |a: &usize, b: &usize| {
+            let [a, b] = [a, b].map(|pose| commands(pose).into_iter().flatten());
+            a.eq(b)
+        };
+        for alike in order.chunk_by(is_same) {
+            for &pose in alike {
+                first[pose] = alike[0];
+            }
+        }
+        first
     }
 
     /// Mean length of the links at the first reading (m), 0 where there is none.

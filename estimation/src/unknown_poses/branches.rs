@@ -150,13 +150,18 @@ impl Elimination<'_> {
             self.residuals_at(&moved)
         };
         let (ahead, behind) = (along(PROBE), along(-PROBE));
+        let places: Vec<usize> = (0..here.len()).collect();
+        let ways = parallel::map(&places.chunks(CHUNK).collect::<Vec<_>>(), |places| {
+            let way = |&index: &usize| {
+                here[index].way_to_other(&weakest[index], [&ahead[index], &behind[index]])
+            };
+            places.iter().map(way).collect::<Vec<_>>()
+        });
         let mut other = own.to_vec();
         let mut has = vec![false; here.len()];
-        for (index, rows) in here.iter().enumerate() {
-            let probed = [&ahead[index], &behind[index]];
-            let motion = &weakest[index];
-            if let Some(way) = rows.way_to_other(motion, probed) {
-                rows.add(motion, way, &mut other);
+        for (index, way) in ways.into_iter().flatten().enumerate() {
+            if let Some(way) = way {
+                here[index].add(&weakest[index], way, &mut other);
                 has[index] = true;
             }
         }

@@ -176,13 +176,16 @@ impl<'a> Elimination<'a> {
             });
             DVector::from_vec(residuals.collect())
         };
-        self.of_poses().map(of_cluster).collect()
+        self.of_poses(of_cluster)
     }
 
-    /// Clusters with poses.
-    fn of_poses(&self) -> impl Iterator<Item = &Cluster> {
-        let all = self.clusters.all.iter();
-        all.filter(|cluster| !cluster.own.is_empty())
+    /// Results for clusters with poses.
+    fn of_poses<T: Send>(&self, of_cluster: impl Fn(&Cluster) -> T + Sync) -> Vec<T> {
+        let parts = self.of_chunks(|clusters, _| -> Vec<T> {
+            let own = clusters.iter().filter(|cluster| !cluster.own.is_empty());
+            own.map(&of_cluster).collect()
+        });
+        parts.into_iter().flatten().collect()
     }
 
     /// Rows of poses that belong together, without those that say nothing.
@@ -194,8 +197,7 @@ impl<'a> Elimination<'a> {
 
     /// Rows of poses that belong together by the unknowns of the poses alone.
     pub(super) fn own_rows(&self) -> Vec<OwnRows> {
-        let clusters = self.of_poses();
-        clusters.map(|cluster| self.own_rows_of(cluster)).collect()
+        self.of_poses(|cluster| self.own_rows_of(cluster))
     }
 
     fn own_rows_of(&self, cluster: &Cluster) -> OwnRows {

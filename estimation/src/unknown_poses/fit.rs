@@ -411,14 +411,17 @@ impl<'a> Fit<'a> {
     fn repeated(&self, places: &[usize]) -> usize {
         let of_block = |rows: &Rows| {
             let each = rows.kinds.len();
-            let mut seen = BTreeSet::new();
             let measured = (0..rows.weights.len()).filter(|&row| rows.weights[row] > 0.0);
-            let is_known = |row: &usize| {
-                let ends = rows.ends_of(row / each);
-                let ends = ends.map(|ends| ends.map(|pose| places[pose]));
-                ends.is_some_and(|ends| !seen.insert((row % each, ends)))
-            };
-            measured.filter(is_known).count()
+            let mut all: Vec<(usize, [usize; 2])> = measured
+                .filter_map(|row| {
+                    let ends = rows.ends_of(row / each)?;
+                    Some((row % each, ends.map(|pose| places[pose])))
+                })
+                .collect();
+            let count = all.len();
+            all.sort_unstable();
+            all.dedup();
+            count - all.len()
         };
         self.blocks.iter().map(of_block).sum()
     }

@@ -120,7 +120,8 @@ impl Fit<'_> {
 
 /// Refuses angles in degrees: most rows have links many times as long as at the reference, and radians mend that.
 pub(super) fn refuse_commands(machine: &Machine, folder: &Folder) -> Result<(), Error> {
-    let Some(stated) = &machine.surroundings.reference else {
+    let turns = (0..machine.robot.commands).any(|command| machine.robot.is_angle(command));
+    let Some(stated) = machine.surroundings.reference.as_ref().filter(|_| turns) else {
         return Ok(());
     };
     let length_m = |commands_m: &[f64]| {
