@@ -131,8 +131,8 @@ impl PartCovariance {
             let entry = |column: usize| data.triangle[(row, column)] / data.factors[column];
             rows.push((row..count).map(|column| (column, entry(column) * factors[column])));
         }
-        for column in 0..count {
-            rows.push([(column, weight(column) * factors[column])].into_iter());
+        for (column, factor) in factors.iter().enumerate() {
+            rows.push([(column, weight(column) * factor)].into_iter());
         }
         let reduced = rows.reduce();
         let triangle = Mat::from_fn(count, count, |row, column| reduced[(row, column)]);
