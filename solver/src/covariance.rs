@@ -2,7 +2,6 @@
 
 use faer::Mat;
 
-use crate::identifiability::Data;
 use crate::linear::qr::{RowReduction, triangle};
 use crate::linear::svd::svd;
 use crate::linear::{SchurCholesky, SparseCholesky, pays};
@@ -48,6 +47,14 @@ pub fn covariance(problem: &Problem, parameters: &[f64]) -> Result<Covariance, E
         covariance.add(problem, parameters, part, None)?;
     }
     Ok(covariance)
+}
+
+/// Derivatives of the data of a part, reduced.
+pub(crate) struct Data {
+    /// The triangle, its columns multiplied by `factors`.
+    pub(crate) triangle: Mat<f64>,
+    /// Reciprocal norms of the columns.
+    pub(crate) factors: Vec<f64>,
 }
 
 /// Checks a problem and a point of it.

@@ -2,7 +2,7 @@
 
 use faer::Mat;
 
-use crate::covariance::{Covariance, check_at, inverse_column_norms, rank_tolerance};
+use crate::covariance::{Covariance, Data, check_at, inverse_column_norms, rank_tolerance};
 use crate::linear::qr::{PivotedQr, triangle};
 use crate::linear::svd::svd;
 use crate::partition::{Part, partition};
@@ -61,14 +61,6 @@ pub fn covariance_and_identifiability(
         covariance.add(problem, parameters, part, Some(data))
     })?;
     Ok((covariance, found))
-}
-
-/// Derivatives of the data of a part, reduced.
-pub(crate) struct Data {
-    /// The triangle, its columns multiplied by `factors`.
-    pub(crate) triangle: Mat<f64>,
-    /// Reciprocal norms of the columns.
-    pub(crate) factors: Vec<f64>,
 }
 
 fn analysed(

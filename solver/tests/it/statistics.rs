@@ -23,7 +23,7 @@ fn with_method(method: Method) -> Options {
     }
 }
 
-/// What is computed at once is what each computes by itself.
+/// Both computed at once are as each is by itself.
 fn assert_at_once_as_apart(problem: &Problem<'_>, at: &[f64]) {
     let apart = covariance(problem, at).unwrap();
     let (at_once, found) = covariance_and_identifiability(problem, at).unwrap();
