@@ -300,9 +300,13 @@ impl OwnRows {
         } else {
             return None;
         };
-        Some(orthonormal(
-            &self.by_own - &self.by_own * &unit * unit.transpose(),
-        ))
+        // A reflection takes the motion to the last unknown: taken out of all columns, it would leave the rounding of one.
+        let last = unit.len() - 1;
+        let mut normal = unit;
+        normal[last] += 1.0_f64.copysign(normal[last]);
+        let reflected = &self.by_own * &normal * normal.transpose() * (2.0 / normal.norm_squared());
+        let others = &self.by_own - reflected;
+        Some(orthonormal(others.columns(0, last).into_owned()))
     }
 
     fn damped_step(&self, damping: f64) -> Option<DVector<f64>> {
@@ -319,6 +323,33 @@ impl OwnRows {
     fn add(&self, motion: &DVector<f64>, share: f64, to: &mut [f64]) {
         for (&own, part) in self.own.iter().zip(motion.iter()) {
             to[own] += share * part;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of a motion that is one unknown's but for rounding, the columns of the others have as many directions as there are others.
+    #[test]
+    fn what_others_change_has_no_direction_of_rounding() {
+        let by_own = DMatrix::from_fn(6, 3, |i, j| (1.3 * ((i + 1) * (j + 2)) as f64).sin());
+        let rows = OwnRows {
+            residuals: DVector::zeros(6),
+            own: vec![0, 1, 5],
+            by_own,
+        };
+        for motion in [[1e-17, -3e-17, 1.0], [0.0, 2.0, 0.0], [0.3, -0.4, -0.5]] {
+            let motion = DVector::from_row_slice(&motion);
+            let basis = rows.across(&motion).unwrap();
+            assert_eq!(basis.ncols(), 2);
+            let svd = (DMatrix::identity(3, 3)
+                - &motion * motion.transpose() / motion.norm_squared())
+            .svd(true, false);
+            let others = &rows.by_own * svd.u.unwrap().columns(0, 2);
+            let left = &others - &basis * basis.tr_mul(&others);
+            assert!(left.norm() < 1e-12, "{left}");
         }
     }
 }
