@@ -76,9 +76,9 @@ constants! {
     /// Searches where poses are unknown, each with the noise and without the gross measurements that the machine found
     /// before shows; two are usual.
     searches: 3.0;
-    /// Most poses of a search, evenly spread over those that calibrate: more take 0.35 MB each where they were measured, a
-    /// third of it where not, and show effects of less than a tenth of the noise.
-    most_poses: 4000.0;
+    /// Most poses of a search, evenly spread over those that calibrate: more take 0.2 MB each where they were measured, a
+    /// third of it where not, and show effects of less than an eighth of the noise.
+    most_poses: 2000.0;
     /// Change of an estimated standard deviation, as a share, from which such a search is worth repeating: scores, which
     /// go with its square, change by a tenth.
     other_noise: 0.05;

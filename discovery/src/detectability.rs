@@ -5,9 +5,8 @@ use tau_codegen::language::model::{Place, Readable};
 use tau_estimation::numerics::parallel;
 use tau_estimation::samples::Sample;
 
-use super::candidate_set::{CandidateSet, Table};
+use super::candidate_set::{CandidateSet, Column, Table};
 use super::candidates::Candidate;
-use super::linear_model::LinearModel;
 use super::results::{Detectable, Reason, Unseen};
 use super::significance::Null;
 
@@ -15,23 +14,18 @@ use super::significance::Null;
 const MOSTLY_ABSORBED: f64 = 0.01;
 
 /// Detectable and undetectable effects beside a model at the stated noise, since what a model lacks enlarges that which
-/// residuals show; `table` has its candidates' null distributions. Undetectable candidates are hidden, that is, they take
+/// residuals show: of that model are the candidates' best columns; `table` has their null distributions. Undetectable candidates are hidden, that is, they take
 /// no part in the search and cost no significance.
 pub(super) fn detectability(
     set: &mut CandidateSet,
-    linear: &LinearModel,
+    best_columns: &[Option<(Column, f64)>],
     table: &Table,
 ) -> (Vec<Detectable>, Vec<Unseen>) {
     let (mut detectable, mut unseen, mut absorbed) = (vec![], vec![], vec![]);
     let limits = set.constants;
-    let (best_columns, constants) = parallel::both(
-        || set.best_columns(linear),
-        || {
-            parallel::map(&set.candidates, |candidate| {
-                constant(&set.model, candidate, &set.samples)
-            })
-        },
-    );
+    let constants = parallel::map(&set.candidates, |candidate| {
+        constant(&set.model, candidate, &set.samples)
+    });
     let nulls: Vec<Option<Null>> = (0..set.candidates.len())
         .map(|index| {
             let (_, rank) = best_columns[index].filter(|_| set.candidates[index].is_named())?;

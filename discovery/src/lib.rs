@@ -372,7 +372,7 @@ fn discovered(
 fn remark_on_part(all: usize, taken: usize) -> String {
     format!(
         "of {all} poses that calibrate {taken}, evenly spread, took part in the search: more take memory, and an effect \
-         that so many do not show is below a tenth of the noise"
+         that so many do not show is below an eighth of the noise"
     )
 }
 
@@ -525,10 +525,11 @@ fn begun<'a>(
         (&fit, input.options),
         input.unknown.and_then(|unknown| unknown.hides_tracker),
     );
+    // What these take is gone before the table takes as much.
+    let best_columns = set.best_columns(&LinearModel::of(&fit.at_stated_noise()?));
     let linear = LinearModel::of(&fit);
     let table = set.table(&linear);
-    let stated = LinearModel::of(&fit.at_stated_noise()?);
-    let (detectable, cannot_see) = detectability::detectability(&mut set, &stated, &table);
+    let (detectable, cannot_see) = detectability::detectability(&mut set, &best_columns, &table);
     set.weigh();
     let table = set.without_hidden(table);
     let (ambiguous, (misfit, serial)) = parallel::both(

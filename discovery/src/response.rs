@@ -188,6 +188,8 @@ pub(super) struct Displacements {
     parts: Vec<Part>,
     /// Of each column, its parts and the place in each.
     members: Vec<Vec<(usize, usize)>>,
+    /// Columns for which a part has room from the start.
+    room: usize,
 }
 
 /// Contributions of columns to one probe.
@@ -211,6 +213,15 @@ impl Part {
 }
 
 impl Displacements {
+    /// With room for so many columns in each part: growing, the largest of all that a search holds would take up to twice as
+    /// much.
+    pub(super) fn with_room(room: usize) -> Self {
+        Self {
+            room,
+            ..Self::default()
+        }
+    }
+
     /// Adds columns: those of the parameters in `wanted`.
     pub(super) fn push(
         &mut self,
@@ -232,10 +243,11 @@ impl Displacements {
             }
             let known = self.parts.iter().position(|part| part.probe == entry.probe);
             let index = known.unwrap_or_else(|| {
+                let samples = probes.all[entry.probe].samples.len();
                 self.parts.push(Part {
                     probe: entry.probe,
-                    slopes: Vec::new(),
-                    samples: probes.all[entry.probe].samples.len(),
+                    slopes: Vec::with_capacity(self.room * samples),
+                    samples,
                     columns: Vec::new(),
                 });
                 self.parts.len() - 1

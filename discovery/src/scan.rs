@@ -22,8 +22,9 @@ pub(super) const LEAST_SHOWN: f64 = 0.75;
 /// Parts of a step of the grid at which peaks are refined.
 const WITHIN_STEP: [f64; 6] = [-0.75, -0.5, -0.25, 0.25, 0.5, 0.75];
 
-/// Points of a grid that one task makes the columns of.
-const AT_ONCE: usize = 64;
+/// Points of a grid that one task makes the columns of, and tasks that are done side by side.
+const AT_ONCE: usize = 16;
+const TASKS: usize = 8;
 
 /// The columns of a searched effect at every point of a grid over a range of what is searched.
 pub(super) struct Band {
@@ -63,7 +64,6 @@ impl Band {
         };
         let amplitudes = candidate.amplitudes();
         let grid: Vec<f64> = even_in_reciprocals(range, range_m, 1).collect();
-        let chunks: Vec<&[f64]> = grid.chunks(AT_ONCE).collect();
         let optional_too = false;
         let readings = Readings::of(
             (candidate, optional_too),
@@ -73,21 +73,20 @@ impl Band {
             samples,
             surroundings,
         )?;
-        let entries = parallel::map(&chunks, |chunk| {
+        let of_value = |&value: &f64| {
             let mut values = candidate.none();
-            let of_value = |&value: &f64| {
-                values[searched] = value;
-                readings.entries(&values)
-            };
-            chunk
-                .iter()
-                .map(of_value)
-                .collect::<Result<Vec<_>, &'static str>>()
-        });
-        let mut columns = Displacements::default();
-        for chunk in entries {
-            for entries in chunk? {
-                columns.push(&entries, &amplitudes, probes);
+            values[searched] = value;
+            readings.entries(&values)
+        };
+        let mut columns = Displacements::with_room(grid.len() * amplitudes.len());
+        // A few tasks at a time: what they make is copied, and must not stand beside the whole of it.
+        for tasks in grid.chunks(TASKS * AT_ONCE) {
+            let tasks: Vec<&[f64]> = tasks.chunks(AT_ONCE).collect();
+            let of_task = |task: &&[f64]| task.iter().map(of_value).collect::<Result<Vec<_>, _>>();
+            for entries in parallel::map(&tasks, of_task) {
+                for entries in entries? {
+                    columns.push(&entries, &amplitudes, probes);
+                }
             }
         }
         Ok(Self {

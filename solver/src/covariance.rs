@@ -2,9 +2,11 @@
 
 use faer::Mat;
 
+use crate::fused::Fused;
+use crate::jacobian::Jacobian;
 use crate::linear::qr::{RowReduction, triangle};
 use crate::linear::svd::svd;
-use crate::linear::{SchurCholesky, SparseCholesky, pays};
+use crate::linear::{Method, SchurCholesky, SparseCholesky, pays};
 use crate::partition::{Part, partition};
 use crate::system::{Content, System};
 use crate::{Error, Parameter, Problem};
@@ -57,6 +59,42 @@ pub(crate) struct Data {
     pub(crate) factors: Vec<f64>,
 }
 
+impl Data {
+    /// Those of a part at a point: by way of the normal equations where the iteration goes that way too, so that no Jacobian
+    /// of very many samples is stored.
+    pub(crate) fn new(problem: &Problem, part: &Part, parameters: &[f64]) -> Result<Self, Error> {
+        let x: Vec<f64> = part.parameters.iter().map(|&p| parameters[p]).collect();
+        let content = Content::DataOnly;
+        let jacobian = match Fused::new(problem, part, parameters, content, Method::Auto) {
+            Some(mut fused) => {
+                let linearized = fused.linearize(&x);
+                linearized.map_err(|fault| fault.into_error(problem))?;
+                fused.triangle
+            }
+            None => linearized(problem, part, parameters, content)?.jacobian,
+        };
+        let factors = inverse_column_norms(&jacobian);
+        Ok(Self {
+            triangle: triangle(&jacobian, &factors),
+            factors,
+        })
+    }
+}
+
+/// Derivatives of a part at a point, row by row.
+fn linearized<'p>(
+    problem: &'p Problem<'p>,
+    part: &Part,
+    parameters: &[f64],
+    content: Content,
+) -> Result<System<'p>, Error> {
+    let mut system = System::new(problem, part, parameters, content);
+    let x: Vec<f64> = part.parameters.iter().map(|&p| parameters[p]).collect();
+    let linearized = system.linearize(&x);
+    linearized.map_err(|fault| fault.into_error(problem))?;
+    Ok(system)
+}
+
 /// Checks a problem and a point of it.
 pub(crate) fn check_at(problem: &Problem, parameters: &[f64]) -> Result<(), Error> {
     problem.check()?;
@@ -88,11 +126,11 @@ enum PartCovariance {
 
 impl PartCovariance {
     fn new(system: &mut System) -> Result<Self, Error> {
-        let factors = inverse_column_norms(system);
+        let factors = inverse_column_norms(&system.jacobian);
         if factors.len() > DENSE_COVARIANCE_COLUMNS {
             let jacobian = &mut system.jacobian;
             for (&column, value) in jacobian.columns.iter().zip(&mut jacobian.values) {
-                *value *= factors[column];
+                *value *= factors[column as usize];
             }
             let elimination = SchurCholesky::elimination(jacobian);
             if pays(&elimination, factors.len()) {
@@ -190,9 +228,9 @@ fn of_triangle(triangle: &Mat<f64>, factors: &[f64]) -> Result<Mat<f64>, Error> 
 }
 
 /// Reciprocal column norms of a Jacobian; one for columns of zeros.
-pub(crate) fn inverse_column_norms(system: &System) -> Vec<f64> {
-    let mut norms = vec![0.0; system.jacobian.column_count];
-    system.jacobian.column_norms(&mut norms);
+fn inverse_column_norms(jacobian: &Jacobian) -> Vec<f64> {
+    let mut norms = vec![0.0; jacobian.column_count];
+    jacobian.column_norms(&mut norms);
     norms
         .iter()
         .map(|&norm| if norm > 0.0 { 1.0 / norm } else { 1.0 })
@@ -239,12 +277,8 @@ impl Covariance {
                 PartCovariance::of_data(problem, part, data)?
             }
             _ => {
-                let mut system = System::new(problem, part, parameters, Content::Information);
-                let x: Vec<f64> = part.parameters.iter().map(|&p| parameters[p]).collect();
-                system
-                    .linearize(&x)
-                    .map_err(|fault| fault.into_error(problem))?;
-                PartCovariance::new(&mut system)?
+                let content = Content::Information;
+                PartCovariance::new(&mut linearized(problem, part, parameters, content)?)?
             }
         };
         self.parts.push(own);

@@ -74,6 +74,7 @@ impl<'p> Fused<'p> {
         problem: &'p Problem<'p>,
         part: &Part,
         all: &[f64],
+        content: Content,
         method: Method,
     ) -> Option<Self> {
         let n = part.parameters.len();
@@ -106,11 +107,12 @@ impl<'p> Fused<'p> {
             });
             rows += block.samples * block.family.shape().residuals;
         }
-        let prior = |(column, &p): (usize, &usize)| Some((column, problem.parameters[p].prior?));
-        let priors: Vec<_> = part
-            .parameters
-            .iter()
-            .enumerate()
+        let has_priors = content != Content::DataOnly;
+        let prior = |(column, &p): (usize, &usize)| {
+            let prior = problem.parameters[p].prior.filter(|_| has_priors);
+            Some((column, prior?))
+        };
+        let priors: Vec<_> = (part.parameters.iter().enumerate())
             .filter_map(prior)
             .collect();
         rows += priors.len();

@@ -2,11 +2,10 @@
 
 use faer::Mat;
 
-use crate::covariance::{Covariance, Data, check_at, inverse_column_norms, rank_tolerance};
-use crate::linear::qr::{PivotedQr, triangle};
+use crate::covariance::{Covariance, Data, check_at, rank_tolerance};
+use crate::linear::qr::PivotedQr;
 use crate::linear::svd::svd;
 use crate::partition::{Part, partition};
-use crate::system::{Content, System};
 use crate::{Error, Problem};
 
 /// Shares below this are left out of a combination.
@@ -76,17 +75,7 @@ fn analysed(
     };
     let mut known = vec![false; problem.parameters.len()];
     for part in &partition(problem).parts {
-        let mut system = System::new(problem, part, parameters, Content::DataOnly);
-        let x: Vec<f64> = part.parameters.iter().map(|&p| parameters[p]).collect();
-        system
-            .linearize(&x)
-            .map_err(|fault| fault.into_error(problem))?;
-        let factors = inverse_column_norms(&system);
-        let data = Data {
-            triangle: triangle(&system.jacobian, &factors),
-            factors,
-        };
-        drop(system);
+        let data = Data::new(problem, part, parameters)?;
         part.parameters.iter().for_each(|&p| known[p] = true);
         result.free += part.parameters.len();
         analyse(problem, part, &data, &mut result)?;

@@ -2,15 +2,11 @@
 
 use std::array::from_fn;
 
-use tau_runtime::{LANES, Lanes};
+use tau_runtime::LANES;
 
 use crate::parallel;
+use crate::vector::{CHUNK, SHARED};
 
-/// Rows or entries that one thread takes at a time; sums over chunks are added in their order, so that
-/// they do not depend on the number of threads.
-const CHUNK: usize = 1 << 13;
-/// Below so many entries one thread is faster.
-const SHARED_ENTRIES: usize = 1 << 16;
 /// Columns with more entries are summed up row by row, the others column by column.
 const NARROW: u32 = 64;
 
@@ -18,18 +14,23 @@ const NARROW: u32 = 64;
 #[derive(Debug, Clone)]
 pub(crate) struct Jacobian {
     pub(crate) row_starts: Vec<usize>,
-    /// Ascending and distinct within a row.
-    pub(crate) columns: Vec<usize>,
+    /// Ascending and distinct within a row; narrow numbers, since they are read as often as the values.
+    pub(crate) columns: Vec<u32>,
     pub(crate) values: Vec<f64>,
     pub(crate) column_count: usize,
     /// Entries by column, for large matrices.
     by_column: Option<ByColumn>,
 }
 
+/// A row, a column or a group by a narrow number. Four thousand million of them do not fit in memory.
+pub(crate) fn narrow(index: usize) -> u32 {
+    u32::try_from(index).unwrap_or(u32::MAX)
+}
+
 /// A pattern that grows row by row.
 pub(crate) struct JacobianPattern {
     row_starts: Vec<usize>,
-    columns: Vec<usize>,
+    columns: Vec<u32>,
     column_count: usize,
 }
 
@@ -68,7 +69,8 @@ impl JacobianPattern {
     /// Adds rows, given their columns and where each ends among them.
     pub(crate) fn push_rows(&mut self, columns: &[usize], ends: &[usize]) {
         let base = self.columns.len();
-        self.columns.extend_from_slice(columns);
+        self.columns
+            .extend(columns.iter().map(|&column| narrow(column)));
         self.row_starts.extend(ends.iter().map(|end| base + end));
     }
 
@@ -89,12 +91,12 @@ impl ByColumn {
     /// `None` where the matrix is small, or too large to be numbered in 32 bits.
     fn new(pattern: &JacobianPattern) -> Option<Self> {
         let entries = u32::try_from(pattern.columns.len()).ok()?;
-        if (entries as usize) < SHARED_ENTRIES {
+        if (entries as usize) < SHARED {
             return None;
         }
         let mut counts = vec![0_u32; pattern.column_count];
         for &column in &pattern.columns {
-            counts[column] += 1;
+            counts[column as usize] += 1;
         }
         let (mut wide, mut ends, mut total) = (Vec::new(), Vec::with_capacity(counts.len()), 0);
         let mut wide_of = vec![u32::MAX; counts.len()];
@@ -111,7 +113,7 @@ impl ByColumn {
         let mut narrow = vec![(0, 0); total as usize];
         for (row, range) in pattern.row_starts.windows(2).enumerate() {
             for place in range[0]..range[1] {
-                let column = pattern.columns[place];
+                let column = pattern.columns[place] as usize;
                 if wide_of[column] == u32::MAX {
                     let end = &mut ends[column];
                     narrow[*end as usize] = (u32::try_from(row).ok()?, u32::try_from(place).ok()?);
@@ -127,37 +129,59 @@ impl ByColumn {
         })
     }
 
-    /// For each column, the sum over its entries of a function of row and value.
-    fn sums(&self, jacobian: &Jacobian, term: impl Fn(usize, f64) -> f64 + Sync, out: &mut [f64]) {
-        let chunks = out.chunks_mut(CHUNK).enumerate().collect();
-        parallel::map_owned(chunks, |(chunk, out)| {
-            let first = chunk * CHUNK;
+    /// For each column, the sums over its entries of functions of row and value.
+    fn sums<const N: usize>(
+        &self,
+        jacobian: &Jacobian,
+        terms: impl Fn(usize, f64) -> [f64; N] + Sync,
+        outs: [&mut [f64]; N],
+    ) {
+        let add = |sums: &mut [f64; N], row: usize, value: f64| {
+            for (sum, term) in sums.iter_mut().zip(terms(row, value)) {
+                *sum += term;
+            }
+        };
+        let mut chunks: Vec<_> = (0..self.ends.len().div_ceil(CHUNK))
+            .map(|chunk| (chunk * CHUNK, from_fn(|_| &mut [][..])))
+            .collect();
+        let mut outs = outs;
+        for (k, out) in outs.iter_mut().enumerate() {
+            for ((_, own), out) in chunks.iter_mut().zip(out.chunks_mut(CHUNK)) {
+                own[k] = out;
+            }
+        }
+        parallel::map_owned(chunks, |(first, mut outs): (usize, [&mut [f64]; N])| {
             let mut start = first.checked_sub(1).map_or(0, |before| self.ends[before]);
-            for (out, &end) in out.iter_mut().zip(&self.ends[first..]) {
-                let entries = &self.entries[start as usize..end as usize];
-                *out = entries
-                    .iter()
-                    .map(|&(row, place)| term(row as usize, jacobian.values[place as usize]))
-                    .sum();
+            let count = outs.iter().map(|out| out.len()).min().unwrap_or(0);
+            for (column, &end) in self.ends[first..first + count].iter().enumerate() {
+                let mut sums = [0.0; N];
+                for &(row, place) in &self.entries[start as usize..end as usize] {
+                    add(&mut sums, row as usize, jacobian.values[place as usize]);
+                }
+                for (out, sum) in outs.iter_mut().zip(sums) {
+                    out[column] = sum;
+                }
                 start = end;
             }
         });
         let rows = jacobian.row_count();
         let starts: Vec<usize> = (0..rows).step_by(CHUNK).collect();
         let partial = parallel::map(&starts, |&start| {
-            let mut sums = vec![0.0; self.wide.len()];
+            let mut sums = vec![[0.0; N]; self.wide.len()];
             for row in start..rows.min(start + CHUNK) {
                 let (columns, values) = jacobian.row(row);
                 for (&column, &value) in columns.iter().zip(values) {
-                    if let Some(sum) = sums.get_mut(self.wide_of[column] as usize) {
-                        *sum += term(row, value);
+                    if let Some(sums) = sums.get_mut(self.wide_of[column as usize] as usize) {
+                        add(sums, row, value);
                     }
                 }
             }
             sums
         });
         for (index, &column) in self.wide.iter().enumerate() {
-            out[column] = partial.iter().map(|sums| sums[index]).sum();
+            for (k, out) in outs.iter_mut().enumerate() {
+                out[column] = partial.iter().map(|sums| sums[index][k]).sum();
+            }
         }
     }
 }
@@ -168,25 +192,25 @@ impl Jacobian {
     }
 
     /// Columns and values of a row.
-    pub(crate) fn row(&self, row: usize) -> (&[usize], &[f64]) {
+    pub(crate) fn row(&self, row: usize) -> (&[u32], &[f64]) {
         let range = self.row_starts[row]..self.row_starts[row + 1];
         (&self.columns[range.clone()], &self.values[range])
     }
 
     /// Euclidean norms of the columns, and `out = Jᵀ y`.
     pub(crate) fn norms_and_transpose(&self, y: &[f64], norms: &mut [f64], out: &mut [f64]) {
-        if self.by_column.is_some() {
-            self.column_norms(norms);
-            self.transpose_times(y, out);
-            return;
+        if let Some(by_column) = &self.by_column {
+            let terms = |row: usize, value: f64| [value * value, value * y[row]];
+            by_column.sums(self, terms, [&mut *norms, out]);
+            return finish_norms(norms);
         }
         norms.fill(0.0);
         out.fill(0.0);
         for (row, &y) in y.iter().enumerate() {
             let (columns, values) = self.row(row);
             for (&column, &value) in columns.iter().zip(values) {
-                norms[column] += value * value;
-                out[column] += value * y;
+                norms[column as usize] += value * value;
+                out[column as usize] += value * y;
             }
         }
         finish_norms(norms);
@@ -195,11 +219,11 @@ impl Jacobian {
     /// Euclidean norms of the columns.
     pub(crate) fn column_norms(&self, norms: &mut [f64]) {
         if let Some(by_column) = &self.by_column {
-            by_column.sums(self, |_, value| value * value, norms);
+            by_column.sums(self, |_, value| [value * value], [&mut *norms]);
         } else {
             norms.fill(0.0);
             for (&column, &value) in self.columns.iter().zip(&self.values) {
-                norms[column] += value * value;
+                norms[column as usize] += value * value;
             }
         }
         finish_norms(norms);
@@ -207,18 +231,18 @@ impl Jacobian {
 
     /// Divides each column by a number.
     pub(crate) fn divide_columns(&mut self, divisors: &[f64]) {
-        let divide = |(columns, values): (&[usize], &mut [f64])| {
+        let divide = |(columns, values): (&[u32], &mut [f64])| {
             // Side by side, quotients take half the time.
             let (columns, last_columns) = columns.as_chunks::<LANES>();
             let (values, last_values) = values.as_chunks_mut::<LANES>();
             for (columns, values) in columns.iter().zip(values) {
-                let own: [f64; LANES] = from_fn(|lane| divisors[columns[lane]]);
+                let own: [f64; LANES] = from_fn(|lane| divisors[columns[lane] as usize]);
                 for (value, divisor) in values.iter_mut().zip(own) {
                     *value /= divisor;
                 }
             }
             for (&column, value) in last_columns.iter().zip(last_values) {
-                *value /= divisors[column];
+                *value /= divisors[column as usize];
             }
         };
         if self.by_column.is_some() {
@@ -237,7 +261,11 @@ impl Jacobian {
         let times = |first: usize, out: &mut [f64]| {
             for (k, out) in out.iter_mut().enumerate() {
                 let (columns, values) = self.row(first + k);
-                *out = columns.iter().zip(values).map(|(&c, v)| v * x[c]).sum();
+                *out = columns
+                    .iter()
+                    .zip(values)
+                    .map(|(&c, v)| v * x[c as usize])
+                    .sum();
             }
         };
         if self.by_column.is_some() {
@@ -251,14 +279,14 @@ impl Jacobian {
     /// `out = Jᵀ y`.
     pub(crate) fn transpose_times(&self, y: &[f64], out: &mut [f64]) {
         if let Some(by_column) = &self.by_column {
-            by_column.sums(self, |row, value| value * y[row], out);
+            by_column.sums(self, |row, value| [value * y[row]], [out]);
             return;
         }
         out.fill(0.0);
         for (row, &y) in y.iter().enumerate() {
             let (columns, values) = self.row(row);
             for (&column, value) in columns.iter().zip(values) {
-                out[column] += value * y;
+                out[column as usize] += value * y;
             }
         }
     }
@@ -269,43 +297,4 @@ fn finish_norms(norms: &mut [f64]) {
     for norm in norms {
         *norm = norm.sqrt().min(f64::MAX);
     }
-}
-
-/// Euclidean norm.
-pub(crate) fn norm(x: &[f64]) -> f64 {
-    dot(x, x).sqrt()
-}
-
-/// Sum of many numbers.
-pub(crate) fn sum(x: &[f64]) -> f64 {
-    let (blocks, rest) = x.as_chunks();
-    sum_of_lanes(blocks.iter().copied(), rest.iter().copied())
-}
-
-/// Sum of the differences of many numbers.
-pub(crate) fn sum_of_differences(x: &[f64], y: &[f64]) -> f64 {
-    let (blocks, rest) = x.as_chunks::<LANES>();
-    let (other_blocks, other_rest) = y.as_chunks::<LANES>();
-    let pairs = blocks.iter().zip(other_blocks);
-    let rest = rest.iter().zip(other_rest).map(|(x, y)| x - y);
-    sum_of_lanes(pairs.map(|(x, y)| from_fn(|lane| x[lane] - y[lane])), rest)
-}
-
-/// Sum over all lanes and the rest: no addition waits for the one before.
-fn sum_of_lanes(
-    blocks: impl Iterator<Item = [f64; LANES]>,
-    rest: impl Iterator<Item = f64>,
-) -> f64 {
-    let mut sums = Lanes::ZERO;
-    for block in blocks {
-        for (sum, x) in sums.0.iter_mut().zip(block) {
-            *sum += x;
-        }
-    }
-    sums.sum() + rest.sum::<f64>()
-}
-
-/// Inner product.
-pub(crate) fn dot(x: &[f64], y: &[f64]) -> f64 {
-    x.iter().zip(y).map(|(x, y)| x * y).sum()
 }

@@ -1,12 +1,12 @@
 //! Levenberg-Marquardt with a trust region, on each independent part of a problem.
 
 use crate::curvature::Curvature;
-use crate::jacobian::{dot, norm, sum, sum_of_differences};
 use crate::linear::{LinearSolver, Method, new_solver};
 use crate::linearization::Linearization;
 use crate::partition::{Part, partition};
 use crate::subproblem::Subproblem;
 use crate::system::{NonFinite, constant_cost, require_finite};
+use crate::vector::{at_once, dot, norm, on_each, sum, sum_of_differences};
 use crate::{Error, Iteration, Options, PartSummary, Problem, Solution, Termination};
 
 /// Share of the predicted decrease from which on a step is taken.
@@ -426,16 +426,42 @@ impl<'p> Minimizer<'p> {
             gradient,
         );
         let residual_norm = norm(self.linearization.residuals());
+        let (x, norms) = (&self.x, &self.norms);
+        let gradient = &mut self.subproblem.gradient;
+        let length = at_once(x.len());
+        let known = x.chunks(length).zip(norms.chunks(length));
+        let sought = self
+            .scale
+            .chunks_mut(length)
+            .zip(gradient.chunks_mut(length));
+        let sizes = on_each(
+            x.len(),
+            known.zip(sought),
+            |((x, norms), (scale, gradient))| {
+                let (mut residual_scale, mut size) = (0.0, 0.0);
+                let known = x.iter().zip(norms);
+                for ((x, &norm), (own, slope)) in known.zip(scale.iter_mut().zip(gradient)) {
+                    residual_scale += norm * x.abs();
+                    *own = own.max(norm);
+                    let scale = column_scale(*own);
+                    size += (x * scale).powi(2);
+                    *slope /= scale;
+                }
+                (residual_scale, size)
+            },
+        );
         let mut residual_scale = residual_norm;
         let mut size = 0.0;
-        for j in 0..self.x.len() {
-            residual_scale += self.norms[j] * self.x[j].abs();
-            self.scale[j] = self.scale[j].max(self.norms[j]);
-            let scale = column_scale(self.scale[j]);
-            size += (self.x[j] * scale).powi(2);
-            self.subproblem.gradient[j] /= scale;
-            self.subproblem.lower[j] = (self.lower[j] - self.x[j]) * scale;
-            self.subproblem.upper[j] = (self.upper[j] - self.x[j]) * scale;
+        for own in sizes {
+            residual_scale += own.0;
+            size += own.1;
+        }
+        if self.subproblem.bounded {
+            for (j, x) in self.x.iter().enumerate() {
+                let scale = column_scale(self.scale[j]);
+                self.subproblem.lower[j] = (self.lower[j] - x) * scale;
+                self.subproblem.upper[j] = (self.upper[j] - x) * scale;
+            }
         }
         if self.is_curved
             && self.linearization.is_of_squares()
@@ -491,6 +517,23 @@ impl<'p> Minimizer<'p> {
 
     /// Applies the step; false if it changes no parameter.
     fn set_trial(&mut self) -> bool {
+        if !self.subproblem.bounded {
+            let (x, scale, step) = (&self.x, &self.scale, &self.subproblem.step);
+            let length = at_once(x.len());
+            let known = x
+                .chunks(length)
+                .zip(scale.chunks(length))
+                .zip(step.chunks(length));
+            let parts = self.trial.chunks_mut(length).zip(known);
+            let changed = on_each(x.len(), parts, |(trial, ((x, scale), step))| {
+                let known = x.iter().zip(scale).zip(step);
+                for (trial, ((x, &scale), step)) in trial.iter_mut().zip(known) {
+                    *trial = x + step / column_scale(scale);
+                }
+                trial != x
+            });
+            return changed.contains(&true);
+        }
         for j in 0..self.x.len() {
             let step = self.subproblem.step[j];
             self.trial[j] = if step <= self.subproblem.lower[j] {

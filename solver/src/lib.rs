@@ -74,6 +74,7 @@ mod problem;
 mod solution;
 mod subproblem;
 mod system;
+mod vector;
 
 pub use covariance::{Covariance, covariance};
 pub use error::Error;

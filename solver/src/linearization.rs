@@ -6,6 +6,7 @@ use crate::linear::Method;
 use crate::partition::Part;
 use crate::problem::Problem;
 use crate::system::{Content, NonFinite, System};
+use crate::vector::{at_once, on_each};
 
 /// Costs of a part, and a matrix and residuals whose squares are those of the linearised part.
 pub(crate) enum Linearization<'p> {
@@ -19,7 +20,7 @@ impl<'p> Linearization<'p> {
     /// Lays out a part of a checked problem, by way of the normal equations where `method` and the
     /// residual families allow it. `all` gives the fixed parameters.
     pub(crate) fn new(problem: &'p Problem<'p>, part: &Part, all: &[f64], method: Method) -> Self {
-        match Fused::new(problem, part, all, method) {
+        match Fused::new(problem, part, all, Content::Minimize, method) {
             Some(fused) => Self::Fused(Box::new(fused)),
             None => {
                 let system = System::new(problem, part, all, Content::Minimize);
@@ -124,8 +125,13 @@ impl<'p> Linearization<'p> {
 
     /// Writes the cost of each residual at the point of the last [`Self::linearize`], where they tell it.
     pub(crate) fn costs_there(&self, costs: &mut [f64]) {
-        for (cost, r) in costs.iter_mut().zip(self.residuals()) {
-            *cost = 0.5 * r * r;
-        }
+        let residuals = self.residuals();
+        let length = at_once(residuals.len());
+        let parts = costs.chunks_mut(length).zip(residuals.chunks(length));
+        on_each(residuals.len(), parts, |(costs, residuals)| {
+            for (cost, r) in costs.iter_mut().zip(residuals) {
+                *cost = 0.5 * r * r;
+            }
+        });
     }
 }

@@ -1,7 +1,8 @@
 //! The trust-region subproblem: the best step of the linear model within radius and bounds.
 
-use crate::jacobian::{Jacobian, dot, norm};
+use crate::jacobian::Jacobian;
 use crate::linear::LinearSolver;
+use crate::vector::{at_once, dot, norm, on_each};
 
 /// Share of the radius by which a step's length may miss it.
 const RADIUS_ACCURACY: f64 = 0.1;
@@ -17,7 +18,8 @@ pub(crate) struct Subproblem {
     /// Distance to the bounds, in scaled parameters; infinite where there is none.
     pub(crate) lower: Vec<f64>,
     pub(crate) upper: Vec<f64>,
-    bounded: bool,
+    /// True if some bound is finite.
+    pub(crate) bounded: bool,
     held: Vec<bool>,
     /// `Jᵀr`.
     pub(crate) gradient: Vec<f64>,
@@ -99,6 +101,9 @@ impl Subproblem {
 
     /// Length of the gradient, without what pushes against bounds.
     pub(crate) fn gradient_norm(&self) -> f64 {
+        if !self.bounded {
+            return norm(&self.gradient);
+        }
         (0..self.step.len())
             .filter(|&j| !self.is_blocked(j))
             .map(|j| self.gradient[j] * self.gradient[j])
@@ -179,9 +184,18 @@ impl Subproblem {
         there: &mut [f64],
     ) {
         jacobian.times(&self.step, &mut self.image);
-        for ((there, image), r) in there.iter_mut().zip(&self.image).zip(residuals) {
-            *there -= image + r;
-        }
+        let length = at_once(there.len());
+        let known = self.image.chunks(length).zip(residuals.chunks(length));
+        let rows = there.len();
+        on_each(
+            rows,
+            there.chunks_mut(length).zip(known),
+            |(there, (image, residuals))| {
+                for ((there, image), r) in there.iter_mut().zip(image).zip(residuals) {
+                    *there -= image + r;
+                }
+            },
+        );
     }
 
     /// The step for other residuals, damped like the last one; what a bound held stays. `linear` is left with these.
@@ -201,10 +215,18 @@ impl Subproblem {
     /// relative change of the step's length per change of the damping.
     fn direction_form(&mut self, linear: &mut dyn LinearSolver) -> f64 {
         let length = norm(&self.step);
-        for j in 0..self.step.len() {
-            let free = !self.held[j] && length > 0.0;
-            self.target[j] = if free { self.step[j] / length } else { 0.0 };
-        }
+        let chunk = at_once(self.step.len());
+        let own = self.step.chunks(chunk).zip(self.held.chunks(chunk));
+        let parts = self.target.chunks_mut(chunk).zip(own);
+        on_each(self.step.len(), parts, |(target, (step, held))| {
+            for ((target, step), held) in target.iter_mut().zip(step).zip(held) {
+                *target = if !held && length > 0.0 {
+                    step / length
+                } else {
+                    0.0
+                };
+            }
+        });
         linear.inverse_form(&self.target)
     }
 
@@ -217,23 +239,20 @@ impl Subproblem {
         linear: &mut dyn LinearSolver,
     ) -> bool {
         self.damping = damping;
+        if !self.bounded {
+            self.target.fill(0.0);
+            let full_rank = linear.solve(damping, &self.held, &mut self.target);
+            std::mem::swap(&mut self.step, &mut self.target);
+            return full_rank;
+        }
         self.step.fill(0.0);
         for j in 0..self.step.len() {
             self.held[j] = self.is_blocked(j);
         }
-        let changes = if self.bounded {
-            3 * self.step.len() + 3
-        } else {
-            1
-        };
         let mut full_rank = true;
-        for _ in 0..changes {
+        for _ in 0..3 * self.step.len() + 3 {
             self.target.copy_from_slice(&self.step);
             full_rank = linear.solve(damping, &self.held, &mut self.target);
-            if !self.bounded {
-                self.step.copy_from_slice(&self.target);
-                break;
-            }
             if self.advance() {
                 continue;
             }

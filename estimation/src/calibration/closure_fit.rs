@@ -45,17 +45,41 @@ impl<'a> ClosureFit<'a> {
 
     /// The problem from a start. Weights of poses count squares, those of residuals the residuals themselves.
     pub(super) fn problem(&self, weights: &[f64], start: &[f64]) -> Problem<'_> {
-        let blocks = self.residuals.parts.iter().map(|part| {
-            let each = part.components.len();
-            let factor = |row: usize| weights[part.samples[row / each]].sqrt();
-            part.block(|row, weight| weight * factor(row))
-        });
-        let Residuals { used, priors, .. } = &self.residuals;
+        let Residuals {
+            used,
+            priors,
+            parts,
+        } = &self.residuals;
         let variant = &self.prepared.machine.variant;
-        Problem {
+        let problem = Problem {
             parameters: problem::parameters(variant, used, priors, start.iter().copied()),
-            blocks: blocks.collect(),
+            blocks: (parts.iter())
+                .map(|part| part.block(|_, weight| weight))
+                .collect(),
+        };
+        self.weighed(problem, weights, start)
+    }
+
+    /// The same with other weights and from another start: its samples stay prepared.
+    pub(super) fn weighed<'p>(
+        &self,
+        mut problem: Problem<'p>,
+        weights: &[f64],
+        start: &[f64],
+    ) -> Problem<'p> {
+        for (parameter, &start) in problem.parameters.iter_mut().zip(start) {
+            parameter.start = start;
         }
+        let blocks = problem.blocks.into_iter().zip(&self.residuals.parts);
+        problem.blocks = blocks
+            .map(|(block, part)| {
+                let each = part.components.len();
+                let factor = |row: usize| weights[part.samples[row / each]].sqrt();
+                let own = part.weights.iter().enumerate();
+                block.with_weights(own.map(|(row, weight)| weight * factor(row)).collect())
+            })
+            .collect();
+        problem
     }
 
     /// The minimum without the bias that the noise of the poses gives it, and at the minimum the inverse of its information

@@ -290,14 +290,16 @@ fn from_prepared(
     let (inverse, factor) = if weighing.is_even() {
         (inverse, of_even)
     } else {
-        let start = fit.problem(&weighing.fit, &solution.parameters);
-        solution = fit.solved(&start, &weighing.fit)?.0;
+        problem = fit.weighed(problem, &weighing.fit, &solution.parameters);
+        let (again, mut inverse, found) = fit.solved(&problem, &weighing.fit)?;
+        (solution, identifiability) = (again, found);
         iterations += total_iterations(&solution);
-        problem = fit.problem(&weighing.information, &solution.parameters);
         let at = &solution.parameters;
-        let known = problem::knowledge(&problem, at);
-        let (inverse, found) = known.map_err(|error| fit.failed(&error))?;
-        identifiability = found;
+        if weighing.information != weighing.fit {
+            problem = fit.weighed(problem, &weighing.information, at);
+            let known = problem::knowledge(&problem, at);
+            (inverse, identifiability) = known.map_err(|error| fit.failed(&error))?;
+        }
         let factor = fit.factor(&inverse, at, &weighing.information);
         (inverse, factor)
     };

@@ -73,13 +73,16 @@ impl<'a> Table<'a> {
             lines: Vec::new(),
         };
         let mut ragged = Vec::new();
+        let rows = source.text.bytes().filter(|byte| *byte == b'\n').count();
+        table.fields.reserve_exact(rows * table.header.len());
+        table.lines.reserve_exact(rows);
         for (index, line) in numbered {
-            let row = fields(source, line.clone());
-            if row.len() == table.header.len() {
-                table.fields.extend(row);
+            let start = table.fields.len();
+            split(source, line.clone(), &mut table.fields);
+            if table.fields.len() - start == table.header.len() {
                 table.lines.push(index + 1);
             } else {
-                ragged.push((line, row));
+                ragged.push((line, table.fields.split_off(start)));
             }
         }
         if table.lines.is_empty() && ragged.is_empty() {
@@ -376,6 +379,11 @@ pub(crate) fn spelt(name: &str) -> String {
 /// Byte ranges of the fields of a line, without spaces around them and without quotes.
 pub(super) fn fields(source: Source<'_>, line: Range<usize>) -> Vec<Range<usize>> {
     let mut fields = Vec::new();
+    split(source, line, &mut fields);
+    fields
+}
+
+fn split(source: Source<'_>, line: Range<usize>, fields: &mut Vec<Range<usize>>) {
     let mut start = line.start;
     let mut quoted = false;
     for (offset, byte) in source.text[line.clone()].bytes().enumerate() {
@@ -389,7 +397,6 @@ pub(super) fn fields(source: Source<'_>, line: Range<usize>) -> Vec<Range<usize>
         }
     }
     fields.push(bare(source.text, start..line.end));
-    fields
 }
 
 fn bare(text: &str, field: Range<usize>) -> Range<usize> {

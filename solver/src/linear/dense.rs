@@ -26,7 +26,8 @@ impl LinearSolver for DenseQr {
         self.reduction.clear();
         for (row, &residual) in residuals.iter().enumerate() {
             let (columns, values) = jacobian.row(row);
-            let entries = columns.iter().copied().zip(values.iter().copied());
+            let columns = columns.iter().map(|&column| column as usize);
+            let entries = columns.zip(values.iter().copied());
             let last = (jacobian.column_count, residual);
             self.reduction.push(entries.chain(std::iter::once(last)));
         }

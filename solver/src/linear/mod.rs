@@ -93,7 +93,7 @@ pub(crate) fn new_solver(
             }
         }
         Method::Auto => {
-            let found = Elimination::detect(jacobian);
+            let found = Elimination::detect(jacobian, u32::MAX);
             let pays = pays(&found, columns);
             elimination = Some(found);
             if pays {
@@ -109,7 +109,8 @@ pub(crate) fn new_solver(
     let solver: Box<dyn LinearSolver> = match method {
         Method::SparseCholesky => Box::new(SparseCholesky::new(jacobian)?),
         Method::Schur => {
-            let elimination = elimination.unwrap_or_else(|| Elimination::detect(jacobian));
+            let elimination =
+                elimination.unwrap_or_else(|| Elimination::detect(jacobian, u32::MAX));
             Box::new(GuardedSchur::new(jacobian, elimination))
         }
         Method::SchurCholesky => {

@@ -279,7 +279,9 @@ pub(crate) fn triangle(jacobian: &Jacobian, factors: &[f64]) -> Mat<f64> {
     for row in 0..jacobian.row_count() {
         let (indices, values) = jacobian.row(row);
         let entries = indices.iter().zip(values);
-        reduction.push(entries.map(|(&column, value)| (column, value * factors[column])));
+        reduction.push(
+            entries.map(|(&column, value)| (column as usize, value * factors[column as usize])),
+        );
     }
     let reduced = reduction.reduce();
     Mat::from_fn(columns, columns, |row, column| reduced[(row, column)])

@@ -6,7 +6,7 @@
 //! equations (N. Demmel et al., "Square Root Bundle Adjustment for Large-Scale Reconstruction", 2021),
 //! and so keeps the accuracy of a dense QR of the whole.
 
-use crate::jacobian::Jacobian;
+use crate::jacobian::{Jacobian, narrow};
 use crate::linear::dense::DampedTriangle;
 use crate::linear::qr::{RowReduction, triangularize};
 use crate::linear::{LEAST_DAMPING, LinearSolver};
@@ -15,6 +15,9 @@ use crate::linear::{LEAST_DAMPING, LinearSolver};
 pub(crate) const MAX_GROUP: usize = 12;
 /// Numbers of a filled row that are handled at once, as most processors do.
 const LANES: usize = 4;
+
+/// No group.
+const NONE: u32 = u32::MAX;
 
 /// Choice of the parameters that are eliminated.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -27,40 +30,51 @@ pub(crate) struct Elimination {
 
 impl Elimination {
     /// Finds groups greedily: columns in order of the number of their rows join the groups that they
-    /// touch, unless the union would be too large; then they are kept.
-    pub(crate) fn detect(jacobian: &Jacobian) -> Self {
+    /// touch, unless the union would be too large; then they are kept. So are columns in more rows than `most_rows`.
+    pub(crate) fn detect(jacobian: &Jacobian, most_rows: u32) -> Self {
         let n = jacobian.column_count;
-        // Rows of each column, one column after the other.
-        let mut starts = vec![0; n + 1];
+        let mut counts = vec![0_u32; n];
         for &column in &jacobian.columns {
-            starts[column + 1] += 1;
+            counts[column as usize] += 1;
         }
-        for column in 0..n {
-            starts[column + 1] += starts[column];
+        // Rows of each column that may join, one column after the other.
+        let mut ends = Vec::with_capacity(n);
+        let mut end = 0;
+        for &count in &counts {
+            ends.push(end);
+            end += if count <= most_rows {
+                count as usize
+            } else {
+                0
+            };
         }
-        let mut next = starts.clone();
-        let mut all = vec![0; jacobian.columns.len()];
-        for row in 0..jacobian.row_count() {
-            for &column in jacobian.row(row).0 {
-                all[next[column]] = row;
-                next[column] += 1;
+        let joins = |column: usize| counts[column] <= most_rows;
+        let mut all = vec![0_u32; end];
+        for (row, range) in (0_u32..).zip(jacobian.row_starts.windows(2)) {
+            for &column in &jacobian.columns[range[0]..range[1]] {
+                let column = column as usize;
+                if joins(column) {
+                    all[ends[column]] = row;
+                    ends[column] += 1;
+                }
             }
         }
-        let rows_of = |column: usize| &all[starts[column]..starts[column + 1]];
-        let mut order: Vec<usize> = (0..n).collect();
-        order.sort_by_key(|&column| rows_of(column).len());
+        let rows_of = |column: usize| &all[ends[column] - counts[column] as usize..ends[column]];
+        let mut order: Vec<usize> = (0..n).filter(|&column| joins(column)).collect();
+        order.sort_by_key(|&column| counts[column]);
 
-        let mut group_of_row: Vec<Option<usize>> = vec![None; jacobian.row_count()];
+        let mut group_of_row = vec![NONE; jacobian.row_count()];
         let mut groups: Vec<Vec<usize>> = Vec::new();
-        let mut kept = Vec::new();
-        let mut touched: Vec<usize> = Vec::new();
+        let mut kept: Vec<usize> = (0..n).filter(|&column| !joins(column)).collect();
+        let mut touched: Vec<u32> = Vec::new();
         for column in order {
             touched.clear();
             let mut size = 1;
-            for group in rows_of(column).iter().filter_map(|&row| group_of_row[row]) {
-                if !touched.contains(&group) {
+            for &row in rows_of(column) {
+                let group = group_of_row[row as usize];
+                if group != NONE && !touched.contains(&group) {
                     touched.push(group);
-                    size += groups[group].len();
+                    size += groups[group as usize].len();
                     if size > MAX_GROUP {
                         break;
                     }
@@ -72,20 +86,20 @@ impl Elimination {
             }
             let target = touched.pop().unwrap_or_else(|| {
                 groups.push(Vec::new());
-                groups.len() - 1
+                narrow(groups.len() - 1)
             });
             for group in touched.drain(..) {
-                let members = std::mem::take(&mut groups[group]);
+                let members = std::mem::take(&mut groups[group as usize]);
                 for &member in &members {
                     for &row in rows_of(member) {
-                        group_of_row[row] = Some(target);
+                        group_of_row[row as usize] = target;
                     }
                 }
-                groups[target].extend(members);
+                groups[target as usize].extend(members);
             }
-            groups[target].push(column);
+            groups[target as usize].push(column);
             for &row in rows_of(column) {
-                group_of_row[row] = Some(target);
+                group_of_row[row as usize] = target;
             }
         }
         groups.retain(|group| !group.is_empty());
@@ -100,21 +114,23 @@ impl Elimination {
     /// Rows by the groups that occur in them.
     pub(crate) fn rows(&self, jacobian: &Jacobian) -> GroupRows {
         let count = self.groups.len();
-        let mut group_of = vec![count; jacobian.column_count];
-        for (group, columns) in self.groups.iter().enumerate() {
+        let mut group_of = vec![narrow(count); jacobian.column_count];
+        for (group, columns) in (0..).zip(&self.groups) {
             for &column in columns {
                 group_of[column] = group;
             }
         }
         let group = |row: usize| {
             let columns = jacobian.row(row).0.iter();
-            columns.map(|&column| group_of[column]).min()
+            columns.map(|&column| group_of[column as usize]).min()
         };
         let rows = 0..jacobian.row_count();
-        let of_rows: Vec<usize> = rows.map(|row| group(row).unwrap_or(count)).collect();
+        let of_rows: Vec<u32> = rows
+            .map(|row| group(row).unwrap_or(narrow(count)))
+            .collect();
         let mut starts = vec![0; count + 2];
         for &group in &of_rows {
-            starts[group + 1] += 1;
+            starts[group as usize + 1] += 1;
         }
         for group in 0..=count {
             starts[group + 1] += starts[group];
@@ -122,8 +138,8 @@ impl Elimination {
         let mut next = starts.clone();
         let mut all = vec![0; of_rows.len()];
         for (row, &group) in of_rows.iter().enumerate() {
-            all[next[group]] = row;
-            next[group] += 1;
+            all[next[group as usize]] = row;
+            next[group as usize] += 1;
         }
         GroupRows { starts, all }
     }
@@ -281,8 +297,10 @@ impl Group {
         is_kept: &impl Fn(usize) -> bool,
     ) -> Self {
         let kept = |row: usize| {
-            let columns = jacobian.row(row).0.iter().copied();
-            columns.filter(|&column| is_kept(column))
+            let columns = jacobian.row(row).0.iter();
+            columns
+                .map(|&column| column as usize)
+                .filter(|&column| is_kept(column))
         };
         rows.sort_by_key(|&row| kept(row).next().is_none());
         let outer = rows.partition_point(|&row| kept(row).next().is_some());
@@ -292,7 +310,8 @@ impl Group {
         }
         others.sort_unstable();
         others.dedup();
-        let target = |&column: &usize| {
+        let target = |&column: &u32| {
+            let column = column as usize;
             if is_kept(column) {
                 columns.len() + others.partition_point(|&other| other < place[column])
             } else {
@@ -492,7 +511,7 @@ impl LinearSolver for Schur {
             let entries = columns
                 .iter()
                 .zip(values)
-                .map(|(&column, &value)| (self.place[column], value));
+                .map(|(&column, &value)| (self.place[column as usize], value));
             let last = (size, residuals[row]);
             self.base.push(entries.chain(std::iter::once(last)));
         }

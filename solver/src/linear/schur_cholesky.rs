@@ -15,7 +15,7 @@ use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};
 use tau_runtime::{LANES, Lanes, block_count};
 
-use crate::jacobian::Jacobian;
+use crate::jacobian::{Jacobian, narrow};
 use crate::linear::group::{MOST_ROWS, Normal, Pattern};
 use crate::linear::schur::{Elimination, MAX_GROUP};
 use crate::linear::{LEAST_DAMPING, LinearSolver};
@@ -23,6 +23,8 @@ use crate::parallel;
 
 /// Blocks of groups of a class that are summed up together.
 const CHUNK: usize = 32;
+/// Columns whose step one thread writes at a time.
+const COLUMNS: usize = 1 << 13;
 /// Most portions of the work, each with a sum of its own.
 const PORTIONS: usize = 32;
 
@@ -48,16 +50,23 @@ struct Portion<'a> {
     factors: &'a mut [Lanes],
 }
 
+/// Place of a column.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Place {
+    /// Among the kept ones.
+    Kept(u32),
+    /// In a group of a class.
+    Eliminated { class: u32, group: u32, place: u32 },
+}
+
 /// Solves by elimination of groups and a dense Cholesky factorisation of the kept parameters.
 pub(crate) struct SchurCholesky {
     classes: Vec<Class>,
     /// Rows in which no eliminated parameter occurs.
     other_rows: Vec<usize>,
     kept: Vec<usize>,
-    /// For each column, its place among the kept ones, if it is.
-    kept_place: Vec<Option<usize>>,
-    /// For each eliminated column: class, group of it, place in the group.
-    eliminated: Vec<(u32, u32, u32)>,
+    /// Of each column.
+    places: Vec<Place>,
     /// Information of the other rows about the kept parameters.
     base: Normal,
     factor: Option<Llt<f64>>,
@@ -127,66 +136,76 @@ fn portions(classes: &mut [Class]) -> Vec<Vec<Portion<'_>>> {
 impl SchurCholesky {
     /// Elimination of this method: small groups with few rows.
     pub(crate) fn elimination(jacobian: &Jacobian) -> Elimination {
-        Elimination::detect(jacobian).with_few_rows(jacobian, MOST_ROWS)
+        Elimination::detect(jacobian, narrow(MOST_ROWS)).with_few_rows(jacobian, MOST_ROWS)
     }
 
     /// Sorts the groups by their patterns.
     pub(crate) fn new(jacobian: &Jacobian, elimination: &Elimination) -> Self {
         let n = jacobian.column_count;
         let kept = elimination.kept.clone();
-        let mut kept_place = vec![None; n];
-        for (place, &column) in kept.iter().enumerate() {
-            kept_place[column] = Some(place);
+        let mut places = vec![Place::Kept(0); n];
+        // The place of each column in its group, and behind all of these that among the kept ones.
+        let mut codes = vec![0; n];
+        for (place, &column) in (0..).zip(&kept) {
+            places[column] = Place::Kept(place);
+            codes[column] = MAX_GROUP + place as usize;
         }
-        let mut group_of = vec![(usize::MAX, 0); n];
-        for (g, columns) in elimination.groups.iter().enumerate() {
+        for columns in &elimination.groups {
             for (place, &column) in columns.iter().enumerate() {
-                group_of[column] = (g, place);
+                codes[column] = place;
             }
         }
         let rows_of = elimination.rows(jacobian);
-        let mut rows: Vec<usize> = vec![];
         let mut class_of: BTreeMap<Vec<usize>, usize> = BTreeMap::new();
-        let mut key = Vec::new();
+        let (mut rows, mut inner, mut key) = (vec![], vec![], vec![]);
         let mut classes: Vec<Class> = Vec::new();
-        let mut eliminated = vec![(0, 0, 0); n];
+        // Mostly a group is like the one before.
+        let (mut last_key, mut last_class) = (vec![], 0);
         for (group, columns) in elimination.groups.iter().enumerate() {
             rows.clear();
-            rows.extend_from_slice(rows_of.of(group));
-            let has_kept = |&row: &usize| {
+            inner.clear();
+            for &row in rows_of.of(group) {
                 let mut columns = jacobian.row(row).0.iter();
-                columns.any(|&column| kept_place[column].is_some())
-            };
-            rows.sort_by_key(|row| !has_kept(row));
-            let code = |&column: &usize| {
-                kept_place[column].map_or(group_of[column].1, |place| MAX_GROUP + place)
-            };
+                if columns.any(|&column| codes[column as usize] >= MAX_GROUP) {
+                    rows.push(row);
+                } else {
+                    inner.push(row);
+                }
+            }
+            rows.append(&mut inner);
             // Rows one after the other; the group's size and their lengths, so that they can be told apart.
             key.clear();
             key.push(columns.len());
             for &row in &rows {
                 let columns = jacobian.row(row).0;
                 key.push(columns.len());
-                key.extend(columns.iter().map(code));
+                key.extend(columns.iter().map(|&column| codes[column as usize]));
             }
-            let class = class_of.get(&key).copied().unwrap_or_else(|| {
-                classes.push(Class {
-                    pattern: Pattern::new(columns.len(), &key[1..]),
-                    columns: Vec::new(),
-                    rows: Vec::new(),
-                    values: Vec::new(),
-                    factors: Vec::new(),
+            if key != last_key {
+                last_class = class_of.get(&key).copied().unwrap_or_else(|| {
+                    classes.push(Class {
+                        pattern: Pattern::new(columns.len(), &key[1..]),
+                        columns: Vec::new(),
+                        rows: Vec::new(),
+                        values: Vec::new(),
+                        factors: Vec::new(),
+                    });
+                    class_of.insert(key.clone(), classes.len() - 1);
+                    classes.len() - 1
                 });
-                class_of.insert(key.clone(), classes.len() - 1);
-                classes.len() - 1
-            });
-            let number = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
-            let group = classes[class].groups();
-            for (place, &column) in columns.iter().enumerate() {
-                eliminated[column] = (number(class), number(group), number(place));
+                last_key.clone_from(&key);
             }
-            classes[class].columns.extend_from_slice(columns);
-            classes[class].rows.extend_from_slice(&rows);
+            let class = &mut classes[last_class];
+            let group = narrow(class.groups());
+            for (place, &column) in (0..).zip(columns) {
+                places[column] = Place::Eliminated {
+                    class: narrow(last_class),
+                    group,
+                    place,
+                };
+            }
+            class.columns.extend_from_slice(columns);
+            class.rows.extend_from_slice(&rows);
         }
         for class in &mut classes {
             let blocks = block_count(class.groups());
@@ -200,8 +219,7 @@ impl SchurCholesky {
             kept_step: Mat::zeros(kept.len(), 1),
             factor: None,
             is_undamped: false,
-            kept_place,
-            eliminated,
+            places,
             kept,
         }
     }
@@ -281,9 +299,11 @@ impl SchurCholesky {
             factor.solve_in_place(solved.as_mut());
         }
         let mut entry: f64 = (0..first.len()).map(|i| first[i] * solved[(i, 0)]).sum();
-        let is_eliminated = |column: usize| self.kept_place[column].is_none();
-        let group = |column: usize| (self.eliminated[column].0, self.eliminated[column].1);
-        if is_eliminated(row) && is_eliminated(column) && group(row) == group(column) {
+        let group = |column: usize| match self.places[column] {
+            Place::Kept(_) => None,
+            Place::Eliminated { class, group, .. } => Some((class, group)),
+        };
+        if group(row).is_some() && group(row) == group(column) {
             entry += in_group_first
                 .iter()
                 .zip(&in_group_second)
@@ -293,14 +313,45 @@ impl SchurCholesky {
         entry
     }
 
+    /// Writes the entries of the step that are not held, after back substitution.
+    fn gather(&self, held: &[bool], step: &mut [f64]) {
+        let kept = self.kept_step.col_as_slice(0);
+        let chunks: Vec<_> = step.chunks_mut(COLUMNS).enumerate().collect();
+        parallel::map_owned(chunks, |(chunk, step)| {
+            for (column, step) in (chunk * COLUMNS..).zip(step) {
+                if held[column] {
+                    continue;
+                }
+                *step = match self.places[column] {
+                    Place::Kept(place) => kept[place as usize],
+                    Place::Eliminated {
+                        class,
+                        group,
+                        place,
+                    } => {
+                        let class = &self.classes[class as usize];
+                        let (_, factors) = class.block(group as usize / LANES);
+                        class.pattern.steps(factors)[place as usize][group as usize % LANES]
+                    }
+                };
+            }
+        });
+    }
+
     /// A parameter as a combination of kept ones, and, if it is eliminated, `L⁻¹` of its unit vector.
     fn influence(&self, column: usize) -> (Vec<f64>, [f64; MAX_GROUP]) {
         let mut kept = vec![0.0; self.kept.len()];
-        if let Some(place) = self.kept_place[column] {
-            kept[place] = 1.0;
-            return (kept, [0.0; MAX_GROUP]);
-        }
-        let (class, group, place) = self.eliminated[column];
+        let (class, group, place) = match self.places[column] {
+            Place::Kept(place) => {
+                kept[place as usize] = 1.0;
+                return (kept, [0.0; MAX_GROUP]);
+            }
+            Place::Eliminated {
+                class,
+                group,
+                place,
+            } => (class, group, place),
+        };
         let class = &self.classes[class as usize];
         let (block, lane) = (group as usize / LANES, group as usize % LANES);
         let pattern = &class.pattern;
@@ -358,6 +409,31 @@ impl Portion<'_> {
             pattern.back_substitute(values, factors, kept);
         }
     }
+
+    /// Adds `‖L⁻¹x‖²` of the groups' own entries x of a vector, and takes what they say of the kept parameters from `kept`.
+    fn influence(self, v: &[f64], form: &mut Lanes, kept: &mut [f64]) {
+        let (pattern, own) = (self.pattern, self.pattern.own);
+        let mut sums = vec![Lanes::ZERO; pattern.kept_entries()];
+        let values = self.values.chunks_exact(pattern.values_len());
+        let factors = self.factors.chunks_exact(pattern.factors_len());
+        let blocks = self.columns.chunks(LANES * own);
+        for (columns, (values, factors)) in blocks.zip(values.zip(factors)) {
+            let mut x = [Lanes::ZERO; MAX_GROUP];
+            let x = &mut x[..own];
+            for (lane, columns) in columns.chunks_exact(own).enumerate() {
+                for (x, &column) in x.iter_mut().zip(columns) {
+                    x[lane] = v[column];
+                }
+            }
+            pattern.influence(values, factors, x, &mut sums);
+            for x in x {
+                for (form, x) in form.0.iter_mut().zip(x.0) {
+                    *form += x * x;
+                }
+            }
+        }
+        pattern.subtract(&sums, None, kept);
+    }
 }
 
 impl LinearSolver for SchurCholesky {
@@ -374,13 +450,14 @@ impl LinearSolver for SchurCholesky {
         for &row in &self.other_rows {
             let (columns, values) = jacobian.row(row);
             for (i, (&first, &value)) in columns.iter().zip(values).enumerate() {
-                let Some(first) = self.kept_place[first] else {
+                let Place::Kept(first) = self.places[first as usize] else {
                     continue;
                 };
+                let first = first as usize;
                 self.base.gradient[first] += value * residuals[row];
                 for (&second, &other) in columns[..=i].iter().zip(values) {
-                    if let Some(second) = self.kept_place[second] {
-                        self.base.matrix[first * size + second] += value * other;
+                    if let Place::Kept(second) = self.places[second as usize] {
+                        self.base.matrix[first * size + second as usize] += value * other;
                     }
                 }
             }
@@ -405,60 +482,34 @@ impl LinearSolver for SchurCholesky {
                 portion.back_substitute(kept_step);
             }
         });
-        for (place, &column) in self.kept.iter().enumerate() {
-            if !held[column] {
-                step[column] = self.kept_step[(place, 0)];
-            }
-        }
-        for class in &self.classes {
-            let own = class.pattern.own;
-            let blocks = class.columns.chunks(LANES * own);
-            for (columns, (_, factors)) in blocks.zip(class.blocks()) {
-                let steps = class.pattern.steps(factors);
-                for (lane, columns) in columns.chunks_exact(own).enumerate() {
-                    for (&column, y) in columns.iter().zip(steps) {
-                        if !held[column] {
-                            step[column] = y[lane];
-                        }
-                    }
-                }
-            }
-        }
+        self.gather(held, step);
         // A factorisation without pivoting cannot vouch for rank unless damped.
         used == damping && damping > 0.0
     }
 
     fn inverse_form(&mut self, v: &[f64]) -> f64 {
         let mut kept: Vec<f64> = self.kept.iter().map(|&column| v[column]).collect();
-        let mut form = Lanes::ZERO;
-        for class in &self.classes {
-            let own = class.pattern.own;
-            let mut sums = vec![Lanes::ZERO; class.pattern.kept_entries()];
-            let blocks = class.columns.chunks(LANES * own);
-            for (columns, (values, factors)) in blocks.zip(class.blocks()) {
-                let mut x = [Lanes::ZERO; MAX_GROUP];
-                let x = &mut x[..own];
-                for (lane, columns) in columns.chunks_exact(own).enumerate() {
-                    for (x, &column) in x.iter_mut().zip(columns) {
-                        x[lane] = v[column];
-                    }
-                }
-                class.pattern.influence(values, factors, x, &mut sums);
-                for x in x {
-                    for (form, x) in form.0.iter_mut().zip(x.0) {
-                        *form += x * x;
-                    }
-                }
+        let of_portions = parallel::map_owned(portions(&mut self.classes), |portions| {
+            let mut form = Lanes::ZERO;
+            let mut kept = vec![0.0; kept.len()];
+            for portion in portions {
+                portion.influence(v, &mut form, &mut kept);
             }
-            class.pattern.subtract(&sums, None, &mut kept);
+            (form.sum(), kept)
+        });
+        let mut form = 0.0;
+        for (own, less) in of_portions {
+            form += own;
+            kept.iter_mut()
+                .zip(less)
+                .for_each(|(kept, less)| *kept += less);
         }
         let mut solved = Mat::from_fn(kept.len(), 1, |i, _| kept[i]);
         if let Some(factor) = &self.factor {
             factor.solve_in_place(solved.as_mut());
         }
-        form.sum()
-            + (0..kept.len())
-                .map(|i| kept[i] * solved[(i, 0)])
-                .sum::<f64>()
+        form + (0..kept.len())
+            .map(|i| kept[i] * solved[(i, 0)])
+            .sum::<f64>()
     }
 }

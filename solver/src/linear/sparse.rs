@@ -204,7 +204,11 @@ fn for_each_pair(jacobian: &Jacobian, mut visit: impl FnMut(usize, usize, f64)) 
         let (columns, values) = jacobian.row(row);
         for i in 0..columns.len() {
             for j in 0..=i {
-                visit(columns[j], columns[i], values[i] * values[j]);
+                visit(
+                    columns[j] as usize,
+                    columns[i] as usize,
+                    values[i] * values[j],
+                );
             }
         }
     }
