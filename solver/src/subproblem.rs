@@ -31,6 +31,9 @@ pub(crate) struct Subproblem {
     pub(crate) predicted: f64,
     target: Vec<f64>,
     image: Vec<f64>,
+    /// True if the image is that of the step by the Jacobian, and if the step is the undamped one.
+    has_image: bool,
+    is_newton: bool,
     multipliers: Vec<f64>,
     newton: Newton,
 }
@@ -58,6 +61,8 @@ impl Subproblem {
             predicted: 0.0,
             target: vec![0.0; columns],
             image: vec![0.0; rows],
+            has_image: false,
+            is_newton: false,
             multipliers: vec![0.0; columns],
             newton: Newton {
                 step: vec![0.0; columns],
@@ -82,6 +87,7 @@ impl Subproblem {
         self.newton.step.copy_from_slice(&self.step);
         self.newton.predicted = self.predicted;
         self.newton.inverse_form = None;
+        self.is_newton = true;
     }
 
     /// [`Newton::inverse_form`] of the undamped step, which `linear` solved for last if it was not asked for before.
@@ -120,7 +126,10 @@ impl Subproblem {
         residuals: &[f64],
         linear: &mut dyn LinearSolver,
     ) {
-        self.step.copy_from_slice(&self.newton.step);
+        if !self.is_newton {
+            self.step.copy_from_slice(&self.newton.step);
+            (self.is_newton, self.has_image) = (true, false);
+        }
         self.predicted = self.newton.predicted;
         self.damping = 0.0;
         let mut excess = norm(&self.step) - radius;
@@ -171,6 +180,7 @@ impl Subproblem {
         if is_too_long {
             let shrink = radius / (radius + excess);
             self.step.iter_mut().for_each(|y| *y *= shrink);
+            self.has_image = false;
         }
         let at_minimum = !is_too_long && self.is_at_minimum();
         self.predict(at_minimum, jacobian, residuals);
@@ -183,7 +193,7 @@ impl Subproblem {
         residuals: &[f64],
         there: &mut [f64],
     ) {
-        jacobian.times(&self.step, &mut self.image);
+        self.make_image(jacobian);
         let length = at_once(there.len());
         let known = self.image.chunks(length).zip(residuals.chunks(length));
         let rows = there.len();
@@ -205,9 +215,9 @@ impl Subproblem {
         residuals: &[f64],
         linear: &mut dyn LinearSolver,
     ) -> &[f64] {
-        linear.load(jacobian, residuals);
         self.target.fill(0.0);
-        linear.solve(self.damping, &self.held, &mut self.target);
+        let target = &mut self.target;
+        linear.solve_again(jacobian, residuals, self.damping, &self.held, target);
         &self.target
     }
 
@@ -239,6 +249,7 @@ impl Subproblem {
         linear: &mut dyn LinearSolver,
     ) -> bool {
         self.damping = damping;
+        (self.is_newton, self.has_image) = (false, false);
         if !self.bounded {
             self.target.fill(0.0);
             let full_rank = linear.solve(damping, &self.held, &mut self.target);
@@ -319,6 +330,7 @@ impl Subproblem {
 
     fn model_gradient(&mut self, jacobian: &Jacobian, residuals: &[f64]) {
         jacobian.times(&self.step, &mut self.image);
+        self.has_image = false;
         for (image, r) in self.image.iter_mut().zip(residuals) {
             *image += r;
         }
@@ -328,8 +340,15 @@ impl Subproblem {
         }
     }
 
+    fn make_image(&mut self, jacobian: &Jacobian) {
+        if !self.has_image {
+            jacobian.times(&self.step, &mut self.image);
+            self.has_image = true;
+        }
+    }
+
     fn predict(&mut self, at_minimum: bool, jacobian: &Jacobian, residuals: &[f64]) {
-        jacobian.times(&self.step, &mut self.image);
+        self.make_image(jacobian);
         let image = dot(&self.image, &self.image);
         self.predicted = if at_minimum {
             // equal to the general form at the minimum of the damped model, and free of cancellation

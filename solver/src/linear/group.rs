@@ -165,6 +165,12 @@ impl Pattern {
         self.products[outer] + 2 * self.kept_entries() + outer + 1
     }
 
+    /// The place of the steps, for other vectors of the groups.
+    pub(super) fn steps_mut<'a>(&self, factors: &'a mut [Lanes]) -> &'a mut [Lanes] {
+        let first = factors.len() - self.own;
+        &mut factors[first..]
+    }
+
     /// Takes the numbers of a block of groups, at most as many as there are lanes, out of the Jacobian; `rows` are those of
     /// one group after the other. Lanes past the end are groups of unit columns that touch nothing.
     pub(super) fn load(
@@ -185,29 +191,55 @@ impl Pattern {
         values[sums..].fill(Lanes::ZERO);
         for (lane, rows) in rows.chunks_exact(self.rows.len()).enumerate() {
             let mut places = self.places.iter();
-            let residual = outer * own + self.kept_entries();
-            for (k, &row) in rows[..outer].iter().enumerate() {
-                values[residual + k][lane] = residuals[row];
+            for &row in &rows[..outer] {
                 for (&value, &place) in jacobian.row(row).1.iter().zip(&mut places) {
                     values[place][lane] = value;
                 }
             }
         }
         let (_, rest) = values.split_at_mut(outer * own + self.kept_entries() + outer);
-        let (normal, gradient) = rest.split_at_mut(own * own);
+        let (normal, _) = rest.split_at_mut(own * own);
         for pivot in normal.iter_mut().step_by(own + 1) {
             pivot.0[groups..].fill(1.0);
         }
         for (lane, rows) in rows.chunks_exact(self.rows.len()).enumerate() {
             for (&row, entries) in rows.iter().zip(&self.rows).skip(outer) {
                 let numbers = jacobian.row(row).1;
-                for (first, &value) in entries.iter().zip(numbers) {
-                    let Entry::Own(i) = *first else { continue };
-                    gradient[i][lane] += value * residuals[row];
-                    for (second, &other) in entries.iter().zip(numbers) {
-                        if let Entry::Own(j) = *second {
-                            normal[i * own + j][lane] += value * other;
-                        }
+                let of_own = |(entry, &value): (&Entry, &f64)| match *entry {
+                    Entry::Own(column) => Some((column, value)),
+                    Entry::Kept(_) => None,
+                };
+                let of_own = entries.iter().zip(numbers).filter_map(of_own);
+                for (i, value) in of_own.clone() {
+                    for (j, other) in of_own.clone() {
+                        normal[i * own + j][lane] += value * other;
+                    }
+                }
+            }
+        }
+        self.load_residuals(rows, jacobian, residuals, values);
+    }
+
+    /// Takes other residuals beside the numbers of the Jacobian.
+    pub(super) fn load_residuals(
+        &self,
+        rows: &[usize],
+        jacobian: &Jacobian,
+        residuals: &[f64],
+        values: &mut [Lanes],
+    ) {
+        let (own, outer) = (self.own, self.outer.len());
+        let (others, gradient) = values.split_at_mut(values.len() - own);
+        let of_rows = &mut others[outer * own + self.kept_entries()..][..outer];
+        gradient.fill(Lanes::ZERO);
+        for (lane, rows) in rows.chunks_exact(self.rows.len()).enumerate() {
+            for (r, &row) in of_rows.iter_mut().zip(rows) {
+                r[lane] = residuals[row];
+            }
+            for (&row, entries) in rows.iter().zip(&self.rows).skip(outer) {
+                for (entry, &value) in entries.iter().zip(jacobian.row(row).1) {
+                    if let Entry::Own(column) = *entry {
+                        gradient[column][lane] += value * residuals[row];
                     }
                 }
             }
@@ -248,32 +280,20 @@ impl Pattern {
         sums[sums.len() - 1] == Lanes::ZERO
     }
 
+    /// Makes z of a block of groups that was factored before for other residuals, and adds to `sums` the gradient for each
+    /// kept entry.
+    pub(super) fn substitute(&self, values: &[Lanes], factors: &mut [Lanes], sums: &mut [Lanes]) {
+        vectorized(Substitute(self), values, &[], factors, sums);
+    }
+
     /// Replaces z by the step, given that of the kept parameters.
     pub(super) fn back_substitute(&self, values: &[Lanes], factors: &mut [Lanes], kept: &[f64]) {
         vectorized(BackSubstitute(self), values, kept, factors, &mut []);
     }
 
-    /// Replaces x by `L⁻¹x`, and adds `FᵀWᵀL⁻¹x` to a sum for each kept entry.
-    pub(super) fn influence(
-        &self,
-        values: &[Lanes],
-        factors: &[Lanes],
-        x: &mut [Lanes],
-        sums: &mut [Lanes],
-    ) {
-        let (outer, f) = (self.outer.len(), self.values(values).f);
-        let (lower, rest) = factors.split_at(self.own * self.own);
-        forward(lower, self.own, x);
-        for r in 0..outer {
-            let mut image = Lanes::ZERO;
-            for (x, w) in x.iter().zip(rest.chunks_exact(outer)) {
-                image = plus(image, *x, w[r]);
-            }
-            let range = self.starts[r]..self.starts[r + 1];
-            for (sum, f) in sums[range.clone()].iter_mut().zip(&f[range]) {
-                *sum = plus(*sum, *f, image);
-            }
-        }
+    /// Replaces x, which stands where [`Self::steps_mut`] says, by `L⁻¹x`, and adds `FᵀWᵀL⁻¹x` to a sum for each kept entry.
+    pub(super) fn influence(&self, values: &[Lanes], factors: &mut [Lanes], sums: &mut [Lanes]) {
+        vectorized(Influence(self), values, &[], factors, sums);
     }
 
     /// Takes the sums for kept entries from a vector over the kept parameters; of one lane, or of all.
@@ -346,11 +366,7 @@ impl Pattern {
         let (gradient, rest) = rest.split_at_mut(entries);
         let (scaled, rest) = rest.split_at_mut(entries);
         let (right, irregular) = rest.split_at_mut(outer);
-        z.copy_from_slice(values.gradient);
         for i in 0..own {
-            for (row, r) in values.r.iter().enumerate() {
-                z[i] = plus(z[i], values.e[row * own + i], *r);
-            }
             for j in 0..=i {
                 let mut sum = values.normal[i * own + j];
                 for row in values.e.chunks_exact(own) {
@@ -363,7 +379,7 @@ impl Pattern {
             }
         }
         cholesky(lower, own, &mut irregular[0]);
-        forward(lower, own, z);
+        gradient_forward(own, values, lower, z);
         let mut column = [Lanes::ZERO; MAX_GROUP];
         for (row, right) in right.iter_mut().enumerate() {
             let column = &mut column[..own];
@@ -397,6 +413,52 @@ impl Pattern {
                 for (product, scaled) in products.iter_mut().zip(scaled) {
                     *product = plus(*product, *f, *scaled);
                 }
+            }
+        }
+    }
+}
+
+/// Forward substitution of residuals in a block of groups.
+struct Substitute<'a>(&'a Pattern);
+
+impl Kernel for Substitute<'_> {
+    #[inline(always)]
+    fn run(self, values: &[Lanes], _: &[f64], factors: &mut [Lanes], sums: &mut [Lanes]) {
+        let (pattern, outer) = (self.0, self.0.outer.len());
+        let values = pattern.values(values);
+        let Factors { lower, w, z } = pattern.factors(factors);
+        gradient_forward(pattern.own, values, lower, z);
+        for (r, residual) in values.r.iter().enumerate() {
+            let mut right = *residual;
+            for (z, w) in z.iter().zip(w.chunks_exact(outer)) {
+                right = minus(right, w[r], *z);
+            }
+            let range = pattern.starts[r]..pattern.starts[r + 1];
+            for (sum, f) in sums[range.clone()].iter_mut().zip(&values.f[range]) {
+                *sum = plus(*sum, *f, right);
+            }
+        }
+    }
+}
+
+/// Influence of the groups of a block on the kept parameters.
+struct Influence<'a>(&'a Pattern);
+
+impl Kernel for Influence<'_> {
+    #[inline(always)]
+    fn run(self, values: &[Lanes], _: &[f64], factors: &mut [Lanes], sums: &mut [Lanes]) {
+        let (pattern, outer) = (self.0, self.0.outer.len());
+        let f = pattern.values(values).f;
+        let Factors { lower, w, z: x } = pattern.factors(factors);
+        forward(lower, pattern.own, x);
+        for r in 0..outer {
+            let mut image = Lanes::ZERO;
+            for (x, w) in x.iter().zip(w.chunks_exact(outer)) {
+                image = plus(image, *x, w[r]);
+            }
+            let range = pattern.starts[r]..pattern.starts[r + 1];
+            for (sum, f) in sums[range.clone()].iter_mut().zip(&f[range]) {
+                *sum = plus(*sum, *f, image);
             }
         }
     }
@@ -487,6 +549,18 @@ fn forward(lower: &[Lanes], size: usize, x: &mut [Lanes]) {
         }
         x[i] = over(sum, lower[i * size + i]);
     }
+}
+
+/// Replaces z by `L⁻¹` times the gradient of groups.
+#[inline(always)]
+fn gradient_forward(own: usize, values: Values<'_>, lower: &[Lanes], z: &mut [Lanes]) {
+    z.copy_from_slice(values.gradient);
+    for (i, z) in z.iter_mut().enumerate() {
+        for (row, r) in values.r.iter().enumerate() {
+            *z = plus(*z, values.e[row * own + i], *r);
+        }
+    }
+    forward(lower, own, z);
 }
 
 /// `sum + a b`.

@@ -66,6 +66,20 @@ pub(crate) trait LinearSolver {
     /// columns not held have full rank; if not, `step` is a solution, not necessarily the shortest.
     fn solve(&mut self, damping: f64, held: &[bool], step: &mut [f64]) -> bool;
 
+    /// [`load`](Self::load) of other residuals beside the Jacobian that was loaded last, and [`solve`](Self::solve): what was
+    /// factored may serve again.
+    fn solve_again(
+        &mut self,
+        jacobian: &Jacobian,
+        residuals: &[f64],
+        damping: f64,
+        held: &[bool],
+        step: &mut [f64],
+    ) -> bool {
+        self.load(jacobian, residuals);
+        self.solve(damping, held, step)
+    }
+
     /// `vᵀ (JᵀJ + damping I)⁻¹ v` over the entries not held at the last [`solve`](Self::solve).
     fn inverse_form(&mut self, v: &[f64]) -> f64;
 }
@@ -127,4 +141,80 @@ pub(crate) fn new_solver(
 /// True if elimination leaves a problem that is small and much smaller.
 pub(crate) fn pays(elimination: &Elimination, columns: usize) -> bool {
     elimination.kept.len() <= REDUCED_COLUMNS && 2 * elimination.kept.len() <= columns
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::jacobian::{JacobianPattern, narrow};
+
+    const GROUPS: usize = 21;
+    const KEPT: usize = 3;
+
+    /// Numbers without pattern, between −1 and 1.
+    fn numbers(count: usize, seed: u64) -> Vec<f64> {
+        let mut state = seed;
+        let mut next = || {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
+            (state >> 40) as f64 / f64::from(1 << 23) - 1.0
+        };
+        (0..count).map(|_| next()).collect()
+    }
+
+    /// Groups of two columns in three rows with kept ones each and a row of their own, and a row of kept columns alone.
+    fn jacobian() -> Jacobian {
+        let mut pattern = JacobianPattern::new(KEPT + 2 * GROUPS);
+        for group in 0..GROUPS {
+            let own = KEPT + 2 * group;
+            for row in 0..3 {
+                pattern.push_rows(&[row, own, own + 1], &[3]);
+            }
+            pattern.push_rows(&[own], &[1]);
+        }
+        pattern.push_rows(&[0, 1, 2], &[3]);
+        let mut jacobian = pattern.into_jacobian();
+        let count = jacobian.values.len();
+        jacobian.values.copy_from_slice(&numbers(count, 1));
+        jacobian
+    }
+
+    #[test]
+    fn other_residuals_are_solved_for_with_the_factor_at_hand() {
+        let jacobian = jacobian();
+        let (rows, columns) = (jacobian.row_count(), jacobian.column_count);
+        let groups = SchurCholesky::elimination(&jacobian);
+        assert_eq!((groups.groups.len(), groups.kept.len()), (GROUPS, KEPT));
+        let solver = || SchurCholesky::new(&jacobian, &groups);
+        let (first, other) = (numbers(rows, 2), numbers(rows, 3));
+        for held in [None, Some(1), Some(KEPT + 4)] {
+            let held: Vec<bool> = (0..columns).map(|column| Some(column) == held).collect();
+            for damping in [0.0, 0.3, 0.7] {
+                let (mut fresh, mut at_hand) = (vec![0.1; columns], vec![0.1; columns]);
+                let mut linear = solver();
+                linear.load(&jacobian, &other);
+                let has_rank = linear.solve(damping, &held, &mut fresh);
+
+                let mut linear = solver();
+                linear.load(&jacobian, &first);
+                linear.solve(0.3, &held, &mut at_hand);
+                // In between the factor is asked something else.
+                linear.inverse_form(&first[..columns]);
+                let again = linear.solve_again(&jacobian, &other, damping, &held, &mut at_hand);
+                assert_eq!(again, has_rank);
+                let differs = |column: &usize| !held[*column] && at_hand[*column] != fresh[*column];
+                assert_eq!((0..columns).find(differs), None, "damping {damping}");
+            }
+        }
+    }
+
+    #[test]
+    fn groups_of_columns_in_many_rows_are_kept() {
+        let jacobian = jacobian();
+        let all = Elimination::detect(&jacobian, u32::MAX);
+        let few = Elimination::detect(&jacobian, narrow(GROUPS));
+        assert_eq!(few.kept, (0..KEPT).collect::<Vec<_>>());
+        assert_eq!((all.groups, all.kept), (few.groups, few.kept));
+    }
 }

@@ -71,6 +71,8 @@ pub(crate) struct SchurCholesky {
     base: Normal,
     factor: Option<Llt<f64>>,
     kept_step: Mat<f64>,
+    /// Damping with which all is factored, if no column was held.
+    factored: Option<f64>,
     /// True if all is factored without damping or held columns, and nothing was solved since.
     is_undamped: bool,
 }
@@ -218,6 +220,7 @@ impl SchurCholesky {
             base: Normal::new(kept.len()),
             kept_step: Mat::zeros(kept.len(), 1),
             factor: None,
+            factored: None,
             is_undamped: false,
             places,
             kept,
@@ -227,6 +230,7 @@ impl SchurCholesky {
     /// Eliminates and factors; false if something is not positive definite.
     fn factor(&mut self, damping: f64, held: &[bool], step: &[f64]) -> bool {
         let size = self.kept.len();
+        self.factored = None;
         let sums: Vec<Option<Normal>> =
             parallel::map_owned(portions(&mut self.classes), |portions| {
                 let mut normal = Normal::new(size);
@@ -266,7 +270,9 @@ impl SchurCholesky {
             return false;
         };
         factor.solve_in_place(self.kept_step.as_mut());
-        (0..size).all(|place| self.kept_step[(place, 0)].is_finite())
+        let is_finite = (0..size).all(|place| self.kept_step[(place, 0)].is_finite());
+        self.factored = (is_finite && !held.contains(&true)).then_some(damping);
+        is_finite
     }
 
     /// Factors `JᵀJ`; false if it is not positive definite.
@@ -313,9 +319,47 @@ impl SchurCholesky {
         entry
     }
 
+    /// Information of the rows in which no eliminated parameter occurs.
+    fn load_other_rows(&mut self, jacobian: &Jacobian, residuals: &[f64]) {
+        let size = self.kept.len();
+        self.base.matrix.fill(0.0);
+        self.base.gradient.fill(0.0);
+        for &row in &self.other_rows {
+            let (columns, values) = jacobian.row(row);
+            for (i, (&first, &value)) in columns.iter().zip(values).enumerate() {
+                let Place::Kept(first) = self.places[first as usize] else {
+                    continue;
+                };
+                let first = first as usize;
+                self.base.gradient[first] += value * residuals[row];
+                for (&second, &other) in columns[..=i].iter().zip(values) {
+                    if let Place::Kept(second) = self.places[second as usize] {
+                        self.base.matrix[first * size + second as usize] += value * other;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Steps of the groups, given that of the kept parameters, and all entries that are not held.
+    fn back_substitute(&mut self, held: &[bool], step: &mut [f64]) {
+        let kept_step = self.kept_step.col_as_slice(0);
+        parallel::map_owned(portions(&mut self.classes), |portions| {
+            for portion in portions {
+                portion.back_substitute(kept_step);
+            }
+        });
+        self.gather(held, step);
+    }
+
     /// Writes the entries of the step that are not held, after back substitution.
     fn gather(&self, held: &[bool], step: &mut [f64]) {
         let kept = self.kept_step.col_as_slice(0);
+        let of_class = |class: &'_ Class| {
+            let (own, length) = (class.pattern.own, class.pattern.factors_len());
+            (length, length - own)
+        };
+        let places: Vec<(usize, usize)> = self.classes.iter().map(of_class).collect();
         let chunks: Vec<_> = step.chunks_mut(COLUMNS).enumerate().collect();
         parallel::map_owned(chunks, |(chunk, step)| {
             for (column, step) in (chunk * COLUMNS..).zip(step) {
@@ -329,9 +373,10 @@ impl SchurCholesky {
                         group,
                         place,
                     } => {
-                        let class = &self.classes[class as usize];
-                        let (_, factors) = class.block(group as usize / LANES);
-                        class.pattern.steps(factors)[place as usize][group as usize % LANES]
+                        let (length, first) = places[class as usize];
+                        let (block, lane) = (group as usize / LANES, group as usize % LANES);
+                        let factors = &self.classes[class as usize].factors;
+                        factors[block * length + first + place as usize][lane]
                     }
                 };
             }
@@ -355,13 +400,19 @@ impl SchurCholesky {
         let class = &self.classes[class as usize];
         let (block, lane) = (group as usize / LANES, group as usize % LANES);
         let pattern = &class.pattern;
-        let mut x = [Lanes::ZERO; MAX_GROUP];
-        x[place as usize][lane] = 1.0;
         let mut sums = vec![Lanes::ZERO; pattern.kept_entries()];
         let (values, factors) = class.block(block);
-        pattern.influence(values, factors, &mut x[..pattern.own], &mut sums);
+        let mut factors = factors.to_vec();
+        let x = pattern.steps_mut(&mut factors);
+        x.fill(Lanes::ZERO);
+        x[place as usize][lane] = 1.0;
+        pattern.influence(values, &mut factors, &mut sums);
         pattern.subtract(&sums, Some(lane), &mut kept);
-        (kept, x.map(|x| x[lane]))
+        let mut own = [0.0; MAX_GROUP];
+        for (own, x) in own.iter_mut().zip(pattern.steps(&factors)) {
+            *own = x[lane];
+        }
+        (kept, own)
     }
 }
 
@@ -401,6 +452,20 @@ impl Portion<'_> {
         true
     }
 
+    /// Takes other residuals, and what they say of the kept parameters from `right`.
+    fn substitute(self, jacobian: &Jacobian, residuals: &[f64], right: &mut [f64]) {
+        let pattern = self.pattern;
+        let mut sums = vec![Lanes::ZERO; pattern.kept_entries()];
+        let values = self.values.chunks_exact_mut(pattern.values_len());
+        let factors = self.factors.chunks_exact_mut(pattern.factors_len());
+        let blocks = self.rows.chunks(LANES * pattern.rows.len());
+        for (rows, (values, factors)) in blocks.zip(values.zip(factors)) {
+            pattern.load_residuals(rows, jacobian, residuals, values);
+            pattern.substitute(values, factors, &mut sums);
+        }
+        pattern.subtract(&sums, None, right);
+    }
+
     fn back_substitute(self, kept: &[f64]) {
         let pattern = self.pattern;
         let values = self.values.chunks_exact(pattern.values_len());
@@ -415,18 +480,18 @@ impl Portion<'_> {
         let (pattern, own) = (self.pattern, self.pattern.own);
         let mut sums = vec![Lanes::ZERO; pattern.kept_entries()];
         let values = self.values.chunks_exact(pattern.values_len());
-        let factors = self.factors.chunks_exact(pattern.factors_len());
+        let factors = self.factors.chunks_exact_mut(pattern.factors_len());
         let blocks = self.columns.chunks(LANES * own);
         for (columns, (values, factors)) in blocks.zip(values.zip(factors)) {
-            let mut x = [Lanes::ZERO; MAX_GROUP];
-            let x = &mut x[..own];
+            let x = pattern.steps_mut(factors);
+            x.fill(Lanes::ZERO);
             for (lane, columns) in columns.chunks_exact(own).enumerate() {
                 for (x, &column) in x.iter_mut().zip(columns) {
                     x[lane] = v[column];
                 }
             }
-            pattern.influence(values, factors, x, &mut sums);
-            for x in x {
+            pattern.influence(values, factors, &mut sums);
+            for x in pattern.steps(factors) {
                 for (form, x) in form.0.iter_mut().zip(x.0) {
                     *form += x * x;
                 }
@@ -444,24 +509,8 @@ impl LinearSolver for SchurCholesky {
             }
         });
         self.is_undamped = false;
-        let size = self.kept.len();
-        self.base.matrix.fill(0.0);
-        self.base.gradient.fill(0.0);
-        for &row in &self.other_rows {
-            let (columns, values) = jacobian.row(row);
-            for (i, (&first, &value)) in columns.iter().zip(values).enumerate() {
-                let Place::Kept(first) = self.places[first as usize] else {
-                    continue;
-                };
-                let first = first as usize;
-                self.base.gradient[first] += value * residuals[row];
-                for (&second, &other) in columns[..=i].iter().zip(values) {
-                    if let Place::Kept(second) = self.places[second as usize] {
-                        self.base.matrix[first * size + second as usize] += value * other;
-                    }
-                }
-            }
-        }
+        self.factored = None;
+        self.load_other_rows(jacobian, residuals);
     }
 
     fn solve(&mut self, damping: f64, held: &[bool], step: &mut [f64]) -> bool {
@@ -476,18 +525,47 @@ impl LinearSolver for SchurCholesky {
         if !solved {
             return false;
         }
-        let kept_step = self.kept_step.col_as_slice(0);
-        parallel::map_owned(portions(&mut self.classes), |portions| {
-            for portion in portions {
-                portion.back_substitute(kept_step);
-            }
-        });
-        self.gather(held, step);
+        self.back_substitute(held, step);
         // A factorisation without pivoting cannot vouch for rank unless damped.
         used == damping && damping > 0.0
     }
 
+    fn solve_again(
+        &mut self,
+        jacobian: &Jacobian,
+        residuals: &[f64],
+        damping: f64,
+        held: &[bool],
+        step: &mut [f64],
+    ) -> bool {
+        if self.factored != Some(damping) || held.contains(&true) {
+            self.load(jacobian, residuals);
+            return self.solve(damping, held, step);
+        }
+        self.load_other_rows(jacobian, residuals);
+        let size = self.kept.len();
+        let of_portions = parallel::map_owned(portions(&mut self.classes), |portions| {
+            let mut right = vec![0.0; size];
+            for portion in portions {
+                portion.substitute(jacobian, residuals, &mut right);
+            }
+            right
+        });
+        for place in 0..size {
+            let less = of_portions.iter().map(|right| right[place]);
+            self.kept_step[(place, 0)] =
+                less.fold(-self.base.gradient[place], |sum, own| sum + own);
+        }
+        if let Some(factor) = &self.factor {
+            factor.solve_in_place(self.kept_step.as_mut());
+        }
+        self.is_undamped = false;
+        self.back_substitute(held, step);
+        damping > 0.0
+    }
+
     fn inverse_form(&mut self, v: &[f64]) -> f64 {
+        self.is_undamped = false;
         let mut kept: Vec<f64> = self.kept.iter().map(|&column| v[column]).collect();
         let of_portions = parallel::map_owned(portions(&mut self.classes), |portions| {
             let mut form = Lanes::ZERO;
