@@ -350,6 +350,15 @@ impl Kernel for Eliminate<'_> {
 }
 
 impl Pattern {
+    /// Adds the kept entries of a row, of all `f`, times a factor.
+    #[inline(always)]
+    fn add_row(&self, row: usize, f: &[Lanes], factor: Lanes, sums: &mut [Lanes]) {
+        let range = self.starts[row]..self.starts[row + 1];
+        for (sum, f) in sums[range.clone()].iter_mut().zip(&f[range]) {
+            *sum = plus(*sum, *f, factor);
+        }
+    }
+
     #[inline(always)]
     fn eliminate_columns(
         &self,
@@ -433,10 +442,7 @@ impl Kernel for Substitute<'_> {
             for (z, w) in z.iter().zip(w.chunks_exact(outer)) {
                 right = minus(right, w[r], *z);
             }
-            let range = pattern.starts[r]..pattern.starts[r + 1];
-            for (sum, f) in sums[range.clone()].iter_mut().zip(&values.f[range]) {
-                *sum = plus(*sum, *f, right);
-            }
+            pattern.add_row(r, values.f, right, sums);
         }
     }
 }
@@ -456,10 +462,7 @@ impl Kernel for Influence<'_> {
             for (x, w) in x.iter().zip(w.chunks_exact(outer)) {
                 image = plus(image, *x, w[r]);
             }
-            let range = pattern.starts[r]..pattern.starts[r + 1];
-            for (sum, f) in sums[range.clone()].iter_mut().zip(&f[range]) {
-                *sum = plus(*sum, *f, image);
-            }
+            pattern.add_row(r, f, image, sums);
         }
     }
 }
