@@ -1,7 +1,10 @@
 //! Normal equations that families accumulate, against the stored Jacobian.
 
 use tau_runtime::{Formulas, Pattern, ResidualFamily, Samples, Shape};
-use tau_solver::{Block, Method, Options, Parameter, Problem, Solution, solve};
+use tau_solver::{
+    Block, Loss, Method, Options, Parameter, Problem, Solution, covariance_and_identifiability,
+    solve,
+};
 
 /// Residual `exp(a t) (b + c t + d t²) − y` of a sample `t, y`.
 struct Growth;
@@ -48,8 +51,8 @@ impl Formulas for Growth {
 
 const TRUTH: [f64; 4] = [0.7, 2.0, -1.0, 0.5];
 
-/// Fits samples between two times, with noise.
-fn fit(method: Method, from: f64, to: f64, samples: u32, noise: f64) -> Solution {
+/// Samples between two times, with noise.
+fn growth(from: f64, to: f64, samples: u32, noise: f64, loss: Loss) -> Problem<'static> {
     let data: Vec<f64> = (0..samples)
         .flat_map(|i| {
             let t = from + (to - from) * f64::from(i) / f64::from(samples);
@@ -62,19 +65,50 @@ fn fit(method: Method, from: f64, to: f64, samples: u32, noise: f64) -> Solution
     let parameters = TRUTH.iter().zip(sigma).map(|(truth, sigma)| {
         Parameter::new("p", truth + 0.3 * sigma).with_prior(truth + 0.3 * sigma, sigma)
     });
-    let problem =
-        Problem {
-            parameters: parameters.collect(),
-            blocks: vec![
-                Block::new("growth", &Growth, vec![0, 1, 2, 3], &data)
-                    .with_weights(vec![1e3; samples as usize]),
-            ],
-        };
+    let block = Block::new("growth", &Growth, vec![0, 1, 2, 3], &data);
+    Problem {
+        parameters: parameters.collect(),
+        blocks: vec![
+            block
+                .with_weights(vec![1e3; samples as usize])
+                .with_loss(loss),
+        ],
+    }
+}
+
+fn fit(method: Method, from: f64, to: f64, samples: u32, noise: f64) -> Solution {
+    let problem = growth(from, to, samples, noise, Loss::Squared);
     let options = Options {
         method,
         ..Options::default()
     };
     solve(&problem, &options).expect("a problem that makes sense")
+}
+
+#[test]
+fn what_is_known_is_the_same_from_the_stored_jacobian() {
+    // Over the short time the data leave a direction to the priors, and normal equations do not serve.
+    for (to, undetermined) in [(2.0, 0), (-1.999, 1)] {
+        // A loss that no residual reaches takes the way of the stored Jacobian.
+        let known = [Loss::Squared, Loss::Huber(1e12)].map(|loss| {
+            let problem = growth(-2.0, to, 300, 1e-3, loss);
+            covariance_and_identifiability(&problem, &TRUTH).expect("a problem that makes sense")
+        });
+        let [(fused, found), (stored, expected)] = &known;
+        assert_eq!(found.rank, expected.rank);
+        assert_eq!(found.undetermined.len(), expected.undetermined.len());
+        assert!(found.undetermined.len() >= undetermined);
+        for (own, other) in found.undetermined.iter().zip(&expected.undetermined) {
+            assert!((own.data_over_prior / other.data_over_prior - 1.0).abs() < 1e-6);
+        }
+        for (i, j) in (0..4).flat_map(|i| (0..4).map(move |j| (i, j))) {
+            let off = fused.covariance(i, j) - stored.covariance(i, j);
+            assert!(
+                off.abs() < 1e-8 * stored.sigma(i) * stored.sigma(j),
+                "{i} {j}: {off}"
+            );
+        }
+    }
 }
 
 #[test]
