@@ -88,7 +88,7 @@ fn fit(method: Method, from: f64, to: f64, samples: u32, noise: f64) -> Solution
 #[test]
 fn what_is_known_is_the_same_from_the_stored_jacobian() {
     // Over the short time the data leave a direction to the priors, and normal equations do not serve.
-    for (to, undetermined) in [(2.0, 0), (-1.999, 1)] {
+    for (to, undetermined) in [(2.0, 0), (-1.98, 1)] {
         // A loss that no residual reaches takes the way of the stored Jacobian.
         let known = [Loss::Squared, Loss::Huber(1e12)].map(|loss| {
             let problem = growth(-2.0, to, 300, 1e-3, loss);
