@@ -14,8 +14,8 @@ use super::significance::Null;
 const MOSTLY_ABSORBED: f64 = 0.01;
 
 /// Detectable and undetectable effects beside a model at the stated noise, since what a model lacks enlarges that which
-/// residuals show: of that model are the candidates' best columns; `table` has their null distributions. Undetectable candidates are hidden, that is, they take
-/// no part in the search and cost no significance.
+/// residuals show: of that model are the candidates' best columns; `table` has their null distributions. Undetectable
+/// candidates are hidden, that is, they take no part in the search and cost no significance.
 pub(super) fn detectability(
     set: &mut CandidateSet,
     best_columns: &[Option<(Column, f64)>],

@@ -134,7 +134,7 @@ impl ByColumn {
         &self,
         jacobian: &Jacobian,
         terms: impl Fn(usize, f64) -> [f64; N] + Sync,
-        outs: [&mut [f64]; N],
+        mut outs: [&mut [f64]; N],
     ) {
         let add = |sums: &mut [f64; N], row: usize, value: f64| {
             for (sum, term) in sums.iter_mut().zip(terms(row, value)) {
@@ -144,7 +144,6 @@ impl ByColumn {
         let mut chunks: Vec<_> = (0..self.ends.len().div_ceil(CHUNK))
             .map(|chunk| (chunk * CHUNK, from_fn(|_| &mut [][..])))
             .collect();
-        let mut outs = outs;
         for (k, out) in outs.iter_mut().enumerate() {
             for ((_, own), out) in chunks.iter_mut().zip(out.chunks_mut(CHUNK)) {
                 own[k] = out;

@@ -73,9 +73,11 @@ impl<'a> Table<'a> {
             lines: Vec::new(),
         };
         let mut ragged = Vec::new();
-        let rows = source.text.bytes().filter(|byte| *byte == b'\n').count();
-        table.fields.reserve_exact(rows * table.header.len());
-        table.lines.reserve_exact(rows);
+        // As many as there can be: vectors that grow would copy themselves into memory that is twice as large.
+        let count = |of: u8| source.text.bytes().filter(|byte| *byte == of).count();
+        let lines = count(b'\n') + 1;
+        table.fields.reserve_exact(lines + count(b','));
+        table.lines.reserve_exact(lines);
         for (index, line) in numbered {
             let start = table.fields.len();
             split(source, line.clone(), &mut table.fields);
@@ -449,5 +451,33 @@ fn unit_advice(name: &str, found: &str) -> String {
         "mm" => convert("millimetres to metres"),
         "deg" => convert("degrees to radians"),
         _ => format!("name the column `{name}`"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_are_counted_by_their_fields() {
+        let text = "a,b\n1,2\n\n\"3\", 4\n5\n6,7";
+        let mut mistakes = Mistakes::new(Source::new("table.csv", text));
+        let table = Table::parse(&mut mistakes).expect("a table");
+        assert_eq!((table.rows(), mistakes.len()), (3, 1));
+        let row = |row| (table.line(row), table.text(row, 0), table.text(row, 1));
+        assert_eq!(
+            [0, 1, 2].map(row),
+            [(2, "1", "2"), (4, "3", "4"), (6, "6", "7")]
+        );
+    }
+
+    /// As many fields as a million lines of as many would have do not fit in memory.
+    #[test]
+    fn many_columns_over_many_blank_lines_take_no_more_memory_than_the_text() {
+        const MANY: usize = 1_000_000;
+        let text = format!("a{}{}", ",".repeat(MANY), "\n".repeat(MANY));
+        let mut mistakes = Mistakes::new(Source::new("table.csv", &text));
+        assert!(Table::parse(&mut mistakes).is_none());
+        assert_eq!(mistakes.len(), 1);
     }
 }

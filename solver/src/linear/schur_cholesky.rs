@@ -20,11 +20,10 @@ use crate::linear::group::{MOST_ROWS, Normal, Pattern};
 use crate::linear::schur::{Elimination, MAX_GROUP};
 use crate::linear::{LEAST_DAMPING, LinearSolver};
 use crate::parallel;
+use crate::vector::{at_once, on_each};
 
 /// Blocks of groups of a class that are summed up together.
 const CHUNK: usize = 32;
-/// Columns whose step one thread writes at a time.
-const COLUMNS: usize = 1 << 13;
 /// Most portions of the work, each with a sum of its own.
 const PORTIONS: usize = 32;
 
@@ -355,14 +354,15 @@ impl SchurCholesky {
     /// Writes the entries of the step that are not held, after back substitution.
     fn gather(&self, held: &[bool], step: &mut [f64]) {
         let kept = self.kept_step.col_as_slice(0);
-        let of_class = |class: &'_ Class| {
+        let of_class = |class: &Class| {
             let (own, length) = (class.pattern.own, class.pattern.factors_len());
             (length, length - own)
         };
         let places: Vec<(usize, usize)> = self.classes.iter().map(of_class).collect();
-        let chunks: Vec<_> = step.chunks_mut(COLUMNS).enumerate().collect();
-        parallel::map_owned(chunks, |(chunk, step)| {
-            for (column, step) in (chunk * COLUMNS..).zip(step) {
+        let (columns, length) = (step.len(), at_once(step.len()));
+        let parts = step.chunks_mut(length).enumerate();
+        on_each(columns, parts, |(part, step)| {
+            for (column, step) in (part * length..).zip(step) {
                 if held[column] {
                     continue;
                 }
