@@ -365,3 +365,48 @@ impl Subproblem {
         self.bounded && (is_below() || is_above())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::jacobian::JacobianPattern;
+    use crate::linear::{Method, new_solver};
+
+    #[test]
+    fn a_step_depends_on_its_radius_and_not_on_those_before() {
+        let mut pattern = JacobianPattern::new(2);
+        (0..3).for_each(|_| pattern.push_rows(&[0, 1], &[2]));
+        let mut jacobian = pattern.into_jacobian();
+        jacobian
+            .values
+            .copy_from_slice(&[3.0, 1.0, 0.5, 2.0, -1.0, 1.0]);
+        let residuals = [1.0, -2.0, 0.3];
+        let fresh = |radii: &[f64]| {
+            let (_, mut linear) = new_solver(Method::DenseQr, &jacobian).expect("a small matrix");
+            let mut subproblem = Subproblem::new(3, 2, false);
+            jacobian.transpose_times(&residuals, &mut subproblem.gradient);
+            subproblem.load(&jacobian, &residuals, &mut *linear);
+            for &radius in radii {
+                subproblem.solve(radius, 0.0, &jacobian, &residuals, &mut *linear);
+            }
+            // What residuals that are those of the model miss of it is nothing.
+            let mut there = [0.0; 3];
+            jacobian.times(&subproblem.step, &mut there);
+            there
+                .iter_mut()
+                .zip(residuals)
+                .for_each(|(own, r)| *own += r);
+            subproblem.subtract_model(&jacobian, &residuals, &mut there);
+            assert!(there.iter().all(|missed| missed.abs() < 1e-14), "{there:?}");
+            subproblem.step
+        };
+        let length = norm(&fresh(&[1e3]));
+        for radius in [0.2 * length, 0.6 * length, 2.0 * length] {
+            let alone = fresh(&[radius]);
+            assert!(norm(&alone) <= (1.0 + RADIUS_ACCURACY) * radius);
+            for before in [0.1 * length, 0.5 * length, 3.0 * length] {
+                assert_eq!(fresh(&[before, radius]), alone);
+            }
+        }
+    }
+}
