@@ -5,7 +5,7 @@ use std::array::from_fn;
 use tau_runtime::LANES;
 
 use crate::parallel;
-use crate::vector::{CHUNK, SHARED};
+use crate::vector::{CHUNK, SHARED, zeros};
 
 /// Columns with more entries are summed up row by row, the others column by column.
 const NARROW: u32 = 64;
@@ -78,7 +78,7 @@ impl JacobianPattern {
         self.row_starts.shrink_to_fit();
         self.columns.shrink_to_fit();
         Jacobian {
-            values: vec![0.0; self.columns.len()],
+            values: zeros(self.columns.len()),
             by_column: ByColumn::new(&self),
             row_starts: self.row_starts,
             columns: self.columns,

@@ -6,7 +6,7 @@ use crate::linearization::Linearization;
 use crate::partition::{Part, partition};
 use crate::subproblem::Subproblem;
 use crate::system::{NonFinite, constant_cost, require_finite};
-use crate::vector::{at_once, dot, norm, on_each, sum, sum_of_differences};
+use crate::vector::{at_once, dot, norm, on_each, sum, sum_of_differences, zeros};
 use crate::{Error, Iteration, Options, PartSummary, Problem, Solution, Termination};
 
 /// Share of the predicted decrease from which on a step is taken.
@@ -172,7 +172,7 @@ impl<'p> Minimizer<'p> {
         let (rows, columns) = (linearization.residuals().len(), x.len());
         let bounded = lower.iter().any(|l| l.is_finite()) || upper.iter().any(|u| u.is_finite());
         let (method, linear) = new_solver(options.method, linearization.jacobian())?;
-        let mut costs = vec![0.0; linearization.cost_count()];
+        let mut costs = zeros(linearization.cost_count());
         linearization
             .costs(&x, &mut costs)
             .map_err(|fault| fault.into_error(problem))?;
@@ -187,10 +187,10 @@ impl<'p> Minimizer<'p> {
             upper,
             trial: x.clone(),
             x,
-            scale: vec![0.0; columns],
-            norms: vec![0.0; columns],
+            scale: zeros(columns),
+            norms: zeros(columns),
             divisors: Vec::with_capacity(columns),
-            trial_costs: vec![0.0; costs.len()],
+            trial_costs: zeros(costs.len()),
             costs,
             cost,
             radius: 0.0,

@@ -2,7 +2,7 @@
 
 use crate::jacobian::Jacobian;
 use crate::linear::LinearSolver;
-use crate::vector::{at_once, dot, norm, on_each};
+use crate::vector::{at_once, dot, norm, on_each, zeros};
 
 /// Share of the radius by which a step's length may miss it.
 const RADIUS_ACCURACY: f64 = 0.1;
@@ -55,17 +55,17 @@ impl Subproblem {
             upper: vec![f64::INFINITY; columns],
             bounded,
             held: vec![false; columns],
-            gradient: vec![0.0; columns],
-            step: vec![0.0; columns],
+            gradient: zeros(columns),
+            step: zeros(columns),
             damping: 0.0,
             predicted: 0.0,
-            target: vec![0.0; columns],
-            image: vec![0.0; rows],
+            target: zeros(columns),
+            image: zeros(rows),
             has_image: false,
             is_newton: false,
-            multipliers: vec![0.0; columns],
+            multipliers: zeros(columns),
             newton: Newton {
-                step: vec![0.0; columns],
+                step: zeros(columns),
                 predicted: 0.0,
                 is_full_rank: false,
                 inverse_form: None,

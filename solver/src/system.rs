@@ -6,6 +6,7 @@ use tau_runtime::Lanes;
 use crate::jacobian::{Jacobian, JacobianPattern};
 use crate::partition::Part;
 use crate::problem::{Block, Prepared, Prior, Problem};
+use crate::vector::zeros;
 use crate::{Error, Loss};
 
 /// Position in a row of an entry that belongs to no free parameter.
@@ -125,6 +126,10 @@ impl<'p> System<'p> {
             column_of[p] = column;
         }
         let mut pattern = JacobianPattern::new(part.parameters.len());
+        // Where it has to grow it is copied.
+        let priors = part.parameters.iter().map(|&p| problem.parameters[p].prior);
+        let priors = priors.flatten().count();
+        pattern.reserve(priors, priors);
         for block in part.blocks.iter().map(|&b| &problem.blocks[b]) {
             let (rows, entries) = (block.family.shape().residuals, block.family.pattern().len());
             pattern.reserve(block.samples * rows, block.samples * entries);
@@ -172,7 +177,7 @@ impl<'p> System<'p> {
         }
         let jacobian = pattern.into_jacobian();
         Self {
-            residuals: vec![0.0; jacobian.row_count()],
+            residuals: zeros(jacobian.row_count()),
             problem,
             parameters: part.parameters.clone(),
             content,

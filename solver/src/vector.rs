@@ -2,6 +2,7 @@
 
 use std::array::from_fn;
 
+use rayon::iter::IndexedParallelIterator;
 use tau_runtime::{LANES, Lanes};
 
 use crate::parallel;
@@ -32,6 +33,17 @@ pub(crate) fn on_each<T: Send, R: Send>(
     } else {
         parallel::map_owned(parts.collect(), work)
     }
+}
+
+/// So many zeros; of long vectors each core touches its part of fresh memory first, which takes longer than writing to it.
+pub(crate) fn zeros(length: usize) -> Vec<f64> {
+    if length < SHARED {
+        return vec![0.0; length];
+    }
+    let mut zeros = Vec::new();
+    let all = rayon::iter::repeat_n(0.0, length);
+    all.with_min_len(CHUNK).collect_into_vec(&mut zeros);
+    zeros
 }
 
 /// Sum over a vector and another of the same length.

@@ -561,7 +561,7 @@ fn indices(samples: &[Sample], set: u8, track: Option<usize>) -> Vec<usize> {
 /// Indices in the variant of its parameters that what concerns the plate depends on, ascending: closures, and errors of the
 /// tracker.
 pub(crate) fn used_by_plate(machine: &Machine) -> Vec<usize> {
-    let closures = true_pose::TruePose::new(&closures_of(machine));
+    let closures = true_pose::TruePose::new(&closures_of(machine), machine.pose_unknowns());
     let tracker = machine.variant.instances_of(ResidualKind::TrackerError);
     let of_tracker = tracker.flat_map(|own| &own.parameters);
     let mut used: Vec<usize> = closures

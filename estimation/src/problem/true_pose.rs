@@ -26,17 +26,21 @@ pub const CLOSURE_SHARE: f64 = 0.01;
 ///
 /// A sample's data are all that the closures take, each once, then measured position and rotation (by
 /// rows).
+#[derive(Debug)]
 pub(crate) struct TruePose {
     closures: Vec<Closure>,
     inputs: Vec<Input>,
     /// Index of each shared parameter in the variant.
     parameters: Vec<usize>,
+    /// Unknowns of the pose that derivatives are taken by.
+    free: &'static [usize],
     row_starts: Vec<u32>,
     columns: Vec<u32>,
     shape: Shape,
 }
 
 /// A closure with where its numbers come from and go to.
+#[derive(Debug)]
 struct Closure {
     by_parameters: Part,
     by_pose: Part,
@@ -51,6 +55,17 @@ impl Closure {
     fn turns(&self) -> bool {
         self.unknowns.iter().flatten().any(|&unknown| unknown >= 3)
     }
+
+    /// Derivatives by the pose, from the entries of the family by pose.
+    fn by_pose(&self, entries: impl Fn(usize) -> f64) -> [f64; POSE_UNKNOWNS] {
+        let mut gradient = [0.0; POSE_UNKNOWNS];
+        for (entry, &unknown) in self.unknowns.iter().enumerate() {
+            if let Some(unknown) = unknown {
+                gradient[unknown] = entries(entry);
+            }
+        }
+        gradient
+    }
 }
 
 /// A family, with the places of its data and parameters.
@@ -64,8 +79,9 @@ struct Part {
 }
 
 impl TruePose {
-    /// From the closures of a variant by parameters and by pose, in the same order.
-    pub(crate) fn new(closures: &[(Instance, Instance)]) -> Self {
+    /// From the closures of a variant by parameters and by pose, in the same order. Of the unknowns of the pose, rows have
+    /// entries of the `free` ones alone.
+    pub(crate) fn new(closures: &[(Instance, Instance)], free: &'static [usize]) -> Self {
         let instances = || closures.iter().flat_map(|(one, other)| [one, other]);
         let mut inputs: Vec<Input> = instances()
             .flat_map(|instance| instance.inputs.iter().copied())
@@ -99,7 +115,7 @@ impl TruePose {
                 row.dedup();
                 let slot = |entry: &u32| place(&row, &column(entry));
                 let slots = pattern.columns.iter().map(slot).collect();
-                row.extend(width..width + POSE_UNKNOWNS);
+                row.extend(free.iter().map(|unknown| width + unknown));
                 columns.extend(row.into_iter().map(number));
                 row_starts.push(number(columns.len()));
                 let by_pose = part(by_pose);
@@ -127,6 +143,7 @@ impl TruePose {
             closures,
             inputs,
             parameters,
+            free,
             row_starts,
             columns,
         }
@@ -187,31 +204,22 @@ impl TruePose {
         turns.then(|| left_jacobian(Vector3::from_column_slice(&unknowns[3..])))
     }
 
-    /// Puts derivatives of closure `k` into its row, which is zero: by the parameters, and by the pose, turned by the left Jacobian of
-    /// the unknown rotation vector.
-    fn fill_row(
+    /// Puts the derivatives by the pose at the end of a closure's row, turned by the left Jacobian of the unknown rotation
+    /// vector.
+    fn fill_by_pose(
         &self,
-        k: usize,
         row: &mut [f64],
-        by_parameters: impl Fn(usize) -> f64,
-        by_pose: impl Fn(usize) -> f64,
+        mut gradient: [f64; POSE_UNKNOWNS],
         turned: Option<&Matrix3<f64>>,
     ) {
-        let closure = &self.closures[k];
-        for (entry, &slot) in closure.slots.iter().enumerate() {
-            row[slot] += by_parameters(entry);
-        }
-        let mut gradient = [0.0; POSE_UNKNOWNS];
-        for (entry, &unknown) in closure.unknowns.iter().enumerate() {
-            if let Some(unknown) = unknown {
-                gradient[unknown] = by_pose(entry);
-            }
-        }
         if let Some(turned) = turned {
-            turn(turned, &mut gradient[3..]);
+            let by_turn = turned.tr_mul(&Vector3::from_column_slice(&gradient[3..]));
+            gradient[3..].copy_from_slice(by_turn.as_slice());
         }
-        let first = row.len() - POSE_UNKNOWNS;
-        row[first..].copy_from_slice(&gradient);
+        let first = row.len() - self.free.len();
+        for (entry, &unknown) in row[first..].iter_mut().zip(self.free) {
+            *entry = gradient[unknown];
+        }
     }
 
     /// Range of a closure's entries among those of a sample.
@@ -223,7 +231,7 @@ impl TruePose {
     /// pose (lanes past the end repeat the last).
     fn each_block(
         &self,
-        prepared: &[f64],
+        (prepared, each): (&[f64], usize),
         own: &[f64],
         mut visit: impl FnMut(usize, usize, &[f64]),
     ) {
@@ -234,12 +242,83 @@ impl TruePose {
             let count = LANES.min(samples - first);
             for (lane, data) in data.chunks_exact_mut(width.max(1)).enumerate() {
                 let sample = first + lane.min(count - 1);
-                let prepared = &prepared[sample * self.shape.prepared..][..self.shape.prepared];
+                let prepared = &prepared[sample * each..][..self.shape.prepared];
                 let unknowns = &own[sample * POSE_UNKNOWNS..][..POSE_UNKNOWNS];
                 self.at_true_pose(prepared, unknowns, data);
             }
             visit(first, count, &data);
         }
+    }
+
+    /// [`ResidualFamily::value_each`] where so many numbers stand for each sample, those that are prepared of it first.
+    pub(crate) fn values_at(
+        &self,
+        prepared: (&[f64], usize),
+        shared: &[f64],
+        own: &[f64],
+        residuals: &mut [f64],
+    ) {
+        let rows = self.closures.len();
+        let width = self.inputs.len();
+        let mut room = Room::default();
+        self.each_block(prepared, own, |first, count, data| {
+            for (k, closure) in self.closures.iter().enumerate() {
+                (closure.by_parameters).gather(data, width, &mut room);
+                (closure.by_parameters).evaluate_block(shared, false, &mut room);
+                for lane in 0..count {
+                    residuals[(first + lane) * rows + k] = room.residual[0][lane];
+                }
+            }
+        });
+    }
+
+    /// [`ResidualFamily::linearize_each`] of such samples.
+    pub(crate) fn linearize_at(
+        &self,
+        prepared: (&[f64], usize),
+        shared: &[f64],
+        own: &[f64],
+        residuals: &mut [f64],
+        jacobian: &mut [f64],
+    ) {
+        let (rows, total) = (self.closures.len(), self.columns.len());
+        let width = self.inputs.len();
+        let (mut by_parameters, mut by_pose) = (Room::default(), Room::default());
+        jacobian.fill(0.0);
+        self.each_block(prepared, own, |first, count, data| {
+            let turned: [Option<Matrix3<f64>>; LANES] = std::array::from_fn(|lane| {
+                let sample = first + lane.min(count - 1);
+                self.turned(&own[sample * POSE_UNKNOWNS..][..POSE_UNKNOWNS])
+            });
+            let mut of_samples = jacobian[first * total..].chunks_exact_mut(total);
+            let mut of_samples: [&mut [f64]; LANES] =
+                std::array::from_fn(|_| of_samples.next().unwrap_or_default());
+            let of_samples = &mut of_samples[..count];
+            for (k, closure) in self.closures.iter().enumerate() {
+                let (one, other) = (&closure.by_parameters, &closure.by_pose);
+                one.gather(data, width, &mut by_parameters);
+                if other.data == one.data {
+                    by_pose.data.clone_from(&by_parameters.data);
+                } else {
+                    other.gather(data, width, &mut by_pose);
+                }
+                one.evaluate_block(shared, true, &mut by_parameters);
+                other.evaluate_block(shared, true, &mut by_pose);
+                for lane in 0..count {
+                    residuals[(first + lane) * rows + k] = by_parameters.residual[0][lane];
+                }
+                let row = self.row(k);
+                for (&slot, entry) in closure.slots.iter().zip(&by_parameters.entries) {
+                    for (to, value) in of_samples.iter_mut().zip(entry.0) {
+                        to[row.start + slot] += value;
+                    }
+                }
+                for (lane, (to, turned)) in of_samples.iter_mut().zip(&turned).enumerate() {
+                    let gradient = closure.by_pose(|entry| by_pose.entries[entry][lane]);
+                    self.fill_by_pose(&mut to[row.clone()], gradient, turned.as_ref());
+                }
+            }
+        });
     }
 }
 
@@ -363,29 +442,19 @@ impl ResidualFamily for TruePose {
             residuals[k] = one.evaluate(&data, shared, &mut by_parameters);
             other.evaluate(&data, shared, &mut by_pose);
             let row = &mut jacobian[self.row(k)];
-            self.fill_row(
-                k,
+            for (&slot, entry) in closure.slots.iter().zip(&by_parameters) {
+                row[slot] += entry;
+            }
+            self.fill_by_pose(
                 row,
-                |entry| by_parameters[entry],
-                |entry| by_pose[entry],
+                closure.by_pose(|entry| by_pose[entry]),
                 turned.as_ref(),
             );
         }
     }
 
     fn value_each(&self, prepared: &[f64], shared: &[f64], own: &[f64], residuals: &mut [f64]) {
-        let rows = self.closures.len();
-        let width = self.inputs.len();
-        let mut room = Room::default();
-        self.each_block(prepared, own, |first, count, data| {
-            for (k, closure) in self.closures.iter().enumerate() {
-                (closure.by_parameters).gather(data, width, &mut room);
-                (closure.by_parameters).evaluate_block(shared, false, &mut room);
-                for lane in 0..count {
-                    residuals[(first + lane) * rows + k] = room.residual[0][lane];
-                }
-            }
-        });
+        self.values_at((prepared, self.shape.prepared), shared, own, residuals);
     }
 
     fn linearize_each(
@@ -396,59 +465,9 @@ impl ResidualFamily for TruePose {
         residuals: &mut [f64],
         jacobian: &mut [f64],
     ) {
-        let (rows, total) = (self.closures.len(), self.columns.len());
-        let width = self.inputs.len();
-        let (mut by_parameters, mut by_pose) = (Room::default(), Room::default());
-        jacobian.fill(0.0);
-        self.each_block(prepared, own, |first, count, data| {
-            let turned: [Option<Matrix3<f64>>; LANES] = std::array::from_fn(|lane| {
-                let sample = first + lane.min(count - 1);
-                self.turned(&own[sample * POSE_UNKNOWNS..][..POSE_UNKNOWNS])
-            });
-            let mut of_samples = jacobian[first * total..].chunks_exact_mut(total);
-            let mut of_samples: [&mut [f64]; LANES] =
-                std::array::from_fn(|_| of_samples.next().unwrap_or_default());
-            let of_samples = &mut of_samples[..count];
-            for (k, closure) in self.closures.iter().enumerate() {
-                let (one, other) = (&closure.by_parameters, &closure.by_pose);
-                one.gather(data, width, &mut by_parameters);
-                if other.data == one.data {
-                    by_pose.data.clone_from(&by_parameters.data);
-                } else {
-                    other.gather(data, width, &mut by_pose);
-                }
-                one.evaluate_block(shared, true, &mut by_parameters);
-                other.evaluate_block(shared, true, &mut by_pose);
-                for lane in 0..count {
-                    residuals[(first + lane) * rows + k] = by_parameters.residual[0][lane];
-                }
-                let row = self.row(k);
-                for (&slot, entry) in closure.slots.iter().zip(&by_parameters.entries) {
-                    for (to, value) in of_samples.iter_mut().zip(entry.0) {
-                        to[row.start + slot] += value;
-                    }
-                }
-                let unknowns = row.end - POSE_UNKNOWNS;
-                for (unknown, entry) in closure.unknowns.iter().zip(&by_pose.entries) {
-                    let Some(unknown) = unknown else { continue };
-                    for (to, value) in of_samples.iter_mut().zip(entry.0) {
-                        to[unknowns + unknown] = value;
-                    }
-                }
-                for (of_sample, turned) in of_samples.iter_mut().zip(&turned) {
-                    if let Some(turned) = turned {
-                        turn(turned, &mut of_sample[unknowns + 3..unknowns + 6]);
-                    }
-                }
-            }
-        });
+        let prepared = (prepared, self.shape.prepared);
+        self.linearize_at(prepared, shared, own, residuals, jacobian);
     }
-}
-
-/// Turns a gradient by rotations into one by the unknown rotation vector.
-fn turn(turned: &Matrix3<f64>, gradient: &mut [f64]) {
-    let by_turn = turned.tr_mul(&Vector3::from_column_slice(gradient));
-    gradient.copy_from_slice(by_turn.as_slice());
 }
 
 /// The left Jacobian of SO(3): `exp(w + δ) = exp(J δ) exp(w)` to first order (J. Solà et al., "A micro

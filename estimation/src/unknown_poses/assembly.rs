@@ -1,6 +1,6 @@
 //! From a folder to the unknowns of a calibration whose poses are unknown, and its residuals.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::Arc;
 
 use nalgebra::Vector3;
@@ -261,29 +261,15 @@ impl<'a> Assembly<'a> {
 
     /// Of each pose the first one at the same commands.
     pub(super) fn places(&self) -> Vec<usize> {
-        let commands = |&pose: &usize| {
-            let reading = self.poses[pose].readings.first();
-            reading.map(|own| own.commands_m.iter().map(|command| command.to_bits()))
+        let mut first_of: HashMap<Vec<u64>, usize> = HashMap::with_capacity(self.poses.len());
+        let first = |(index, pose): (usize, &UnknownPose)| {
+            let Some(reading) = pose.readings.first() else {
+                return index;
+            };
+            let commands = reading.commands_m.iter().map(|command| command.to_bits());
+            *first_of.entry(commands.collect()).or_insert(index)
         };
-        let mut first: Vec<usize> = (0..self.poses.len()).collect();
-        let mut order = first.clone();
-        order.retain(|pose| commands(pose).is_some());
-        order.sort_by(|a, b| {
-            commands(a)
-                .into_iter()
-                .flatten()
-                .cmp(commands(b).into_iter().flatten())
-        });
-        let is_same = |a: &usize, b: &usize| {
-            let [a, b] = [a, b].map(|pose| commands(pose).into_iter().flatten());
-            a.eq(b)
-        };
-        for alike in order.chunk_by(is_same) {
-            for &pose in alike {
-                first[pose] = alike[0];
-            }
-        }
-        first
+        self.poses.iter().enumerate().map(first).collect()
     }
 
     /// Mean length of the links at the first reading (m), 0 where there is none.

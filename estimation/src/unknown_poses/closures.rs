@@ -29,11 +29,16 @@ impl Assembly<'_> {
     ) -> Result<Rows, Error> {
         let closures = closures_of(machine);
         let count = closures.len();
-        let family = Arc::new(TruePose::new(&closures));
+        let are_lengths = self.file.noise_of_links().is_some();
+        let free = if are_lengths {
+            &Lengths::FREE
+        } else {
+            self.free
+        };
+        let family = Arc::new(TruePose::new(&closures, free));
         let column = |index: &usize| place(used, index);
         let parameters = family.parameters().iter().map(column).collect();
         let sigmas = drive_sigmas(self.file, machine.robot.commands);
-        let are_lengths = self.file.noise_of_links().is_some();
         let inner = Arc::clone(&family) as Arc<dyn ResidualFamily>;
         let kind = self.kind(Measurand::is_of_lengths).unwrap_or_default();
         let mut rows = Rows::new("links", inner, parameters, vec![kind; count]);
@@ -71,7 +76,7 @@ impl Assembly<'_> {
                         for (is_coupled, entry) in found.is_coupled.iter_mut().zip(&factor) {
                             *is_coupled |= *entry != 0.0;
                         }
-                        found.data.extend(factor);
+                        found.factors.extend(factor);
                     }
                     found.places.push(reading.place);
                 }
@@ -79,23 +84,34 @@ impl Assembly<'_> {
             Ok::<_, Error>(found)
         };
         let chunks = self.poses.chunks(CHUNK).enumerate().collect();
-        for found in parallel::map_owned(chunks, of_chunk) {
-            let found = found?;
-            rows.data.extend(found.data);
-            rows.own.extend(found.own);
-            rows.weights.extend(found.weights);
-            rows.places.extend(found.places);
-            for (is_coupled, own) in is_coupled.iter_mut().zip(found.is_coupled) {
+        let found = parallel::map_owned(chunks, of_chunk).into_iter();
+        let found: Vec<ClosureRows> = found.collect::<Result<_, _>>()?;
+        for found in &found {
+            for (is_coupled, own) in is_coupled.iter_mut().zip(&found.is_coupled) {
                 *is_coupled |= own;
             }
         }
-        let inner = Arc::clone(&rows.family);
         if sigmas.is_some() {
             // Links that no drive moves together are coupled in no sample.
-            let coupled = Coupled::new(inner, |row, inner| is_coupled[row * count + inner]);
-            rows.family = Arc::new(coupled);
+            let coupled = Coupled::new(family, |row, inner| is_coupled[row * count + inner]);
+            let coupled = Arc::new(coupled);
+            rows.family = Arc::clone(&coupled) as Arc<dyn ResidualFamily>;
+            rows.coupled = Some(coupled);
         } else if are_lengths {
-            rows.family = Arc::new(Lengths::new(inner));
+            rows.family = Arc::new(Lengths::new(family));
+        }
+        let samples = found.iter().map(|found| found.places.len()).sum::<usize>();
+        let own = samples * rows.own_each();
+        rows.data.reserve_exact(samples * rows.family.shape().data);
+        rows.own.reserve_exact(own);
+        for found in found {
+            match &rows.coupled {
+                Some(coupled) => coupled.fill(&found.data, &found.factors, &mut rows.data),
+                None => rows.data.extend(found.data),
+            }
+            rows.own.extend(found.own);
+            rows.weights.extend(found.weights);
+            rows.places.extend(found.places);
         }
         Ok(rows)
     }
@@ -105,6 +121,8 @@ impl Assembly<'_> {
 #[derive(Default)]
 struct ClosureRows {
     data: Vec<f64>,
+    /// Of each sample the matrix that whitens its closures, by rows, where drives have noise.
+    factors: Vec<f64>,
     own: Vec<usize>,
     weights: Vec<f64>,
     places: Vec<RowPlace>,

@@ -7,20 +7,24 @@ use tau_runtime::{Pattern, ResidualFamily, Shape};
 
 use crate::numerics::number;
 use crate::numerics::order::place;
+use crate::problem::TruePose;
 
-/// The residuals of a family multiplied by a lower triangular matrix, which each sample brings behind its data, by rows.
+/// The closures of a pose multiplied by a lower triangular matrix. Each sample brings the entries of its own that are not
+/// zero in all, by rows, behind its data.
+#[derive(Debug)]
 pub(super) struct Coupled {
-    inner: Arc<dyn ResidualFamily>,
+    inner: Arc<TruePose>,
     of_inner: Shape,
     row_starts: Vec<u32>,
     columns: Vec<u32>,
-    /// Entries of the matrices that are not zero throughout, by rows.
+    /// Entries of the matrices, by rows, the diagonal last of each.
     terms: Vec<Term>,
     /// For each inner entry of each term its place among the coupled entries.
     slots: Vec<u32>,
 }
 
-/// A residual of the inner family in a coupled one.
+/// A closure in a coupled residual.
+#[derive(Debug)]
 struct Term {
     row: usize,
     inner: usize,
@@ -31,10 +35,7 @@ struct Term {
 
 impl Coupled {
     /// `is_coupled` tells of a row and an inner one before it if some sample's matrix has an entry there.
-    pub(super) fn new(
-        inner: Arc<dyn ResidualFamily>,
-        is_coupled: impl Fn(usize, usize) -> bool,
-    ) -> Self {
+    pub(super) fn new(inner: Arc<TruePose>, is_coupled: impl Fn(usize, usize) -> bool) -> Self {
         let (mut row_starts, mut columns) = (vec![0], Vec::new());
         let (mut terms, mut slots) = (Vec::new(), Vec::new());
         {
@@ -75,6 +76,24 @@ impl Coupled {
         }
     }
 
+    /// Appends the data of samples, from those of their closures and their matrices, whole and by rows.
+    pub(super) fn fill(&self, of_closures: &[f64], matrices: &[f64], data: &mut Vec<f64>) {
+        let count = self.of_inner.residuals;
+        let own = of_closures.chunks_exact(self.of_inner.data);
+        for (own, matrix) in own.zip(matrices.chunks_exact(count * count)) {
+            data.extend_from_slice(own);
+            let terms = self.terms.iter();
+            data.extend(terms.map(|term| matrix[term.row * count + term.inner]));
+        }
+    }
+
+    /// Entry of a sample's matrix.
+    pub(super) fn entry(&self, data: &[f64], row: usize, inner: usize) -> f64 {
+        let is_it = |term: &Term| (term.row, term.inner) == (row, inner);
+        let place = self.terms.iter().position(is_it);
+        place.map_or(0.0, |place| data[self.of_inner.data + place])
+    }
+
     /// True if a row is made of one inner one: then entries stand where they stood.
     fn is_diagonal(&self) -> bool {
         self.terms.len() == self.of_inner.residuals
@@ -84,25 +103,20 @@ impl Coupled {
         prepared.split_at(self.of_inner.prepared)
     }
 
-    /// Prepared data of the inner family, one sample after the other, and the factor of each.
-    fn split_all<'a>(&self, prepared: &'a [f64]) -> (Vec<f64>, impl Iterator<Item = &'a [f64]>) {
+    /// Entries of the matrix of each sample.
+    fn factors<'a>(&self, prepared: &'a [f64]) -> impl Iterator<Item = &'a [f64]> {
         let own = self.of_inner.prepared;
         let samples = prepared.chunks_exact(self.shape().prepared);
-        let mut inner = Vec::with_capacity(samples.len() * own);
-        for sample in samples.clone() {
-            inner.extend_from_slice(&sample[..own]);
-        }
-        (inner, samples.map(move |sample| &sample[own..]))
+        samples.map(move |sample| &sample[own..])
     }
 
     /// The coupled residuals, from those of the inner family: from the last on, so that those before are still as they
     /// were.
     fn couple(&self, factor: &[f64], residuals: &mut [f64]) {
-        let rows = residuals.len();
         let mut sum = 0.0;
-        for term in self.terms.iter().rev() {
+        for (term, weight) in self.terms.iter().zip(factor).rev() {
             // The diagonal comes last of a row, so first here.
-            let product = factor[term.row * rows + term.inner] * residuals[term.inner];
+            let product = weight * residuals[term.inner];
             sum = if term.inner == term.row {
                 product
             } else {
@@ -114,8 +128,7 @@ impl Coupled {
 
     /// Derivatives of the inner residuals to those of the coupled ones, where the matrices are diagonal.
     fn weigh_entries(&self, factor: &[f64], entries: &mut [f64]) {
-        for term in &self.terms {
-            let weight = factor[term.row * self.of_inner.residuals + term.inner];
+        for (term, weight) in self.terms.iter().zip(factor) {
             for entry in &mut entries[term.entries.clone()] {
                 *entry *= weight;
             }
@@ -124,10 +137,8 @@ impl Coupled {
 
     /// Derivatives of the coupled residuals, from those of the inner family.
     fn couple_entries(&self, factor: &[f64], entries: &[f64], jacobian: &mut [f64]) {
-        let rows = self.of_inner.residuals;
         jacobian.fill(0.0);
-        for term in &self.terms {
-            let weight = factor[term.row * rows + term.inner];
+        for (term, weight) in self.terms.iter().zip(factor) {
             let places = &self.slots[term.slots.clone()];
             for (&place, entry) in places.iter().zip(&entries[term.entries.clone()]) {
                 jacobian[place as usize] += weight * entry;
@@ -139,10 +150,9 @@ impl Coupled {
 impl ResidualFamily for Coupled {
     fn shape(&self) -> Shape {
         let inner = self.of_inner;
-        let square = inner.residuals * inner.residuals;
         Shape {
-            data: inner.data + square,
-            prepared: inner.prepared + square,
+            data: inner.data + self.terms.len(),
+            prepared: inner.prepared + self.terms.len(),
             ..inner
         }
     }
@@ -189,10 +199,10 @@ impl ResidualFamily for Coupled {
     }
 
     fn value_each(&self, prepared: &[f64], shared: &[f64], own: &[f64], residuals: &mut [f64]) {
-        let (inner, factors) = self.split_all(prepared);
-        self.inner.value_each(&inner, shared, own, residuals);
+        let each = self.shape().prepared;
+        (self.inner).values_at((prepared, each), shared, own, residuals);
         let rows = self.of_inner.residuals;
-        for (factor, residuals) in factors.zip(residuals.chunks_exact_mut(rows)) {
+        for (factor, residuals) in self.factors(prepared).zip(residuals.chunks_exact_mut(rows)) {
             self.couple(factor, residuals);
         }
     }
@@ -205,10 +215,11 @@ impl ResidualFamily for Coupled {
         residuals: &mut [f64],
         jacobian: &mut [f64],
     ) {
-        let (inner, factors) = self.split_all(prepared);
         let (rows, width) = (self.of_inner.residuals, self.inner.pattern().len());
+        let of_inner = (prepared, self.shape().prepared);
+        let factors = self.factors(prepared);
         if self.is_diagonal() {
-            (self.inner).linearize_each(&inner, shared, own, residuals, jacobian);
+            (self.inner).linearize_at(of_inner, shared, own, residuals, jacobian);
             let of_samples = residuals.chunks_exact_mut(rows);
             let of_samples = of_samples.zip(jacobian.chunks_exact_mut(width));
             for (factor, (residuals, jacobian)) in factors.zip(of_samples) {
@@ -218,8 +229,7 @@ impl ResidualFamily for Coupled {
             return;
         }
         let mut entries = vec![0.0; residuals.len() / rows * width];
-        self.inner
-            .linearize_each(&inner, shared, own, residuals, &mut entries);
+        (self.inner).linearize_at(of_inner, shared, own, residuals, &mut entries);
         let of_samples = residuals.chunks_exact_mut(rows);
         let of_samples = of_samples.zip(entries.chunks_exact(width));
         let of_samples = of_samples.zip(jacobian.chunks_exact_mut(self.columns.len()));
@@ -227,5 +237,118 @@ impl ResidualFamily for Coupled {
             self.couple_entries(factor, entries, jacobian);
             self.couple(factor, residuals);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{DMatrix, DVector};
+    use tau_kinematics::{Pose, Sample};
+    use tau_robot::prototype;
+    use tau_robot::robot::Robot;
+
+    use super::*;
+    use crate::calibration::machine_from_file;
+    use crate::problem::{POSE_UNKNOWNS, closures_of};
+
+    /// Coordinates of the pose that derivatives are taken by.
+    const FREE: [usize; 4] = [0, 2, 3, 5];
+
+    /// Residuals are the matrix of the sample times the closures, derivatives those of the free coordinates alone, and
+    /// many samples give what each gives alone.
+    #[test]
+    fn each_sample_multiplies_its_closures_by_its_own_matrix() {
+        let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
+        let variant = robot.variant("Full").unwrap();
+        let file = prototype::robot_file().unwrap().completed(&robot);
+        let machine = machine_from_file(&robot, variant, &file, None, &[]).unwrap();
+        let closures = closures_of(&machine);
+        let whole = TruePose::new(&closures, &[0, 1, 2, 3, 4, 5]);
+        let (count, shared) = (closures.len(), whole.parameters().len());
+        let shared: Vec<f64> = (0..shared)
+            .map(|k| machine.values[whole.parameters()[k]])
+            .collect();
+        let samples = prototype::folder().unwrap().tcp_poses;
+        let samples = &samples[..11];
+
+        for is_coupled in [false, true] {
+            let family = Arc::new(TruePose::new(&closures, &FREE));
+            let coupled = Coupled::new(Arc::clone(&family), |row, inner| {
+                is_coupled && (row + inner) % 2 == 0
+            });
+            let matrix = |index: usize| {
+                DMatrix::from_fn(count, count, |row, inner| {
+                    let is_entry =
+                        row == inner || (inner < row && is_coupled && (row + inner) % 2 == 0);
+                    f64::from(u8::from(is_entry)) * (1.0 + (row * count + inner + index) as f64)
+                })
+            };
+            let mut data = vec![];
+            let mut own = vec![];
+            let mut expected = vec![];
+            for (index, pose) in samples.iter().enumerate() {
+                let measured = Pose::from_zyz(pose.position_m, pose.angles_rad);
+                let sample = Sample::new(measured, &pose.commands_m);
+                let mut of_closures = vec![];
+                (family.fill(&machine.surroundings, &sample, &mut of_closures)).unwrap();
+                let unknowns =
+                    [1e-3, -2e-3, 5e-4, 0.01, -0.02, 0.03].map(|k| k * (1.0 + index as f64));
+                let parameters = [shared.as_slice(), &unknowns].concat();
+                let mut residuals = vec![0.0; count];
+                let mut entries = vec![0.0; whole.pattern().len()];
+                whole.linearize(&of_closures, &parameters, &mut residuals, &mut entries);
+                let jacobian = dense(whole.pattern(), parameters.len(), &entries);
+                let transposed = matrix(index).transpose();
+                coupled.fill(&of_closures, transposed.as_slice(), &mut data);
+                own.extend(unknowns);
+                expected.push((
+                    matrix(index) * DVector::from(residuals),
+                    matrix(index) * jacobian,
+                ));
+                let sample = &data[index * coupled.shape().data..];
+                for (row, inner) in [(0, 0), (2, 0), (1, 0), (count - 1, count - 1)] {
+                    let entry = coupled.entry(sample, row, inner);
+                    assert_eq!(entry, matrix(index)[(row, inner)], "{row} {inner}");
+                }
+            }
+
+            let (width, entries) = (coupled.shape().prepared, coupled.pattern().len());
+            let mut prepared = vec![0.0; samples.len() * width];
+            coupled.prepare_all(&data, &mut prepared);
+            let mut residuals = vec![0.0; samples.len() * count];
+            let mut values = residuals.clone();
+            let mut jacobian = vec![0.0; samples.len() * entries];
+            coupled.linearize_each(&prepared, &shared, &own, &mut residuals, &mut jacobian);
+            coupled.value_each(&prepared, &shared, &own, &mut values);
+            assert_eq!(values, residuals);
+            for (index, (of_matrix, by_matrix)) in expected.iter().enumerate() {
+                let unknowns = &own[index * POSE_UNKNOWNS..(index + 1) * POSE_UNKNOWNS];
+                let parameters = [shared.as_slice(), unknowns].concat();
+                let of_sample = &prepared[index * width..(index + 1) * width];
+                let (mut alone, mut by_alone) = (vec![0.0; count], vec![0.0; entries]);
+                coupled.linearize(of_sample, &parameters, &mut alone, &mut by_alone);
+                assert_eq!(alone, residuals[index * count..(index + 1) * count]);
+                assert_eq!(by_alone, jacobian[index * entries..(index + 1) * entries]);
+                let off = DVector::from(alone) - of_matrix;
+                assert!(off.amax() <= 1e-13 * of_matrix.amax(), "{index}: {off}");
+                let mut by_free = by_matrix.clone();
+                for fixed in [1, 4] {
+                    by_free.column_mut(shared.len() + fixed).fill(0.0);
+                }
+                let off = dense(coupled.pattern(), parameters.len(), &by_alone) - &by_free;
+                assert!(off.amax() <= 1e-13 * by_free.amax(), "{index}: {off}");
+            }
+        }
+    }
+
+    fn dense(pattern: Pattern<'_>, columns: usize, entries: &[f64]) -> DMatrix<f64> {
+        let rows = pattern.row_starts.windows(2);
+        let mut dense = DMatrix::zeros(rows.len(), columns);
+        for (row, range) in rows.enumerate() {
+            for place in range[0] as usize..range[1] as usize {
+                dense[(row, pattern.columns[place] as usize)] += entries[place];
+            }
+        }
+        dense
     }
 }

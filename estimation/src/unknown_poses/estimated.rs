@@ -12,7 +12,6 @@ use tau_robot::robot_file::RobotFile;
 use super::assembly::{Assembly, Chosen};
 use super::directions::{lined_up, pivoted};
 use super::elimination::{Elimination, Raw};
-use super::kinds::drive_sigmas;
 use super::outcome::{RowDivision, UnknownPoses};
 use super::rows::{CLOSURES, Kind, RowPlace, Rows};
 use crate::calibration::error::Error;
@@ -435,9 +434,8 @@ impl Grouped<'_> {
         readings: &[usize],
     ) -> Result<DMatrix<f64>, Error> {
         let of = &self.blocks[CLOSURES];
-        let (count, width) = (of.kinds.len(), of.family.shape().data);
-        let are_coupled = drive_sigmas(self.assembly.file, machine.robot.commands).is_some();
-        let are_lengths = self.assembly.file.noise_of_links().is_some();
+        let count = of.kinds.len();
+        let are_lengths = of.coupled.is_none() && self.assembly.file.noise_of_links().is_some();
         let closures = closures_of(machine);
         let mut shares = DMatrix::zeros(self.raw.rows.len(), readings.len() * count);
         for (row, &(block, reading, residual)) in self.raw.rows.iter().enumerate() {
@@ -447,20 +445,15 @@ impl Grouped<'_> {
             let place = place(readings, &reading);
             let sigma = self.assembly.kinds[of.kinds[residual]].sigma;
             let weight = of.weights[reading * count + residual] / sigma;
-            if are_coupled {
-                let data = &of.data[..(reading + 1) * width];
-                let factor = &data[data.len() - count * count..][residual * count..];
-                for closure in 0..count {
-                    shares[(row, place * count + closure)] = weight * factor[closure];
-                }
-                continue;
-            }
             let slope = if are_lengths {
                 slope(machine, closures[residual], &samples[self.index[reading]])?
             } else {
                 1.0
             };
-            shares[(row, place * count + residual)] = weight / slope;
+            for closure in 0..=residual {
+                let factor = of.factor(reading, residual, closure);
+                shares[(row, place * count + closure)] = weight * factor / slope;
+            }
         }
         Ok(shares)
     }

@@ -392,13 +392,14 @@ impl<'a> Fit<'a> {
         let mut measured = self.blocks.iter().skip(CLOSURES + 1);
         let fixes_handedness = measured.any(|rows| rows.kinds.len() >= 3 && has_all(rows));
         let places = self.assembly.places();
-        let poses: BTreeSet<usize> = places.iter().copied().collect();
-        let again = places.len() - poses.len();
+        let firsts = places.iter().enumerate();
+        let poses = firsts.filter(|(pose, first)| pose == *first).count();
+        let again = places.len() - poses;
         Rank {
             rows: reduced.rows(),
             repeated: self.repeated(&places),
             spent: (reduced.spent).saturating_sub(again * self.assembly.free.len()),
-            poses: poses.len(),
+            poses,
             unknowns: scales.len(),
             determined: known.iter().filter(|value| **value > 1.0).count(),
             is_seen: known.is_empty() || known.iter().any(|value| *value > UNSEEN),
@@ -412,13 +413,14 @@ impl<'a> Fit<'a> {
         let of_block = |rows: &Rows| {
             let each = rows.kinds.len();
             let measured = (0..rows.weights.len()).filter(|&row| rows.weights[row] > 0.0);
-            let mut all: Vec<(usize, [usize; 2])> = measured
+            let mut all: Vec<([usize; 2], usize)> = measured
                 .filter_map(|row| {
                     let ends = rows.ends_of(row / each)?;
-                    Some((row % each, ends.map(|pose| places[pose])))
+                    Some((ends.map(|pose| places[pose]), row % each))
                 })
                 .collect();
             let count = all.len();
+            // Mostly in order: poses follow each other.
             all.sort_unstable();
             all.dedup();
             count - all.len()

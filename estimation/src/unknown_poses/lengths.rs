@@ -22,6 +22,9 @@ pub(super) struct Lengths {
 }
 
 impl Lengths {
+    /// Unknowns of the pose that closures must have derivatives by: all.
+    pub(super) const FREE: [usize; POSE_UNKNOWNS] = [0, 1, 2, 3, 4, 5];
+
     pub(super) fn new(closures: Arc<dyn ResidualFamily>) -> Self {
         Self { closures }
     }

@@ -9,6 +9,7 @@ use tau_robot::robot_file::StatedNoise;
 use tau_runtime::ResidualFamily;
 use tau_solver::{Block, Loss};
 
+use super::coupled::Coupled;
 use super::measurand::Measurand;
 use super::quantity::Measured;
 use super::tracker::{TrackerErrors, WithErrors};
@@ -230,6 +231,8 @@ pub(super) struct Rows {
     /// Indices of those of the poses, counted from the first pose's: samples × own, row-major.
     pub(super) own: Vec<usize>,
     pub(super) data: Vec<f64>,
+    /// The same as `family` where drives have noise, which closures share.
+    pub(super) coupled: Option<Arc<Coupled>>,
     /// Weights over those of their kinds, zero where nothing was measured: samples × residuals.
     pub(super) weights: Vec<f64>,
     /// Index of the kind of each residual of a sample.
@@ -252,6 +255,7 @@ impl Rows {
             shared,
             own: vec![],
             data: vec![],
+            coupled: None,
             weights: vec![],
             kinds,
             places: vec![],
@@ -343,6 +347,7 @@ impl Rows {
                 shared: part.parameters,
                 own: vec![],
                 data: part.data,
+                coupled: None,
             }
         };
         parts.into_iter().map(rows).collect()
@@ -351,6 +356,15 @@ impl Rows {
     /// Unknowns of poses that a sample takes.
     pub(super) fn own_each(&self) -> usize {
         self.family.shape().parameters - self.shared.len()
+    }
+
+    /// Factor that a closure of a sample has in a row, beside the weight of that: one in its own where none are coupled.
+    pub(super) fn factor(&self, sample: usize, row: usize, closure: usize) -> f64 {
+        let width = self.family.shape().data;
+        match &self.coupled {
+            Some(coupled) => coupled.entry(&self.data[sample * width..], row, closure),
+            None => f64::from(u8::from(row == closure)),
+        }
     }
 
     /// Indices of the unknowns of the poses that a sample takes.

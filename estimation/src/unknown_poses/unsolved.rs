@@ -3,7 +3,6 @@
 use tau_kinematics::Pose;
 use tau_solver::Problem;
 
-use super::kinds::drive_sigmas;
 use super::rows::CLOSURES;
 use super::tracker::of_true_poses;
 use super::{RowDivision, carts, fit::Fit, starts};
@@ -67,19 +66,11 @@ impl<'a> Unsolved<'a> {
     /// one link.
     pub fn closure_weights(&self) -> Vec<f64> {
         let rows = &self.0.blocks[CLOSURES];
-        let (count, width) = (rows.kinds.len(), rows.family.shape().data);
-        let are_exact = drive_sigmas(self.0.file, self.0.machine.robot.commands).is_none();
+        let count = rows.kinds.len();
         let of_row = |(row, weight): (usize, &f64)| {
             let (sample, closure) = (row / count, row % count);
             let sigma = self.0.assembly.kinds[rows.kinds[closure]].sigma;
-            // Only where drives have noise do samples bring factors.
-            let factor = if are_exact {
-                1.0
-            } else {
-                let data = &rows.data[..(sample + 1) * width];
-                data[data.len() - count * count..][closure * count + closure]
-            };
-            weight * factor / sigma
+            weight * rows.factor(sample, closure, closure) / sigma
         };
         rows.weights.iter().enumerate().map(of_row).collect()
     }

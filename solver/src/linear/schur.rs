@@ -64,7 +64,7 @@ impl Elimination {
         order.sort_by_key(|&column| counts[column]);
 
         let mut group_of_row = vec![NONE; jacobian.row_count()];
-        let mut groups: Vec<Vec<usize>> = Vec::new();
+        let mut groups: Vec<Vec<usize>> = Vec::with_capacity(order.len());
         let mut kept: Vec<usize> = (0..n).filter(|&column| !joins(column)).collect();
         let mut touched: Vec<u32> = Vec::new();
         for column in order {

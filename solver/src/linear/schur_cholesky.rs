@@ -27,16 +27,21 @@ const CHUNK: usize = 32;
 /// Most portions of the work, each with a sum of its own.
 const PORTIONS: usize = 32;
 
-/// Groups of the same pattern, one after the other in each array, or side by side in blocks.
+/// Groups of the same pattern, one after the other in each array.
 struct Class {
     pattern: Pattern,
     /// Columns of each group.
     columns: Vec<usize>,
     /// Rows of each group: those with kept columns first.
     rows: Vec<usize>,
-    /// Numbers of each block that the Jacobian gives.
+    numbers: Vec<Numbers>,
+}
+
+/// Numbers of [`CHUNK`] blocks of groups that stand side by side.
+struct Numbers {
+    /// Those of each block that the Jacobian gives.
     values: Vec<Lanes>,
-    /// Numbers of each block that depend on the damping.
+    /// Those that depend on the damping.
     factors: Vec<Lanes>,
 }
 
@@ -94,26 +99,37 @@ impl Class {
         let pattern = &self.pattern;
         let columns = self.columns.chunks(CHUNK * LANES * pattern.own);
         let rows = self.rows.chunks(CHUNK * LANES * pattern.rows.len());
-        let values = self.values.chunks_mut(CHUNK * pattern.values_len());
-        let factors = self.factors.chunks_mut(CHUNK * pattern.factors_len());
-        columns.zip(rows).zip(values.zip(factors)).map(
-            move |((columns, rows), (values, factors))| Portion {
-                pattern,
-                columns,
-                rows,
-                values,
-                factors,
-            },
-        )
+        (columns.zip(rows).zip(&mut self.numbers)).map(move |((columns, rows), numbers)| Portion {
+            pattern,
+            columns,
+            rows,
+            values: &mut numbers.values,
+            factors: &mut numbers.factors,
+        })
     }
 
     /// Values and factors of a block.
     fn block(&self, index: usize) -> (&[Lanes], &[Lanes]) {
         let (values, factors) = (self.pattern.values_len(), self.pattern.factors_len());
+        let (numbers, index) = (&self.numbers[index / CHUNK], index % CHUNK);
         (
-            &self.values[index * values..(index + 1) * values],
-            &self.factors[index * factors..(index + 1) * factors],
+            &numbers.values[index * values..(index + 1) * values],
+            &numbers.factors[index * factors..(index + 1) * factors],
         )
+    }
+
+    /// Makes room for the numbers of all groups.
+    fn make_room(&mut self) {
+        let blocks = block_count(self.groups());
+        let firsts: Vec<usize> = (0..blocks).step_by(CHUNK).collect();
+        let (values, factors) = (self.pattern.values_len(), self.pattern.factors_len());
+        self.numbers = parallel::map(&firsts, |first| {
+            let count = CHUNK.min(blocks - first);
+            Numbers {
+                values: vec![Lanes::ZERO; count * values],
+                factors: vec![Lanes::ZERO; count * factors],
+            }
+        });
     }
 
     /// Those of all blocks.
@@ -188,8 +204,7 @@ impl SchurCholesky {
                         pattern: Pattern::new(columns.len(), &key[1..]),
                         columns: Vec::new(),
                         rows: Vec::new(),
-                        values: Vec::new(),
-                        factors: Vec::new(),
+                        numbers: Vec::new(),
                     });
                     class_of.insert(key.clone(), classes.len() - 1);
                     classes.len() - 1
@@ -209,9 +224,7 @@ impl SchurCholesky {
             class.rows.extend_from_slice(&rows);
         }
         for class in &mut classes {
-            let blocks = block_count(class.groups());
-            class.values = vec![Lanes::ZERO; blocks * class.pattern.values_len()];
-            class.factors = vec![Lanes::ZERO; blocks * class.pattern.factors_len()];
+            class.make_room();
         }
         Self {
             classes,
@@ -375,8 +388,9 @@ impl SchurCholesky {
                     } => {
                         let (length, first) = places[class as usize];
                         let (block, lane) = (group as usize / LANES, group as usize % LANES);
-                        let factors = &self.classes[class as usize].factors;
-                        factors[block * length + first + place as usize][lane]
+                        let numbers = &self.classes[class as usize].numbers[block / CHUNK];
+                        let start = block % CHUNK * length + first;
+                        numbers.factors[start + place as usize][lane]
                     }
                 };
             }
