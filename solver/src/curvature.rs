@@ -7,6 +7,7 @@
 //! diagonal alone, which keeps the pattern).
 
 use crate::system::System;
+use crate::vector::dot_of_difference;
 
 /// Share of its largest norm so far from which on a column tells enough. Half and a fiftieth lead calibrations of plane
 /// machines to the same minima, in as many iterations.
@@ -18,18 +19,18 @@ pub(crate) struct Curvature {
     /// By prior.
     lacking: Vec<f64>,
     ahead: Vec<f64>,
-    behind: Vec<f64>,
 }
 
 impl Curvature {
     /// Finds what a model at `x` lacks of parameters whose columns, now of such norms, have vanished: `scale` are the
-    /// largest norms.
+    /// largest norms, by which `gradient` is divided.
     pub(crate) fn find(
         &mut self,
         system: &mut System<'_>,
         x: &mut [f64],
         norms: &[f64],
         scale: &[f64],
+        gradient: &[f64],
     ) {
         self.lacking.clear();
         self.lacking.resize(system.priors.len(), 0.0);
@@ -38,22 +39,16 @@ impl Curvature {
             if norms[column] >= VANISHED * scale[column] {
                 continue;
             }
-            for residuals in [&mut self.ahead, &mut self.behind] {
-                residuals.resize(system.residuals.len(), 0.0);
-            }
+            self.ahead.resize(system.residuals.len(), 0.0);
             // As far as the residuals once changed by their noise.
             let (here, step) = (x[column], 1.0 / scale[column]);
-            let mut at = |value: f64, residuals: &mut [f64]| {
-                x[column] = value;
-                system.residuals_at(x, residuals).is_ok()
-            };
-            let is_finite = at(here + step, &mut self.ahead) && at(here - step, &mut self.behind);
+            x[column] = here + step;
+            let is_finite = system.residuals_at(x, &mut self.ahead).is_ok();
             x[column] = here;
             if is_finite {
-                let around = self.ahead.iter().zip(&self.behind);
-                let bends = around.zip(&system.residuals);
-                let bends = bends.map(|((ahead, behind), r)| (ahead - 2.0 * r + behind) * r);
-                self.lacking[index] = (bends.sum::<f64>() / (step * step)).max(0.0);
+                // To first order residuals change by their derivatives.
+                let bends = dot_of_difference(&self.ahead, &system.residuals) - gradient[column];
+                self.lacking[index] = (2.0 * bends / (step * step)).max(0.0);
             }
         }
     }

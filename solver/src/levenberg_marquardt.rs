@@ -467,7 +467,8 @@ impl<'p> Minimizer<'p> {
             && self.linearization.is_of_squares()
             && let Some(system) = self.linearization.stored_mut()
         {
-            (self.curvature).find(system, &mut self.x, &self.norms, &self.scale);
+            let gradient = &self.subproblem.gradient;
+            (self.curvature).find(system, &mut self.x, &self.norms, &self.scale, gradient);
             self.curve();
         }
         self.rescale();

@@ -66,6 +66,11 @@ pub(crate) fn dot(x: &[f64], y: &[f64]) -> f64 {
     total(x, y, |x, y| x.iter().zip(y).map(|(x, y)| x * y).sum())
 }
 
+/// Inner product of `x − y` and `y`.
+pub(crate) fn dot_of_difference(x: &[f64], y: &[f64]) -> f64 {
+    total(x, y, |x, y| x.iter().zip(y).map(|(x, y)| (x - y) * y).sum())
+}
+
 /// Sum of many numbers.
 pub(crate) fn sum(x: &[f64]) -> f64 {
     total(x, x, |x, _| {

@@ -22,8 +22,7 @@ pub(super) struct Pattern {
     pub(super) outer: Vec<Vec<usize>>,
     /// Start of each such row among all kept entries, and their number.
     pub(super) starts: Vec<usize>,
-    /// Start of each such row among the products of its kept entries with those of all rows up to it, and
-    /// their number.
+    /// Start of each such row among the products of each of its kept entries with all up to it, and their number.
     pub(super) products: Vec<usize>,
 }
 
@@ -95,7 +94,8 @@ impl Pattern {
         }
         let mut products = vec![0];
         for (r, kept) in outer.iter().enumerate() {
-            products.push(products[r] + kept.len() * starts[r + 1]);
+            let count = kept.len();
+            products.push(products[r] + count * starts[r] + count * (count + 1) / 2);
         }
         let place = |(row, entry): (usize, &Entry)| match *entry {
             Entry::Own(column) => row * own + column,
@@ -268,7 +268,7 @@ impl Pattern {
     }
 
     /// Factors a block of groups, and adds to `sums` what their rows then say of the kept parameters: for each kept entry
-    /// its products with those of all rows up to its own, and its gradient. False if a group is singular.
+    /// its products with all up to it, and its gradient. False if a group is singular.
     pub(super) fn eliminate(
         &self,
         values: &[Lanes],
@@ -313,17 +313,15 @@ impl Pattern {
         }
         let mut products = products.iter().map(Lanes::sum);
         for (r, first) in self.outer.iter().enumerate() {
-            for &a in first {
-                for (entry, &b) in places[..self.starts[r + 1]].iter().enumerate() {
+            for (i, &a) in first.iter().enumerate() {
+                let own = self.starts[r] + i;
+                for (entry, &b) in places[..=own].iter().enumerate() {
                     let Some(product) = products.next() else {
                         return;
                     };
-                    let same_row = entry >= self.starts[r];
-                    if !same_row && a == b {
-                        normal.matrix[a * size + a] += 2.0 * product;
-                    } else if !same_row || a >= b {
-                        normal.matrix[a.max(b) * size + a.min(b)] += product;
-                    }
+                    let is_twice = entry != own && a == b;
+                    let times = if is_twice { 2.0 } else { 1.0 };
+                    normal.matrix[a.max(b) * size + a.min(b)] += times * product;
                 }
             }
         }
@@ -416,12 +414,13 @@ impl Pattern {
                     *scaled = plus(Lanes::ZERO, m, *f);
                 }
             }
-            let scaled = &scaled[..self.starts[r + 1]];
-            let products = &mut products[self.products[r]..self.products[r + 1]];
-            for (products, f) in products.chunks_exact_mut(scaled.len()).zip(first) {
-                for (product, scaled) in products.iter_mut().zip(scaled) {
+            let mut rest = &mut products[self.products[r]..self.products[r + 1]];
+            for (i, f) in first.iter().enumerate() {
+                let (products, others) = rest.split_at_mut(self.starts[r] + i + 1);
+                for (product, scaled) in products.iter_mut().zip(&*scaled) {
                     *product = plus(*product, *f, *scaled);
                 }
+                rest = others;
             }
         }
     }
