@@ -126,10 +126,12 @@ impl<'p> System<'p> {
             column_of[p] = column;
         }
         let mut pattern = JacobianPattern::new(part.parameters.len());
+        let priors: Vec<(usize, Prior)> = (part.parameters.iter().enumerate())
+            .filter(|_| content != Content::DataOnly)
+            .filter_map(|(column, &p)| Some((column, problem.parameters[p].prior?)))
+            .collect();
         // Where it has to grow it is copied.
-        let priors = part.parameters.iter().map(|&p| problem.parameters[p].prior);
-        let priors = priors.flatten().count();
-        pattern.reserve(priors, priors);
+        pattern.reserve(priors.len(), priors.len());
         for block in part.blocks.iter().map(|&b| &problem.blocks[b]) {
             let (rows, entries) = (block.family.shape().residuals, block.family.pattern().len());
             pattern.reserve(block.samples * rows, block.samples * entries);
@@ -166,14 +168,8 @@ impl<'p> System<'p> {
                 }
             }
         }
-        let mut priors = Vec::new();
-        if content != Content::DataOnly {
-            for (column, &p) in part.parameters.iter().enumerate() {
-                if let Some(prior) = problem.parameters[p].prior {
-                    priors.push((column, prior));
-                    pattern.push_rows(&[column], &[1]);
-                }
-            }
+        for &(column, _) in &priors {
+            pattern.push_rows(&[column], &[1]);
         }
         let jacobian = pattern.into_jacobian();
         Self {

@@ -223,9 +223,7 @@ impl SchurCholesky {
             class.columns.extend_from_slice(columns);
             class.rows.extend_from_slice(&rows);
         }
-        for class in &mut classes {
-            class.make_room();
-        }
+        classes.iter_mut().for_each(Class::make_room);
         Self {
             classes,
             other_rows: rows_of.of(elimination.groups.len()).to_vec(),
@@ -375,10 +373,7 @@ impl SchurCholesky {
         let (columns, length) = (step.len(), at_once(step.len()));
         let parts = step.chunks_mut(length).enumerate();
         on_each(columns, parts, |(part, step)| {
-            for (column, step) in (part * length..).zip(step) {
-                if held[column] {
-                    continue;
-                }
+            for (column, step) in (part * length..).zip(step).filter(|own| !held[own.0]) {
                 *step = match self.places[column] {
                     Place::Kept(place) => kept[place as usize],
                     Place::Eliminated {
@@ -592,9 +587,7 @@ impl LinearSolver for SchurCholesky {
         let mut form = 0.0;
         for (own, less) in of_portions {
             form += own;
-            kept.iter_mut()
-                .zip(less)
-                .for_each(|(kept, less)| *kept += less);
+            (kept.iter_mut().zip(less)).for_each(|(kept, less)| *kept += less);
         }
         let mut solved = Mat::from_fn(kept.len(), 1, |i, _| kept[i]);
         if let Some(factor) = &self.factor {
