@@ -83,3 +83,77 @@ impl Curvature {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use tau_runtime::{Pattern, ResidualFamily, Shape};
+
+    use super::*;
+    use crate::partition::Part;
+    use crate::system::Content;
+    use crate::{Block, Parameter, Problem};
+
+    /// The residual 100 (x² + 5).
+    struct Square;
+
+    impl ResidualFamily for Square {
+        fn shape(&self) -> Shape {
+            Shape {
+                data: 0,
+                prepared: 0,
+                parameters: 1,
+                residuals: 1,
+            }
+        }
+
+        fn pattern(&self) -> Pattern<'_> {
+            Pattern {
+                row_starts: &[0, 1],
+                columns: &[0],
+            }
+        }
+
+        fn prepare(&self, _: &[f64], _: &mut [f64]) {}
+
+        fn value(&self, _: &[f64], x: &[f64], residuals: &mut [f64]) {
+            residuals[0] = 100.0 * (x[0] * x[0] + 5.0);
+        }
+
+        fn linearize(&self, data: &[f64], x: &[f64], residuals: &mut [f64], jacobian: &mut [f64]) {
+            self.value(data, x, residuals);
+            jacobian[0] = 200.0 * x[0];
+        }
+    }
+
+    /// Of a column that has vanished, `r r''` and nothing of the prior; of one that has not, none is sought.
+    #[test]
+    fn what_is_lacking_is_the_residual_times_its_second_derivative() {
+        let block = Block::new("square", &Square, vec![0], &[]);
+        let problem = Problem {
+            parameters: vec![Parameter::new("x", 0.0).with_prior(-0.7, 2.0)],
+            blocks: vec![block],
+        };
+        let part = Part {
+            parameters: vec![0],
+            blocks: vec![0],
+        };
+        for (x, largest, is_sought) in [(0.0, 400.0, true), (0.3, 900.0, true), (0.3, 400.0, false)]
+        {
+            let mut system = System::new(&problem, &part, &[x], Content::Minimize);
+            system.linearize(&[x]).ok().unwrap();
+            let residual = 100.0 * (x * x + 5.0);
+            let gradient = 200.0 * x * residual + (x + 0.7) / 4.0;
+            let mut at = [x];
+            let mut curvature = Curvature::default();
+            let (norms, scale) = ([200.0 * x], [largest]);
+            curvature.find(&mut system, &mut at, &norms, &scale, &[gradient / largest]);
+            assert_eq!(at, [x]);
+            let expected = if is_sought { residual * 200.0 } else { 0.0 };
+            let lacking = curvature.lacking[0];
+            assert!(
+                (lacking - expected).abs() <= 1e-8 * expected,
+                "{x}: {lacking}"
+            );
+        }
+    }
+}

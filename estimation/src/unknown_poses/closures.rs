@@ -100,10 +100,8 @@ impl Assembly<'_> {
         } else if are_lengths {
             rows.family = Arc::new(Lengths::new(family));
         }
-        let samples = found.iter().map(|found| found.places.len()).sum::<usize>();
-        let own = samples * rows.own_each();
+        let samples: usize = found.iter().map(|found| found.places.len()).sum();
         rows.data.reserve_exact(samples * rows.family.shape().data);
-        rows.own.reserve_exact(own);
         for found in found {
             match &rows.coupled {
                 Some(coupled) => coupled.fill(&found.data, &found.factors, &mut rows.data),
