@@ -207,11 +207,7 @@ pub(super) fn noise_scales(fit: &Fit) -> Vec<NoiseScale> {
         .filter(|&component| fit.joint.rows.iter().any(|row| row.component == component))
         .map(|component| NoiseScale {
             set: component.set(),
-            of: match component {
-                Component::Closure | Component::Exact => "closure",
-                Component::CartRotation => "rotation",
-                Component::CartPosition | Component::Position => "position",
-            },
+            of: component.quantity(),
             factor: fit.scales[component as usize],
         })
         .collect()

@@ -299,7 +299,7 @@ mod tests {
             expected_rms: 1.234e-5,
             max: 1.234e-5,
         };
-        let lengths = kind(Measurand::CartPoint);
+        let lengths = kind(Measurand::Position);
         let angles = kind(Measurand::PoseRotation);
         for width in [60, 80, 100] {
             for kinds in [&[lengths][..], &[lengths, angles]] {

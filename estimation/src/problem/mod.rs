@@ -5,6 +5,7 @@
 //! [joint fit](crate::joint) linearises them itself, where [poses are unknown](crate::unknown_poses) carts join.
 
 mod attenuation;
+mod component;
 mod path_noise;
 mod true_pose;
 mod whitened;
@@ -31,48 +32,10 @@ use whitened::WhitenedPose;
 pub use whitened::{Eliminated, Origin, RowPlace, Tracked};
 
 pub(crate) use attenuation::{corrected, whitened_bias};
+pub use component::Component;
 pub(crate) use path_noise::PathNoise;
 pub use true_pose::CLOSURE_SHARE;
 pub(crate) use true_pose::{POSE_UNKNOWNS, TruePose, left_jacobian};
-
-/// Groups of residuals that have a noise of their own.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Component {
-    /// Closures of set 1.
-    Closure,
-    /// Positions of set 2.
-    CartPosition,
-    /// Rotations of set 2.
-    CartRotation,
-    /// Positions of set 3.
-    Position,
-    /// Closures beyond the plate's freedoms, which exact drives hold: they bind parameters, and have no noise.
-    Exact,
-}
-
-impl Component {
-    /// All that have noise, in the order of its scales.
-    pub const ALL: [Self; 4] = [
-        Self::Closure,
-        Self::CartPosition,
-        Self::CartRotation,
-        Self::Position,
-    ];
-
-    /// Its scale among those of all that have noise.
-    pub(crate) fn scale(self, scales: &[f64; 4]) -> f64 {
-        scales.get(self as usize).copied().unwrap_or(1.0)
-    }
-
-    /// The set that it belongs to.
-    pub fn set(self) -> u8 {
-        match self {
-            Self::Closure | Self::Exact => 1,
-            Self::CartPosition | Self::CartRotation => 2,
-            Self::Position => 3,
-        }
-    }
-}
 
 /// Treatment of the measured poses' noise in the closures.
 #[derive(Debug, Clone, Copy)]

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use tau_robot::measurements::{CART_POSES, CART_POSITIONS, Folder, TcpPose};
+use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot_file::RobotFile;
 
 use crate::calibration::{Calibration, Error, ParameterEstimate, Prepared};
@@ -144,19 +144,19 @@ impl Verdict {
     pub fn with_groups(mut self, groups: &[GroupFit], file: &RobotFile) -> Self {
         let mut missed = vec![];
         for group in groups {
-            let (file_name, kind, sigma, unit) = match group.group {
-                Component::Closure | Component::Exact => continue,
-                Component::CartPosition => (CART_POSES, "position", file.noise.position_m, "m"),
-                Component::CartRotation => (CART_POSES, "rotation", file.noise.rotation_rad, "rad"),
-                Component::Position => (CART_POSITIONS, "position", file.noise.position_m, "m"),
-            };
+            let component = group.group;
+            if !Component::OF_CARTS.contains(&component) {
+                continue;
+            }
+            let (file_name, kind) = (component.file(), component.quantity());
+            let sigma = component.stated(file.noise);
             self.by_file.push(FileFit {
                 file: file_name,
                 kind,
                 rows: group.residuals,
                 rms: group.rms * sigma,
                 expected_rms: sigma,
-                unit,
+                unit: component.unit(),
             });
             if group.noise_factor > 1.0 {
                 missed.push((kind, file_name, group.rms));

@@ -3,7 +3,7 @@
 use tau_robot::robot::{Robot, TrackShape, Variant};
 
 use super::fit::Fit;
-use super::kinds::NoiseGroup;
+use super::kinds::KindsOfComponent;
 use super::tracker::of_true_poses;
 use super::{RowDivision, Settled, UnknownPoses};
 use crate::calibration::{self, Calibration, Error};
@@ -133,7 +133,7 @@ fn joined(
 ) -> Result<UnknownPoses, Error> {
     let near = &plate.calibration;
     let mut fit = all_sets(setup, division, near)?;
-    fit.groups = NoiseGroup::all(&fit.assembly.kinds);
+    fit.groups = KindsOfComponent::all(&fit.assembly.kinds);
     (fit.groups).retain(|group| group.group != Component::Closure);
     for (kind, known) in fit.assembly.kinds.iter_mut().zip(&plate.kinds) {
         *kind = known.kind;

@@ -11,7 +11,7 @@ use tau_robot::measurements::TcpPose;
 pub use super::outcome::GroupFit;
 pub use crate::problem::Component;
 
-use super::kinds::NoiseGroup;
+use super::kinds::KindsOfComponent;
 use super::measurand::Measurand;
 use super::{RowDivision, carts};
 use crate::calibration::{self, Calibration, Error};
@@ -53,7 +53,7 @@ pub fn calibrate(
     let setup = Setup { file, ..setup };
     let division = RowDivision::of_poses(folder, poses);
     let mut fit = carts::all_sets(setup, &division, &closure_fit)?;
-    fit.groups = NoiseGroup::all(&fit.assembly.kinds);
+    fit.groups = KindsOfComponent::all(&fit.assembly.kinds);
     let closures = fit.assembly.kind(Measurand::is_of_lengths);
     let closure_m = closures.map_or(0.0, |kind| fit.assembly.kinds[kind].sigma);
     let settled = fit.settled_beside_carts(options, None)?;

@@ -13,7 +13,7 @@ use super::assembly::{Assembly, Chosen};
 use super::dense::stacked;
 use super::elimination::{Elimination, Reduced};
 use super::gauge::{Shared, scaled};
-use super::kinds::{NoiseGroup, kinds_of_carts, moves_links_apart};
+use super::kinds::{KindsOfComponent, kinds_of_carts, moves_links_apart};
 use super::rows::{ABSORBED, CLOSURES, RowPlace, Rows, noise_of_rows};
 use super::starts;
 use super::{GrossRow, KindFit, Rank, RowDivision};
@@ -48,7 +48,7 @@ pub(super) struct Fit<'a> {
     pub(super) left_out: BTreeSet<RowPlace>,
     pub(super) gross: Vec<GrossRow>,
     /// Kinds whose noise may exceed the stated one.
-    pub(super) groups: Vec<NoiseGroup>,
+    pub(super) groups: Vec<KindsOfComponent>,
     /// Loss of single residuals, if it is not least squares.
     pub(super) loss: Option<Loss>,
     /// True if it is one of several starts, as of a sketch: each is soon given up.

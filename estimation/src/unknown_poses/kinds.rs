@@ -15,32 +15,27 @@ use crate::problem::{CLOSURE_SHARE, Component, POSE_UNKNOWNS};
 /// estimate replaces it.
 pub(super) const FIRST_GUESS_M: f64 = 1e-4;
 
-/// Kinds whose noise exceeds the stated one by a factor that they share, where their misfit is significantly larger.
+/// The kinds of a component, whose noise exceeds the stated one by a factor that they share, where their misfit is
+/// significantly larger.
 #[derive(Debug)]
-pub(super) struct NoiseGroup {
+pub(super) struct KindsOfComponent {
     pub(super) group: Component,
     pub(super) kinds: Vec<usize>,
     /// Of the noise over the stated one.
     pub(super) factor: f64,
 }
 
-impl NoiseGroup {
+impl KindsOfComponent {
     /// Those of the plate, links included, and each kind of carts for itself.
     pub(super) fn all(kinds: &[Kind]) -> Vec<Self> {
-        let group = |kind: &Kind| match kind.of {
-            Measurand::CartPosition => Component::CartPosition,
-            Measurand::CartRotation => Component::CartRotation,
-            Measurand::CartPoint => Component::Position,
-            _ => Component::Closure,
-        };
-        let groups = Component::ALL.map(|component| Self {
+        let of = |component| Self {
             group: component,
             kinds: (0..kinds.len())
-                .filter(|&kind| group(&kinds[kind]) == component)
+                .filter(|&kind| kinds[kind].of.component() == component)
                 .collect(),
             factor: 1.0,
-        });
-        groups.into()
+        };
+        Component::ALL.map(of).into()
     }
 }
 
@@ -226,12 +221,11 @@ impl Stated<'_> {
 
 /// Kinds of residuals of carts, in the order of their [components](Component).
 pub(super) fn kinds_of_carts(noise: Noise) -> [Kind; 3] {
-    let of = [
-        (Measurand::CartPosition, noise.position_m),
-        (Measurand::CartRotation, noise.rotation_rad),
-        (Measurand::CartPoint, noise.position_m),
-    ];
-    of.map(|(of, sigma)| Kind::new(of, Some(StatedNoise::Known(sigma)), sigma))
+    Component::OF_CARTS.map(|component| {
+        let sigma = component.stated(noise);
+        let stated = Some(StatedNoise::Known(sigma));
+        Kind::new(Measurand::OfCarts(component), stated, sigma)
+    })
 }
 
 /// Length (m) by which drives that turn move their links per radian at the reference, in the root mean square; of each

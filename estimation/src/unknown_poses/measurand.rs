@@ -1,6 +1,8 @@
 //! Quantities that residuals measure.
 
-use tau_robot::measurements::{CART_POSES, CART_POSITIONS, DISTANCES, PlateKind, TCP_POSES};
+use tau_robot::measurements::{DISTANCES, PlateKind, TCP_POSES};
+
+use crate::problem::Component;
 
 /// Coordinates whose noise is stated by axis.
 pub(super) const AXES: [&str; 3] = ["x", "y", "z"];
@@ -29,12 +31,8 @@ pub enum Measurand {
     },
     /// Closure, by the length of its link.
     LinkLength,
-    /// Position of a cart in set 2.
-    CartPosition,
-    /// Rotation of a cart in set 2.
-    CartRotation,
-    /// Position of a cart in set 3.
-    CartPoint,
+    /// Position or rotation of a cart: a group of its own.
+    OfCarts(Component),
 }
 
 impl Measurand {
@@ -49,9 +47,7 @@ impl Measurand {
             | Self::Distance
             | Self::Closure { .. }
             | Self::LinkLength
-            | Self::CartPosition
-            | Self::CartRotation
-            | Self::CartPoint => None,
+            | Self::OfCarts(_) => None,
         }
     }
 
@@ -65,32 +61,39 @@ impl Measurand {
             Self::Distance => DISTANCES,
             Self::Closure { .. } => "drives",
             Self::LinkLength => "links",
-            Self::CartPosition | Self::CartRotation => CART_POSES,
-            Self::CartPoint => CART_POSITIONS,
+            Self::OfCarts(component) => component.file(),
         }
     }
 
     /// Its name within the file.
     pub fn quantity(self) -> &'static str {
         match self {
-            Self::PosePosition | Self::Position | Self::CartPosition | Self::CartPoint => {
-                "position"
-            }
-            Self::PoseRotation | Self::CartRotation => "rotation",
+            Self::PosePosition | Self::Position => "position",
+            Self::PoseRotation => "rotation",
             Self::Coordinate(axis) => AXES[axis],
             Self::Height => "height",
             Self::BallBar | Self::Distance => "distance",
             Self::Closure { .. } => "closure",
             Self::LinkLength => "length",
+            Self::OfCarts(component) => component.quantity(),
+        }
+    }
+
+    /// The group whose noise is its own: all that was measured of the plate and the links is one.
+    pub fn component(self) -> Component {
+        match self {
+            Self::OfCarts(component) => component,
+            _ => Component::Closure,
         }
     }
 
     /// True for an angle (rad), false for a length (m).
     pub fn is_angle(self) -> bool {
-        matches!(
-            self,
-            Self::PoseRotation | Self::CartRotation | Self::Closure { is_angle: true }
-        )
+        match self {
+            Self::OfCarts(component) => component.is_angle(),
+            Self::PoseRotation | Self::Closure { is_angle: true } => true,
+            _ => false,
+        }
     }
 
     /// SI unit of its noise.
@@ -100,10 +103,7 @@ impl Measurand {
 
     /// True for measurements of carts.
     pub fn is_of_carts(self) -> bool {
-        matches!(
-            self,
-            Self::CartPosition | Self::CartRotation | Self::CartPoint
-        )
+        matches!(self, Self::OfCarts(_))
     }
 
     /// True for closures, by the noise of drives or of the links' lengths.

@@ -308,10 +308,7 @@ impl Rows {
     /// Carts as measured; `used` numbers their parameters, and kinds are those [of carts](super::kinds::kinds_of_carts)
     /// from `first_kind` on.
     pub(super) fn of_carts(parts: Vec<Part>, used: &[usize], first_kind: usize) -> Vec<Self> {
-        let file = |part: &Part| match part.components[0] {
-            Component::Position => CART_POSITIONS,
-            _ => CART_POSES,
-        };
+        let file = |part: &Part| part.components[0].file();
         // Samples of a set follow each other as the rows of its file.
         let first = |name: &str| {
             let own = parts.iter().filter(|part| file(part) == name);
