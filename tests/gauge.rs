@@ -2,7 +2,15 @@
 
 use std::path::Path;
 
+use tau::calibration::Options;
+use tau::measurements::{PlateKind, Split};
+use tau::robot_file::RobotFile;
+use tau::simulation::{Measure, simulate};
+use tau::unknown_poses::{RowDivision, calibrate};
+use tau::{Robot, Setup};
+
 use crate::support::tau_in;
+use crate::unknown_poses::simulation;
 
 /// Measures a machine of a standard robot in `measured`.
 fn measured(folder: &Path, robot: &str, variant: &str, how: &str, seed: u32) {
@@ -83,6 +91,26 @@ fn readings_know_no_scale_of_drums_and_belts() {
         let held = calibrate(determined, "--force");
         assert_eq!(held.code, 0, "{robot}: {}", held.err);
     }
+}
+
+/// Narrow tolerances and a precise ball bar make a scale that is known to a millionth no less known.
+#[test]
+fn narrow_tolerances_free_no_scale() {
+    let robot = Robot::from_text(include_str!("../generated/models/five_bar.tau")).unwrap();
+    let text = "robot = \"FiveBar\"\n[noise]\nball_bar = { distance_m = 1e-6 }\n";
+    let file = RobotFile::parse_for(text, "robot.toml", &robot).unwrap();
+    let mut file = file.completed(&robot);
+    for link in file.links.values_mut() {
+        link.length.as_mut().unwrap().tol /= 30.0;
+    }
+    let measures = [Measure::Rows(PlateKind::BallBar)];
+    let simulated = simulate(&simulation(&robot, &file, "Full", &measures, 60)).unwrap();
+    let folder = &simulated.folder;
+    let variant = robot.variant("Full").unwrap();
+    let setup = Setup::new(&robot, variant, &simulated.file, folder);
+    let division = RowDivision::of(folder, Split::All);
+    let found = calibrate(setup, &division, &Options::default()).unwrap();
+    assert!(!found.rank.open.iter().any(|open| open.is_scale));
 }
 
 /// A ball bar beside redundant drives knows a length, so it frees no scale.

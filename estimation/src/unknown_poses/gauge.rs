@@ -128,12 +128,10 @@ impl Shared<'_> {
         // Closures are homogeneous of degree two: as long as they are not met, a scale changes them in proportion, and
         // makes them the smaller the smaller the machine.
         for motion in motions.iter().filter(|motion| motion.is_scale) {
-            let size = motion.size;
-            let seen = scaled * &motion.change;
-            let mut left = seen.insert_row(self.scale.len(), 0.0) * size;
-            left -= &reduced.projected * 2.0;
+            let seen = (scaled * &motion.change).insert_row(self.scale.len(), 0.0) * motion.size;
+            let left = &seen - &reduced.projected * 2.0;
             let is_known = used.iter().any(|known| known.is_scale);
-            if !is_known && left.norm() < NAMED * largest * size {
+            if !is_known && left.norm() < NAMED * seen.norm() {
                 take(
                     &motion.change,
                     motion.words.clone(),
