@@ -148,9 +148,9 @@ impl Band {
     ) -> Scores {
         let scores = self.scores(responses, known);
         if self.crossings.get().is_none() && !nulls.is_empty() {
-            let rank = scores.rank().max(1) as f64;
             let scans = nulls.iter().map(|null| self.statistics_of(&scores, null));
-            let _ = self.crossings.set(upcrossings(scans, rank));
+            let scans: Vec<Vec<f64>> = scans.collect();
+            let _ = self.crossings.set(upcrossings(&scans));
         }
         scores
     }
@@ -252,18 +252,17 @@ pub(super) fn global_p(statistic: f64, rank: f64, upcrossings: f64) -> PValue {
     PValue::of_chi2(statistic, rank).or(PValue::exp(beyond))
 }
 
-/// Mean number of times that scans cross the level `rank` upwards, of those that null scans do: the mean of a Poisson
-/// variable under Jeffreys' prior, which is not zero where none was seen.
-fn upcrossings(scans: impl Iterator<Item = Vec<f64>>, rank: f64) -> f64 {
-    let (mut count, mut crossings) = (0, 0);
-    for scan in scans {
-        let pairs = scan.windows(2);
-        crossings += pairs
-            .filter(|pair| pair[0] < rank && pair[1] >= rank)
-            .count();
-        count += 1;
-    }
-    (crossings as f64 + 0.5) / f64::from(count.max(1))
+/// Mean number of times that null scans cross their mean upwards, which is the level `rank` in units of their own noise:
+/// where an effect elsewhere makes all noise look larger, they hardly reach that. Of so many crossings the mean of a
+/// Poisson variable under Jeffreys' prior, which is not zero where none was seen.
+fn upcrossings(scans: &[Vec<f64>]) -> f64 {
+    let points = scans.iter().map(Vec::len).sum::<usize>();
+    let level = scans.iter().flatten().sum::<f64>() / points.max(1) as f64;
+    let crosses = |pair: &&[f64]| pair[0] < level && pair[1] >= level;
+    let crossings = scans
+        .iter()
+        .map(|scan| scan.windows(2).filter(crosses).count());
+    (crossings.sum::<usize>() as f64 + 0.5) / scans.len().max(1) as f64
 }
 
 #[cfg(test)]
@@ -329,13 +328,17 @@ mod tests {
                     .collect()
             })
             .collect();
-        let upcrossings = upcrossings(scans[..100].iter().cloned(), 2.0);
+        let crossings = upcrossings(&scans[..100]);
         let chances = scans[100..].iter().map(|scan| {
             let highest = scan.iter().copied().fold(0.0, f64::max);
-            global_p(highest, 2.0, upcrossings)
+            global_p(highest, 2.0, crossings)
         });
         // Of 500 scans 50 are expected, give or take 7, less what peaks between the points.
         let low = chances.filter(|&chance| chance.value() < 0.1).count();
         assert!((20..=72).contains(&low), "{low} of 500");
+        // Noise that an effect elsewhere makes look larger crosses as often.
+        let quiet = |scan: &Vec<f64>| scan.iter().map(|statistic| 1e-3 * statistic).collect();
+        let quiet: Vec<Vec<f64>> = scans[..100].iter().map(quiet).collect();
+        assert_eq!(upcrossings(&quiet), crossings);
     }
 }
