@@ -57,7 +57,7 @@ use tau_estimation::trust::outliers_of_validation;
 use tau_robot::effects::CATALOGUE;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Division, Folder, Poses, Split};
-use tau_robot::robot::{Arm, Robot, Variant};
+use tau_robot::robot::{Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 
 pub use constants::Constants;
@@ -78,8 +78,8 @@ use probes::Probes;
 use results::{Gap, Misfit};
 use score::ProfileLikelihood;
 use search::Search;
-use structural::FullArm;
 use structural::piecewise::Found;
+use structural::search;
 use tau_estimation::Setup;
 use unknown_poses::Unknown;
 
@@ -348,7 +348,7 @@ fn discovered(
         unknown: None,
         options,
     };
-    let mut outcome = searched(&input, progress)?;
+    let mut outcome = search(&input, progress)?;
     let outliers = outcome.validation_outliers(&completed, folder, &division);
     if !outliers.is_empty() {
         // They would pass for a gap that a better model could close.
@@ -359,7 +359,7 @@ fn discovered(
             division: &kept,
             ..input
         };
-        outcome = searched(&input, progress)?;
+        outcome = search(&input, progress)?;
         outcome.discovery.leave_out(outliers);
     }
     if taken.len() < all {
@@ -374,51 +374,6 @@ fn remark_on_part(all: usize, taken: usize) -> String {
         "of {all} poses that calibrate {taken}, evenly spread, took part in the search: more take memory, and an effect \
          that so many do not show is below an eighth of the noise"
     )
-}
-
-/// The search from a base, or where its arm is reduced and a full one is significantly better, from that.
-fn searched(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Outcome, Error> {
-    let Input {
-        robot,
-        model,
-        base,
-        options,
-        ..
-    } = *input;
-    let variant = variant_of(robot, base)?;
-
-    let searched = |input: &Input<'_>, progress: &mut dyn FnMut(&str)| {
-        structural::piecewise::search(input, progress)
-    };
-    if variant.arm == Arm::Full {
-        return searched(input, progress);
-    }
-    progress("comparing the reduced arm with a full one");
-    let ((fuller, model_of_fuller), name) = structural::with_full_arm((robot, model), base)?;
-    let with_full_arm = Input {
-        robot: &fuller,
-        model: &model_of_fuller,
-        base: &name,
-        ..*input
-    };
-    let full_arm = match fitted(&with_full_arm) {
-        Ok((fit, samples)) => FullArm::of(&fit, &samples, &options.constants),
-        Err(Error::NotConverged { .. }) => None,
-        Err(error) => return Err(error),
-    };
-    let Some(full_arm) = full_arm else {
-        return searched(input, progress);
-    };
-    if full_arm.is_significant {
-        let reduced = shortfall(input)?;
-        let mut outcome = searched(&with_full_arm, progress)?;
-        full_arm.precede(base, reduced, &mut outcome.discovery);
-        Ok(outcome)
-    } else {
-        let mut outcome = searched(input, progress)?;
-        full_arm.dismissed(&mut outcome.discovery);
-        Ok(outcome)
-    }
 }
 
 fn variant_of<'r>(robot: &'r Robot, name: &str) -> Result<&'r Variant, InputError> {

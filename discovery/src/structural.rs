@@ -1,9 +1,9 @@
 //! Structural candidates: a full arm where the base has a reduced one, piecewise tracks where it has
 //! straight ones.
 //!
-//! A full arm is tested before the search and is no move of it. A reduced arm has a closure for each cluster, a full one
-//! for each link, so that their scores are of other rows and do not compare; and a search from each would take twice
-//! the time. Effects hardly pass for one: `docs/discovery-benchmark.md`.
+//! A reduced arm has a closure for each cluster, a full one for each link, so that their scores are of other rows and do
+//! not compare. So a full arm is tested on its own closures, before the search and beside what it found, and the search
+//! begins anew from one that is significant. Effects hardly pass for one: `docs/discovery-benchmark.md`.
 
 pub(super) mod piecewise;
 
@@ -15,7 +15,7 @@ use tau_codegen::language::model::{Arm, TrackModel, Variant};
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::samples::Sample;
 use tau_kinematics::{Machine, nearest_rotation};
-use tau_robot::robot::{Owner, Robot};
+use tau_robot::robot::{self, Owner, Robot};
 
 use super::candidate_set::f_form;
 use super::constants::Constants;
@@ -24,10 +24,42 @@ use super::results::{
     Considered, Derived, Discovery, FULL_ARM, FoundEffect, Gap, Misfit, Place, Status, Step,
     UsedEffect, Verdict,
 };
-use super::{Error, not_described, text};
+use super::{Error, Input, Outcome, fitted, not_described, shortfall, text, variant_of};
 
 /// A robot with its description, checked.
 pub(super) type Described = (Robot, Model);
+
+/// The search from a base, or where its arm is reduced and a full one is significantly better, from that.
+pub(super) fn search(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Outcome, Error> {
+    let Input {
+        robot, model, base, ..
+    } = *input;
+    if variant_of(robot, base)?.arm == robot::Arm::Full {
+        return piecewise::search(input, progress);
+    }
+    progress("comparing the reduced arm with a full one");
+    let ((fuller, model_of_fuller), name) = with_full_arm((robot, model), base)?;
+    let with_full_arm = Input {
+        robot: &fuller,
+        model: &model_of_fuller,
+        base: &name,
+        ..*input
+    };
+    let alone = FullArm::of_base(&with_full_arm)?;
+    if let Some(test) = alone.as_ref().filter(|test| test.is_significant) {
+        return test.taken(input, &with_full_arm, progress);
+    }
+    let mut outcome = piecewise::search(input, progress)?;
+    // What was missing is no noise any more, which would hide how much the links differ.
+    let beside = FullArm::beside(&outcome, input)?;
+    if let Some(test) = beside.as_ref().filter(|test| test.is_significant) {
+        return test.taken(input, &with_full_arm, progress);
+    }
+    if let Some(test) = beside.or(alone) {
+        outcome.discovery.considered.insert(0, test.considered());
+    }
+    Ok(outcome)
+}
 
 /// The robot with a variant that differs from one with a reduced arm by its full one, and the name of
 /// that variant; the description's own if it has one.
@@ -101,16 +133,54 @@ fn free_name(model: &Model, wanted: &str) -> String {
 }
 
 /// Test of a full arm: do the links of a cluster differ, where the base takes them for one?
-pub(super) struct FullArm {
-    pub(super) is_significant: bool,
+struct FullArm {
+    is_significant: bool,
     p_value: PValue,
     chi2_drop: f64,
 }
 
 impl FullArm {
+    /// The test of the full arm that a base has; none where it does not fit or has nothing to compare.
+    fn of_base(input: &Input<'_>) -> Result<Option<Self>, Error> {
+        match fitted(input) {
+            Ok((fit, samples)) => Ok(Self::of(&fit, &samples, &input.options.constants)),
+            Err(Error::NotConverged { .. }) => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// The same beside the effects that a search from a reduced arm found, if it found any.
+    fn beside(found: &Outcome, input: &Input<'_>) -> Result<Option<Self>, Error> {
+        if found.discovery.effects.is_empty() {
+            return Ok(None);
+        }
+        let (robot, model) = (found.robot(), &found.discovery.model);
+        let ((robot, model), base) = with_full_arm((&robot, model), text::DISCOVERED)?;
+        Self::of_base(&Input {
+            robot: &robot,
+            model: &model,
+            base: &base,
+            file: &input.file.completed(&robot),
+            ..*input
+        })
+    }
+
+    /// The search from the full arm.
+    fn taken(
+        &self,
+        reduced: &Input<'_>,
+        full: &Input<'_>,
+        progress: &mut dyn FnMut(&str),
+    ) -> Result<Outcome, Error> {
+        let missed = shortfall(reduced)?;
+        let mut outcome = piecewise::search(full, progress)?;
+        self.precede(reduced.base, missed, &mut outcome.discovery);
+        Ok(outcome)
+    }
+
     /// By what χ² of the full arm would rise by if the links of each cluster were parallel and of one length:
     /// on all of its closures, which a reduced arm has not. It is one test, with the price of one more effect.
-    pub(super) fn of(full: &Fit, samples: &[Sample], constants: &Constants) -> Option<Self> {
+    fn of(full: &Fit, samples: &[Sample], constants: &Constants) -> Option<Self> {
         let ties = ties(full, samples)?;
         let broken = &ties * DVector::from_column_slice(&full.fitted);
         let spread = &ties * &full.basis.b;
@@ -138,18 +208,8 @@ impl FullArm {
         }
     }
 
-    /// Notes in what was found from the reduced arm that the full one adds nothing.
-    pub(super) fn dismissed(&self, found: &mut Discovery) {
-        found.considered.insert(0, self.considered());
-    }
-
     /// Puts the step from the reduced arm to the full one before what was found from there.
-    pub(super) fn precede(
-        &self,
-        base: &str,
-        (misfit, gap): (Vec<Misfit>, Gap),
-        found: &mut Discovery,
-    ) {
+    fn precede(&self, base: &str, (misfit, gap): (Vec<Misfit>, Gap), found: &mut Discovery) {
         let before = found.validation.before;
         begin_at(found, base, self.considered(), (misfit, gap));
         found.status = match found.status {
@@ -247,7 +307,6 @@ fn ties(full: &Fit, samples: &[Sample]) -> Option<DMatrix<f64>> {
 mod tests {
     use super::*;
     use tau_codegen::language::check_text;
-    use tau_robot::robot;
 
     #[test]
     fn a_full_arm_takes_no_variants_name() {

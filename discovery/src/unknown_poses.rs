@@ -14,7 +14,7 @@ use tau_robot::robot_file::{RobotFile, Value};
 
 use super::constants::count;
 use super::results::GrossRow;
-use super::{DISCOVERED, Error, Input, Options, Outcome, remark_on_part, searched, variant_of};
+use super::{DISCOVERED, Error, Input, Options, Outcome, remark_on_part, structural, variant_of};
 use tau_estimation::Setup;
 
 /// Result of a discovery in a folder whose poses are unknown.
@@ -114,7 +114,7 @@ pub(super) fn search(
             unknown: Some(&unknown),
             options,
         };
-        let mut outcome = searched(&input, progress)?;
+        let mut outcome = structural::search(&input, progress)?;
         progress("calibrating what was found");
         let fitted = outcome.calibration_of_unknown_poses(&file, folder, &rows);
         // Effects that a base lacks may look like gross measurements or like noise, and may hide some.
