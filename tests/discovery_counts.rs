@@ -3,11 +3,13 @@
 
 use std::collections::BTreeSet;
 
+use nalgebra::Vector3;
 use rayon::prelude::*;
 use tau::Robot;
 use tau::discovery::{Discovery, Options, Outcome, Status, discover};
+use tau::kinematics::Pose;
 use tau::measurements::PlateKind;
-use tau::robot_file::RobotFile;
+use tau::robot_file::{RobotFile, Value};
 use tau::simulation::{Approach, Build, Effect, Measure, Poses, Simulation, Temperature, simulate};
 
 use crate::support::{Random, gantry_tau, prototype};
@@ -199,6 +201,63 @@ fn machines_with_a_reduced_arm_lack_nothing() {
     });
     let wrong = wrong.count();
     assert!(wrong <= bound(8, 0.05), "{wrong} of 8");
+}
+
+/// Links of a cluster that differ by thirty micrometres are found beside an effect that moves the plate by more, and none are
+/// where they do not differ.
+#[test]
+fn a_strong_effect_hides_no_full_arm() {
+    let robot = gantry_tau();
+    let file = with_parallel_links(&robot, 3e-5);
+    let effects = vec![Effect::parse("backlash(one): gap=5e-4", &robot, "effect").unwrap()];
+    for (variant, expected) in [
+        ("Full", &["full_arm", "backlash"][..]),
+        ("Nominal", &["backlash"]),
+    ] {
+        let seeds: Vec<u64> = (720..728).collect();
+        let answers = seeds.par_iter().map(|&seed| {
+            let simulated = simulate(&Simulation {
+                variant: Some(variant.into()),
+                effects: effects.clone(),
+                ..measurements(seed, &file)
+            });
+            let simulated = simulated.unwrap();
+            let (file, folder) = (&simulated.file, &simulated.folder);
+            let options = Options::default();
+            let found = discover(&robot, "Nominal", file, folder, &options, &mut |_| {}).unwrap();
+            let effects = found.discovery.effects.into_iter();
+            effects.map(|effect| effect.name).collect()
+        });
+        let wrong = answers.filter(|names: &Vec<String>| names != expected);
+        let wrong: Vec<Vec<String>> = wrong.collect();
+        assert!(wrong.len() <= bound(8, 0.05), "{variant}: {wrong:?}");
+    }
+}
+
+/// The prototype in its Tau configuration: the links of each cluster are parallel and of one length, to a tolerance (m).
+fn with_parallel_links(robot: &Robot, tolerance_m: f64) -> RobotFile {
+    let (_, mut file) = prototype();
+    let reference = file.reference.clone().unwrap();
+    let at_reference = Pose::from_zyz(reference.position_m, reference.orientation_rad);
+    let point = |value: &Value| Vector3::from_column_slice(&value.value);
+    for cluster in 0..robot.clusters.len() {
+        let links = robot.links_of_cluster(cluster);
+        let first = file.links[&robot.links[links[0]].name].clone();
+        let joint_and_offset = first.plate_joint.as_ref().zip(first.track_offset.as_ref());
+        let (joint, offset) = joint_and_offset.map(|(a, b)| (point(a), point(b))).unwrap();
+        for link in links {
+            let own = file.links.get_mut(&robot.links[link].name).unwrap();
+            let apart = point(own.plate_joint.as_ref().unwrap()) - joint;
+            let at = offset + at_reference.rotation * apart;
+            own.length.clone_from(&first.length);
+            own.track_direction.clone_from(&first.track_direction);
+            own.track_offset.as_mut().unwrap().value = at.as_slice().to_vec();
+            let geometry = [&mut own.length, &mut own.plate_joint, &mut own.track_offset];
+            let geometry = geometry.into_iter().chain([&mut own.track_direction]);
+            geometry.flatten().for_each(|value| value.tol = tolerance_m);
+        }
+    }
+    file
 }
 
 /// A linear delta with poses, whose robot file gives no dimensions: they are the description's. One effect is of the
