@@ -147,6 +147,31 @@ fn a_reduced_arm_lacks_the_full_one() {
     );
 }
 
+/// A stretch of links needs a full arm. Beside a reduced one it stays without a name, with the advice that leads to it.
+#[test]
+fn what_needs_a_full_arm_is_found_from_the_variant_that_is_advised() {
+    let (robot, file) = (gantry_tau(), prototype().1);
+    let text = "link_compliance(l1): strain=1e-6";
+    let simulated = simulate(&Simulation {
+        variant: Some("Nominal".to_owned()),
+        effects: vec![Effect::parse(text, &robot, "test").unwrap()],
+        ..Simulation::new(robot.clone(), file)
+    })
+    .unwrap();
+    let found = |base: &str| {
+        let (file, folder) = (&simulated.file, &simulated.folder);
+        let options = Options::default();
+        let found = discover(&robot, base, file, folder, &options, &mut |_| {});
+        found.unwrap().discovery
+    };
+    let from_reduced = found("Nominal");
+    assert_eq!(from_reduced.status, Status::UnnamedStructure);
+    let advice = "search from a variant that has one, such as `Full`";
+    let mut remarks = from_reduced.remarks.iter();
+    assert!(remarks.any(|remark| remark.contains(advice)));
+    assert_eq!(names(&found("Full")), ["link_compliance(l1)"]);
+}
+
 /// If nothing is hidden, points that carry noise get no name, nor do carts that turn as they go; and the
 /// residuals are as large as the stated noise says.
 #[test]

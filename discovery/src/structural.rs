@@ -18,11 +18,12 @@ use tau_kinematics::{Machine, nearest_rotation};
 use tau_robot::robot::{self, Owner, Robot};
 
 use super::candidate_set::f_form;
+use super::candidates::scope::NEEDS_FULL_ARM;
 use super::constants::Constants;
 use super::p_value::PValue;
 use super::results::{
-    Considered, Derived, Discovery, FULL_ARM, FoundEffect, Gap, Misfit, Place, Status, Step,
-    UsedEffect, Verdict,
+    Considered, Derived, Discovery, FULL_ARM, FoundEffect, Gap, Misfit, Place, Reason, Status,
+    Step, Unseen, UsedEffect, Verdict,
 };
 use super::{Error, Input, Outcome, fitted, not_described, shortfall, text, variant_of};
 
@@ -55,10 +56,31 @@ pub(super) fn search(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Resul
     if let Some(test) = beside.as_ref().filter(|test| test.is_significant) {
         return test.taken(input, &with_full_arm, progress);
     }
+    let found = &mut outcome.discovery;
     if let Some(test) = beside.or(alone) {
-        outcome.discovery.considered.insert(0, test.considered());
+        found.considered.insert(0, test.considered());
     }
+    found.remarks.extend(remark_on_arm(found, robot));
     Ok(outcome)
+}
+
+/// Advice where something has no name and effects took no part because the arm is reduced.
+fn remark_on_arm(found: &Discovery, robot: &Robot) -> Option<String> {
+    let needs_full_arm = |unseen: &Unseen| unseen.why == Reason::Lacks(NEEDS_FULL_ARM);
+    let has_unnamed = matches!(
+        found.status,
+        Status::UnnamedStructure | Status::PartlyExplained
+    );
+    if !has_unnamed || !found.cannot_see.iter().any(needs_full_arm) {
+        return None;
+    }
+    let mut variants = robot.variants.iter();
+    let full = variants.find(|variant| variant.arm == robot::Arm::Full);
+    let such_as = full.map(|full| format!(", such as `{}`", full.name));
+    Some(format!(
+        "effects that need a full arm took no part, and may be what has no name: search from a variant that has one{}",
+        such_as.unwrap_or_default()
+    ))
 }
 
 /// The robot with a variant that differs from one with a reduced arm by its full one, and the name of

@@ -7,6 +7,9 @@ use tau_kinematics::Surroundings;
 
 use super::super::probes::{ClosureProbe, Probes, TARGETS_OF_CART};
 
+/// Reason why an effect that reads a link's length or tension is no candidate beside a reduced arm.
+pub(crate) const NEEDS_FULL_ARM: &str = "it needs a full arm";
+
 /// Action of a term on a probe.
 pub(super) struct Action {
     /// Indices of the probes of the target's components, which act on the same samples.
@@ -113,11 +116,10 @@ pub(crate) fn read(
     closures: &[ClosureProbe],
 ) -> Result<Vec<f64>, &'static str> {
     const NO_CART: &str = "it needs a cart, and the link has none";
-    const FULL_ARM: &str = "it needs a full arm";
     if let Readable::Length | Readable::PaidOut = readable {
         let mut own = closures.iter();
         let own = own.find(|closure| Some(closure.owner()) == scope.length_of);
-        let own = own.ok_or(FULL_ARM)?;
+        let own = own.ok_or(NEEDS_FULL_ARM)?;
         let zero_m = match readable {
             Readable::PaidOut => own.length_at_zero_m,
             _ => 0.0,
@@ -126,7 +128,7 @@ pub(crate) fn read(
         return Ok(lengths_m.collect());
     }
     let lacking = match readable {
-        Readable::Tension => FULL_ARM,
+        Readable::Tension => NEEDS_FULL_ARM,
         _ => NO_CART,
     };
     let input = scope.input(readable).ok_or(lacking)?;
