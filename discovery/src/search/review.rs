@@ -10,7 +10,7 @@ use super::super::constants::{Constants, count};
 use super::super::linear_model::LinearModel;
 use super::super::p_value::PValue;
 use super::super::results::Separation;
-use super::super::separation::{Signal, separate_by};
+use super::super::separation::{Separator, Signal};
 use super::Search;
 use super::moves::{Without, cosine};
 use super::state::{Member, State, Unnamed};
@@ -180,15 +180,16 @@ impl Search<'_> {
                 rivals.push(candidates);
             }
         }
-        rivals
-            .into_iter()
-            .zip(cosines)
-            .map(|(candidates, cosine)| FoundRival {
-                separate_by: self.separate_by(member, &candidates),
-                candidates: candidates.into_iter().map(|one| one.0).collect(),
-                cosine,
-            })
-            .collect()
+        if rivals.is_empty() {
+            return vec![];
+        }
+        let separator = self.separator(member);
+        let rivals: Vec<_> = rivals.into_iter().zip(cosines).collect();
+        parallel::map(&rivals, |(candidates, cosine)| FoundRival {
+            separate_by: self.separate_by(&separator, candidates),
+            candidates: candidates.iter().map(|one| one.0).collect(),
+            cosine: *cosine,
+        })
     }
 
     /// Effects that the base absorbs, beside a model: by how much each would relieve the tolerances that the base is
@@ -325,25 +326,32 @@ impl Search<'_> {
         Some((family, strongest.1, p_value))
     }
 
-    /// The measurement that would tell an effect from a rival: candidates, with what is searched.
-    fn separate_by(&self, member: usize, rival: &[(usize, Option<f64>)]) -> Separation {
-        let own = &self.set.candidates[self.state.members[member].candidate];
+    /// An effect of the model beside the others, which rivals are to be told from.
+    pub(super) fn separator(&self, member: usize) -> Separator<'_> {
+        let State { fit, members, .. } = &self.state;
         let columns = self.state.columns_of_all(&self.context(), &[member]);
-        let base: Vec<usize> = (0..self.state.fit.jacobian.ncols())
-            .filter(|column| !columns.contains(column))
-            .collect();
-        let rivals = rival.iter().map(|&(candidate, searched)| {
+        let base = (0..fit.jacobian.ncols()).filter(|column| !columns.contains(column));
+        let own = Signal {
+            candidate: &self.set.candidates[members[member].candidate],
+            values: self.state.values_of(&self.context(), member),
+        };
+        Separator::new(&self.set, fit, own, &base.collect::<Vec<usize>>())
+    }
+
+    /// The measurement that would tell an effect from a rival: candidates, with what is searched.
+    pub(super) fn separate_by(
+        &self,
+        separator: &Separator<'_>,
+        rival: &[(usize, Option<f64>)],
+    ) -> Separation {
+        let signal = |&(candidate, searched): &(usize, Option<f64>)| {
             let candidate = &self.set.candidates[candidate];
             Signal {
                 candidate,
                 values: candidate.values_at(searched),
             }
-        });
-        let rivals: Vec<Signal<'_>> = rivals.collect();
-        let own = Signal {
-            candidate: own,
-            values: self.state.values_of(&self.context(), member),
         };
-        separate_by(&self.set, &self.state.fit, &own, &rivals, &base)
+        let rivals: Vec<Signal<'_>> = rival.iter().map(signal).collect();
+        separator.separation_from(&rivals)
     }
 }

@@ -2,6 +2,7 @@
 
 mod linear;
 
+use nalgebra::{DMatrix, DVector};
 use tau_codegen::language::{Model, check_text};
 use tau_estimation::samples::outliers;
 use tau_robot::Robot;
@@ -10,6 +11,8 @@ use tau_robot::prototype;
 use tau_robot::robot_file::RobotFile;
 
 use super::super::candidate_set::Score;
+use super::super::candidates;
+use super::super::results::Separation;
 use super::super::{Input, Options, begun};
 use super::*;
 
@@ -138,6 +141,58 @@ fn without_effects_the_fit_is_that_of_the_base() {
     assert_eq!(fit.fitted, search.base.fit.fitted);
     let again = search.state.refitted(&search.context(), &[], None).unwrap();
     assert_ne!(again.fitted, search.base.fit.fitted);
+}
+
+/// What separates an effect from a rival is what least squares on all columns leave of its signal.
+#[test]
+fn separations_are_what_least_squares_leave() {
+    let case = Case::prototype();
+    let input = case.input();
+    let (mut search, _) = begun(&input, None, &mut |_| {}).unwrap();
+    search.run(&mut |_| {}).unwrap();
+    let Search { state, set, .. } = &search;
+    let fit = &state.fit;
+    let columns_of = |candidate: usize, values: &[f64]| {
+        let wanted = set.candidates[candidate].amplitudes();
+        let entries = set.entries(candidate, values, &wanted)?;
+        let columns = candidates::columns(&entries, &wanted, &set.probes);
+        Some(LinearModel::of(fit).weighted(&columns))
+    };
+    let of_member = |member: usize| {
+        let own = &set.candidates[state.members[member].candidate];
+        let values = state.values_of(&search.context(), member);
+        let amplitudes = own.amplitudes().into_iter();
+        let amplitudes = amplitudes.map(|k| values[k] - own.parameters[k].none);
+        let amplitudes = DVector::from_vec(amplitudes.collect());
+        columns_of(state.members[member].candidate, &values).unwrap() * amplitudes
+    };
+    let plain = (0..set.candidates.len()).filter(|&own| set.candidates[own].search.is_none());
+    let rivals: Vec<usize> = plain
+        .filter(|&own| !search.is_in_model(own))
+        .step_by(9)
+        .collect();
+    for member in [0, 3] {
+        let separator = search.separator(member);
+        let signal = of_member(member);
+        let mine = state.columns_of_all(&search.context(), &[member]);
+        let others = (0..fit.jacobian.ncols()).filter(|column| !mine.contains(column));
+        let base = fit.jacobian.select_columns(&others.collect::<Vec<usize>>());
+        for &rival in &rivals {
+            let Some(columns) = columns_of(rival, &set.candidates[rival].none()) else {
+                continue;
+            };
+            let all: Vec<_> = base.column_iter().chain(columns.column_iter()).collect();
+            let u = DMatrix::from_columns(&all).svd(true, false).u.unwrap();
+            let left = (&signal - &u * u.tr_mul(&signal)).norm_squared();
+            let found = search.separate_by(&separator, &[(rival, None)]);
+            let Separation::Repeat { chi2, poses, .. } = found else {
+                panic!("{found:?}");
+            };
+            assert!((chi2[0] - left).abs() < 1e-3 * left, "{chi2:?} {left}");
+            assert!(chi2[1] >= chi2[0] && poses.len() == crate::separation::POSES);
+        }
+    }
+    assert!(rivals.len() > 5);
 }
 
 /// Without any effect, the misfit is that of each component's estimated noise, and the priors'; an outlier counts as a
