@@ -93,6 +93,7 @@ impl<'a> Separator<'a> {
             return Separation::NotInSet1;
         };
         let present = self.all(&now);
+        let predicted_by = present.solved();
         let parameters: usize = rivals.iter().map(|r| r.candidate.parameters.len()).sum();
         let parameters = parameters as f64;
         let Constants { level, power, .. } = self.set.constants;
@@ -100,7 +101,8 @@ impl<'a> Separator<'a> {
         let needed = detectable_noncentrality(threshold, parameters, power);
         let best = (TREATMENTS.into_iter().enumerate())
             .filter_map(|(k, (treatment, _))| {
-                let (poses, sum) = self.with_best(&present, &self.columns(rivals, k)?);
+                let (poses, sum) =
+                    self.with_best(&present, predicted_by.as_ref(), &self.columns(rivals, k)?);
                 Some((sum.separation(), poses, treatment))
             })
             .max_by(|a, b| a.0.total_cmp(&b.0));
@@ -176,10 +178,16 @@ impl<'a> Separator<'a> {
         }
     }
 
-    /// The numbers of the poses that tell most where they are measured once more, and everything measured with them.
-    fn with_best(&self, present: &Products, further: &Columns<'_>) -> (Vec<u32>, Products) {
+    /// The numbers of the poses that tell most where they are measured once more, and everything measured with them;
+    /// `x` are the coefficients by which what was measured predicts the signal.
+    fn with_best(
+        &self,
+        present: &Products,
+        x: Option<&DVector<f64>>,
+        further: &Columns<'_>,
+    ) -> (Vec<u32>, Products) {
         let mut sum = present.clone();
-        let Some(x) = sum.solved() else {
+        let Some(x) = x else {
             return (vec![], sum);
         };
         let (base, Columns { rivals, signal }) = (self.base.ncols(), further);

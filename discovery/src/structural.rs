@@ -51,7 +51,7 @@ pub(super) fn search(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Resul
         return test.taken(input, &with_full_arm, progress);
     }
     let mut outcome = piecewise::search(input, progress)?;
-    // What was missing is no noise any more, which would hide how much the links differ.
+    // Effects that were found are no noise any more, which would hide how much the links differ.
     let beside = FullArm::beside(&outcome, input)?;
     if let Some(test) = beside.as_ref().filter(|test| test.is_significant) {
         return test.taken(input, &with_full_arm, progress);

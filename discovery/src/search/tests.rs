@@ -143,7 +143,7 @@ fn without_effects_the_fit_is_that_of_the_base() {
     assert_ne!(again.fitted, search.base.fit.fitted);
 }
 
-/// What separates an effect from a rival is what least squares on all columns leave of its signal.
+/// An effect is separated from a rival by as much of its signal as least squares on all columns leave.
 #[test]
 fn separations_are_what_least_squares_leave() {
     let case = Case::prototype();

@@ -1,4 +1,4 @@
-//! Groups of residuals that share a noise, the only ones that fits estimate.
+//! Groups of residuals that share a factor on their stated noise.
 
 use tau_robot::measurements::{CART_POSES, CART_POSITIONS, TCP_POSES};
 use tau_robot::robot_file::Noise;

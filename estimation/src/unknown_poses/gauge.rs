@@ -13,7 +13,8 @@ pub(super) use motions::Shared;
 /// squares (1e-16 to 1e-12) and the weakest that measurements of a machine determine (1e-6).
 const OPEN: f64 = 1e-9;
 /// Share of a motion outside the open directions up to which it is one of them: rounding in the null space, below the
-/// millimetre in a hundred metres that would make it another.
+/// millimetre in a hundred metres that would make it another. So is the share of what is seen of an open scale that does
+/// not cancel.
 const NAMED: f64 = 1e-5;
 /// Share of a motion within the directions not yet named from which on it names another one; what others have named
 /// leaves rounding alone.
