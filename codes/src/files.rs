@@ -1,0 +1,5 @@
+//! Files, options and arguments.
+
+codes! {
+    NO_SUCH_FILE = 201: "a file does not exist";
+}
