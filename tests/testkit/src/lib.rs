@@ -1,0 +1,108 @@
+//! What whole-program tests share.
+//!
+//! | question | answer |
+//! | --- | --- |
+//! | a folder to work in, with `measured` made by the virtual robot | [`Work::simulated`] |
+//! | change a table or a robot file of it | [`Work::edit`], [`Table`], [`Work::replace`] |
+//! | run a command line, and what it said | [`Work::run`], [`Ran`] |
+//! | a message that must come: its code, file and line | [`Ran::refused`], [`Ran::codes`] |
+//! | random numbers | [`Random`] |
+//! | a robot | [`robots`] |
+//!
+//! ```
+//! use tau_testkit::Work;
+//!
+//! let work = Work::prototype();
+//! work.edit("tcp_poses.csv", |table| table.exchange("q1_m", "q2_m"));
+//! let found = work.run("check MEASURED --json -").printed();
+//! assert_eq!(found["mistakes"][0]["kind"], "commands");
+//! ```
+
+mod ran;
+pub mod robots;
+mod table;
+mod work;
+
+pub use ran::{Problem, Ran, said};
+pub use table::Table;
+pub use tau_estimation::numerics::distribution::Random;
+pub use work::Work;
+
+use serde_json::Value;
+
+/// The measurement folder that ships.
+pub const PROTOTYPE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../data/prototype");
+/// The description of the standard robot.
+pub const GANTRY: &str = concat!(
+    env!("CARGO_MANIFEST_DIR"),
+    "/../../generated/models/gantry_tau.tau"
+);
+/// Small robots of other layouts than the standard ones.
+pub const ROBOTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots");
+/// Measurements of others, with their licences.
+pub const FIXTURES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures");
+
+/// A random number between −1 and 1.
+pub fn symmetric(random: &mut Random) -> f64 {
+    2.0 * random.uniform() - 1.0
+}
+
+/// A number of a JSON document.
+///
+/// # Panics
+/// It is none.
+#[track_caller]
+pub fn number(value: &Value) -> f64 {
+    value
+        .as_f64()
+        .unwrap_or_else(|| panic!("expected a number, found {value}"))
+}
+
+/// The entries of a JSON list.
+///
+/// # Panics
+/// It is no list.
+#[track_caller]
+pub fn list(value: &Value) -> &[Value] {
+    value
+        .as_array()
+        .unwrap_or_else(|| panic!("expected a list, found {value}"))
+}
+
+/// Fails where a JSON object lacks a field.
+///
+/// # Panics
+/// It lacks one.
+#[track_caller]
+pub fn fields<const N: usize>(value: &Value, names: [&str; N]) {
+    for name in names {
+        assert!(value.get(name).is_some(), "`{name}` in {value:#}");
+    }
+}
+
+/// The largest count that a correct program exceeds in fewer than one of ten thousand runs, of `trials` that each
+/// happen with a chance.
+pub fn rare_count(trials: u32, chance: f64) -> usize {
+    let mut mass = (1.0 - chance).powi(trials.cast_signed());
+    let mut sum = mass;
+    let mut count = 0;
+    while 1.0 - sum > 1e-4 && count < trials {
+        mass *= f64::from(trials - count) / f64::from(count + 1) * chance / (1.0 - chance);
+        sum += mass;
+        count += 1;
+    }
+    count as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rare_counts_are_those_of_the_binomial_distribution() {
+        // Twenty throws of a coin: 19 or more heads in 21 of 1 048 576 runs, 18 or more in 211, which is more than 104.
+        assert_eq!(rare_count(20, 0.5), 18);
+        assert_eq!(rare_count(1, 0.5), 1);
+        assert_eq!(rare_count(100, 0.0), 0);
+    }
+}
