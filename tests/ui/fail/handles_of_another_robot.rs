@@ -1,4 +1,4 @@
-//! A variant and a parameter of another robot.
+//! A variant that the robot does not have, and a variant and a parameter of another robot.
 
 extern crate self as tau;
 pub use tau_runtime as runtime;
@@ -28,6 +28,7 @@ fn calibrate<R: runtime::DeclaredRobot>(
 }
 
 fn main() {
+    let _ = Slide::BNET;
     calibrate::<Slide>(Slide::BENT, slide::bent::BEND_ONE_RATE);
     calibrate::<Slide>(Other::NOMINAL, other::nominal::ARM_LENGTH);
 }

@@ -1,4 +1,4 @@
-//! A parameter that the variant does not have.
+//! A parameter that the variant does not have, and one that another variant has.
 
 extern crate self as tau;
 pub use tau_runtime as runtime;
@@ -15,4 +15,5 @@ tau_macro::tau_model! {
 
 fn main() {
     let _ = slide::bent::BEND_ONE_RAET;
+    let _ = (slide::bent::BEND_ONE_RATE, slide::nominal::BEND_ONE_RATE);
 }
