@@ -104,7 +104,7 @@ codes! {
     NEEDS_FULL_ARM = 186: "an effect needs a full arm";
     VARIANT_CIRCLE = 187: "a variant refers to itself";
     CANNOT_HOLD = 188: "a variant cannot hold this";
-    PLACE_COUNT = 189: "an effect takes another number of places";
+    PLACE_COUNT = 189: "an effect takes another number of places, or different ones";
     PLACE_OF_OTHER_KIND = 190: "an effect does not act on this kind of place";
     COMMAND_NOT_THERE = 191: "an effect reads a command that is not there, or is an angle";
     WITH = 192: "a use names something that is no optional parameter";

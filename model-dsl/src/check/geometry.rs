@@ -74,7 +74,7 @@ pub(super) fn link(
         };
         match refused {
             Some((message, help)) => {
-                diagnostics.error(language::VALUE_NOT_HERE, &one.name, message, help)
+                diagnostics.error(language::VALUE_NOT_HERE, &one.name, message, help);
             }
             None => drop(given.entry(value).or_insert(one)),
         }
