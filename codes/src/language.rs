@@ -22,7 +22,7 @@ codes! {
     MISSING_SEPARATOR = 116: "two values or names stand side by side without an operator or a comma";
 
     // Numbers and operators as they are written.
-    MISSING_NUMBER = 117: "a number is missing";
+    MISSING_NUMBER = 117: "a number is missing, or is no whole one where it must be";
     NOT_DECIMAL = 118: "a number is not decimal";
     DECIMAL_COMMA = 119: "a number has a decimal comma";
     UNIT_WITHOUT_SPACE = 120: "no space stands between a number and its unit";

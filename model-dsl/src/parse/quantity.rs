@@ -101,7 +101,10 @@ pub(super) fn exponent(parser: &mut Parser<'_>) -> Parse<i32> {
     let negative = parser.eat("-").is_some();
     let what = "a whole number as exponent";
     let help = "write a whole number such as `^2` or `^-1`; for a square root, `sqrt(…)`";
-    let (value, _) = whole_number(parser, what).map_err(|diagnostic| diagnostic.help(help))?;
+    let (value, _) = whole_number(parser, what).map_err(|diagnostic| {
+        let code = language::EXPONENT;
+        Diagnostic { code, ..diagnostic }.help(help)
+    })?;
     let value = i32::try_from(value)
         .ok()
         .filter(|value| *value <= 100)
