@@ -66,6 +66,7 @@ pub fn check_names(compiled: &CompiledRobot, description: &TokenStream) -> Resul
         };
         let span = declared(description, keyword, &clash.of).span();
         Diagnostic {
+            code: clash.code,
             message: clash.message,
             help: Some(clash.help.to_owned()),
             span,

@@ -72,6 +72,24 @@ fn constants_fold_while_they_are_finite() {
     assert_eq!(product, one);
 }
 
+/// Parameters that would be one constant, and a variant that would be the robot: at the variants' names.
+#[test]
+fn names_that_code_cannot_tell_apart() {
+    let text = "robot Slide { track one; cluster arm on one { link l1, l2, l3, l4, l5, l6; }
+        variant Nominal { arm reduced; tracks linear; }
+        effect shift on cart { param a, A: length; along += a - A; }
+        variant Shifted = Nominal + shift(one);
+        variant Robot { arm full; tracks linear; } }";
+    let model = tau_model_dsl::check_text(text).expect("a valid description");
+    let tokens = tau_model_dsl::tokens(text).expect("tokens");
+    let errors = crate::check_names(&crate::compile(&model, text), &tokens).unwrap_err();
+    let found: Vec<_> = (errors.diagnostics.iter())
+        .map(|one| (one.code, one.line(), &text[one.byte_range()]))
+        .collect();
+    let code = tau_model_dsl::codes::NAMES_CLASH_IN_CODE;
+    assert_eq!(found, [(code, 4, "Shifted"), (code, 5, "Robot")]);
+}
+
 /// Code of the closure of a link whose length has a term.
 fn closure_with(term: &str) -> Programs {
     let text = format!(

@@ -4,6 +4,7 @@ use std::fmt;
 use std::ops::Range;
 
 use proc_macro2::{Ident, LexError, Span, TokenStream, TokenTree};
+use tau_codes::{Code, language};
 
 pub(crate) const TOLERANCE_HELP: &str =
     "a tolerance, one standard deviation, is written `tol 1 mm`";
@@ -50,6 +51,8 @@ impl From<&Ident> for Location {
 /// One mistake in a description.
 #[derive(Debug, Clone)]
 pub struct Diagnostic {
+    /// The kind of mistake: what programs and tests ask for, since words change.
+    pub code: Code,
     /// The mistake, in lower case and without a full stop.
     pub message: String,
     /// The remedy.
@@ -61,9 +64,14 @@ pub struct Diagnostic {
 }
 
 impl Diagnostic {
-    pub(crate) fn new(location: impl Into<Location>, message: impl Into<String>) -> Self {
+    pub(crate) fn new(
+        code: Code,
+        location: impl Into<Location>,
+        message: impl Into<String>,
+    ) -> Self {
         let location = location.into();
         Self {
+            code,
             message: message.into(),
             help: None,
             span: location.start,
@@ -96,9 +104,10 @@ impl Diagnostic {
     }
 }
 
+/// `message [T104]`, and on a second line the help.
 impl fmt::Display for Diagnostic {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter.write_str(&self.message)?;
+        write!(formatter, "{} [{}]", self.message, self.code)?;
         match &self.help {
             Some(help) => write!(formatter, "\nhelp: {help}"),
             None => Ok(()),
@@ -139,53 +148,71 @@ impl Errors {
         let found = text
             .get(span.byte_range().start..)
             .and_then(|rest| rest.chars().next());
-        let diagnostic = match found {
+        let pair = "every bracket needs its partner";
+        let (code, message, help) = match found {
             Some(bracket @ ('(' | '[' | '{')) => {
-                Diagnostic::new(span, format!("`{bracket}` is never closed"))
-                    .help("every bracket needs its partner")
+                let message = format!("`{bracket}` is never closed");
+                (language::UNPAIRED_BRACKET, message, pair.to_owned())
             }
-            Some(bracket @ (')' | ']' | '}')) => match innermost_open(before) {
-                Some((open, line, column)) => {
-                    let message = format!(
-                        "`{bracket}` does not close the `{open}` of line {line}, column {column}"
-                    );
-                    let partner = partner(open);
-                    Diagnostic::new(span, message)
-                        .help(format!("close that with `{partner}` before"))
-                }
-                None => Diagnostic::new(span, format!("`{bracket}` closes nothing that is open"))
-                    .help("every bracket needs its partner"),
-            },
-            Some('/') => {
-                Diagnostic::new(span, "this comment is never closed").help("end it with `*/`")
+            Some(bracket @ (')' | ']' | '}')) => {
+                let (message, help) = match innermost_open(before) {
+                    Some((open, line, column)) => (
+                        format!(
+                            "`{bracket}` does not close the `{open}` of line {line}, column {column}"
+                        ),
+                        format!("close that with `{}` before", partner(open)),
+                    ),
+                    None => {
+                        let message = format!("`{bracket}` closes nothing that is open");
+                        (message, pair.to_owned())
+                    }
+                };
+                (language::UNPAIRED_BRACKET, message, help)
             }
-            Some('"' | '\'') => {
-                Diagnostic::new(span, "this quotation mark has no meaning in a model")
-                    .help("names and numbers are written without quotation marks")
+            Some('/') => (
+                language::UNCLOSED_COMMENT,
+                "this comment is never closed".to_owned(),
+                "end it with `*/`".to_owned(),
+            ),
+            Some('±') => (
+                language::PLUS_MINUS,
+                "`±` has no meaning in a model".to_owned(),
+                TOLERANCE_HELP.to_owned(),
+            ),
+            Some('"' | '\'') => (
+                language::UNKNOWN_CHARACTER,
+                "this quotation mark has no meaning in a model".to_owned(),
+                "names and numbers are written without quotation marks".to_owned(),
+            ),
+            other => {
+                let found = other.map_or_else(String::new, |one| one.escape_debug().to_string());
+                (
+                    language::UNKNOWN_CHARACTER,
+                    format!("`{found}` has no meaning in a model"),
+                    "a description consists of names, numbers, operators and brackets".to_owned(),
+                )
             }
-            Some('±') => {
-                Diagnostic::new(span, "`±` has no meaning in a model").help(TOLERANCE_HELP)
-            }
-            Some(character) => Diagnostic::new(
-                span,
-                format!("`{}` has no meaning in a model", character.escape_debug()),
-            )
-            .help("a description consists of names, numbers, operators and brackets"),
-            None => Diagnostic::new(span, "this is not a description"),
         };
-        let diagnostic = if is_behind_hash(before) {
-            diagnostic.help(COMMENT_HELP)
+        let (code, help) = if is_behind_hash(before) {
+            (language::HASH_COMMENT, COMMENT_HELP.to_owned())
         } else {
-            diagnostic
+            (code, help)
         };
-        Self {
-            robot: None,
-            diagnostics: vec![diagnostic],
-        }
+        Self::one(Diagnostic::new(code, span, message).help(help))
     }
 
-    pub(crate) fn without_robot() -> Self {
-        let diagnostic = Diagnostic::new(Span::call_site(), "the description holds no robot");
+    /// Tokens that are no mistake, and no robot either.
+    pub(crate) fn without_robot(tokens: TokenStream) -> Self {
+        let (location, message) = match tokens.into_iter().last() {
+            Some(TokenTree::Group(group)) => (group.span_close(), "the description holds no robot"),
+            Some(token) => (token.span(), "the description holds no robot"),
+            None => (Span::call_site(), "the description is empty"),
+        };
+        let help = "write `robot Name { track …; cluster …; variant …; }`";
+        Self::one(Diagnostic::new(language::NO_ROBOT, location, message).help(help))
+    }
+
+    fn one(diagnostic: Diagnostic) -> Self {
         Self {
             robot: None,
             diagnostics: vec![diagnostic],
@@ -288,11 +315,12 @@ impl Diagnostics {
 
     pub(crate) fn error(
         &mut self,
+        code: Code,
         location: impl Into<Location>,
         message: impl Into<String>,
         help: impl Into<String>,
     ) {
-        self.push(Diagnostic::new(location, message).help(help));
+        self.push(Diagnostic::new(code, location, message).help(help));
     }
 
     /// Number of mistakes so far, to learn whether a step found any.

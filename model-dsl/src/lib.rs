@@ -17,8 +17,8 @@
 //!
 //! let errors = tau_model_dsl::check_text("robot Slide { track one; cluster arm on two { link l1; } }")
 //!     .unwrap_err();
-//! let messages: Vec<_> = errors.diagnostics.iter().map(|error| error.message.as_str()).collect();
-//! assert_eq!(messages, ["robot `Slide` has no variants", "cannot find track `two`"]);
+//! let codes: Vec<_> = errors.diagnostics.iter().map(|error| error.code).collect();
+//! assert_eq!(codes, [tau_model_dsl::codes::PARTS_MISSING, tau_model_dsl::codes::UNKNOWN_TRACK]);
 //! # Ok::<(), tau_model_dsl::Errors>(())
 //! ```
 
@@ -41,6 +41,8 @@ use proc_macro2::TokenStream;
 pub use crate::diagnostics::{Diagnostic, Errors};
 pub use crate::model::Model;
 pub use crate::names::nearest;
+/// Codes of the mistakes in descriptions.
+pub use tau_codes::{Code, language as codes};
 
 use crate::diagnostics::Diagnostics;
 
@@ -52,15 +54,18 @@ use crate::diagnostics::Diagnostics;
 /// All mistakes of the description, each at its tokens.
 pub fn check_tokens(tokens: TokenStream) -> Result<Model, Errors> {
     let mut diagnostics = Diagnostics::new();
-    let description = parse::description(tokens, true, &mut diagnostics);
+    let description = parse::description(tokens.clone(), true, &mut diagnostics);
     let robot = description.robot_name();
     // Follow-on errors of a broken item would hide the first mistake, so checking waits for a clean tree.
     diagnostics.into_result(robot.clone())?;
 
+    let Some(declared) = &description.robot else {
+        return Err(Errors::without_robot(tokens));
+    };
     let mut diagnostics = Diagnostics::new();
-    let model = check::robot(&description, &mut diagnostics);
+    let model = check::robot(declared, &description.effects, &mut diagnostics);
     diagnostics.into_result(robot)?;
-    model.ok_or_else(Errors::without_robot)
+    Ok(model)
 }
 
 /// Checks a description given as text.

@@ -1,6 +1,7 @@
 //! Names: what they may be, and which one was probably meant.
 
 use proc_macro2::Ident;
+use tau_codes::language;
 
 use crate::diagnostics::Diagnostic;
 
@@ -36,8 +37,12 @@ pub(crate) fn reserved(name: &Ident) -> Option<Diagnostic> {
         return None;
     };
     Some(
-        Diagnostic::new(name, format!("{reason} and cannot be a name"))
-            .help("choose another name, of ASCII letters, digits and `_`"),
+        Diagnostic::new(
+            language::RESERVED_NAME,
+            name,
+            format!("{reason} and cannot be a name"),
+        )
+        .help("choose another name, of ASCII letters, digits and `_`"),
     )
 }
 

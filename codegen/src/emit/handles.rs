@@ -5,6 +5,7 @@ use std::fmt::{self, Write};
 
 use proc_macro2::{Ident, Literal, TokenStream};
 use quote::quote;
+use tau_model_dsl::{Code, codes};
 
 use super::{Paths, ident, snake_case};
 use crate::compile::{CompiledRobot, CompiledVariant};
@@ -135,6 +136,8 @@ fn parameter_constant(name: &str) -> String {
 /// Two things of a description that Rust could not tell apart.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Clash {
+    /// The kind of mistake.
+    pub code: Code,
     /// Name of the variant or robot where they clash.
     pub of: String,
     /// Both, and the name in common.
@@ -145,7 +148,7 @@ pub struct Clash {
 
 impl fmt::Display for Clash {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}\nhelp: {}", self.message, self.help)
+        write!(f, "{} [{}]\nhelp: {}", self.message, self.code, self.help)
     }
 }
 
@@ -159,6 +162,7 @@ pub fn clashes(robot: &CompiledRobot) -> Vec<Clash> {
     let is_module = |variant: &CompiledVariant| snake_case(&variant.name) == *name;
     if name == "ROBOT" || robot.variants.iter().any(is_module) {
         clashes.push(Clash {
+            code: codes::NAMES_CLASH_IN_CODE,
             of: name.clone(),
             message: format!("generated code has something else named `{name}`"),
             help: "choose another name",
@@ -167,6 +171,7 @@ pub fn clashes(robot: &CompiledRobot) -> Vec<Clash> {
     for variant in &robot.variants {
         if variant_constant(&variant.name) == "ROBOT" {
             clashes.push(Clash {
+                code: codes::NAMES_CLASH_IN_CODE,
                 of: variant.name.clone(),
                 message: "`ROBOT` is the robot itself in generated code".to_owned(),
                 help: "choose another name",
@@ -185,6 +190,7 @@ fn clashes_in(variant: &CompiledVariant) -> Vec<Clash> {
         let constant = parameter_constant(&parameter.name);
         if let Some(first) = named.get(&constant) {
             clashes.push(Clash {
+                code: codes::NAMES_CLASH_IN_CODE,
                 of: variant.name.clone(),
                 message: format!(
                     "parameters `{first}` and `{}` would be one constant `{constant}`",

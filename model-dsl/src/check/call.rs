@@ -1,6 +1,7 @@
 //! Calls: elementary functions, and commands of named tracks.
 
 use proc_macro2::Ident;
+use tau_codes::language;
 
 use super::parts::unknown_track;
 use super::scope::{Home, Scope};
@@ -22,14 +23,24 @@ fn norm(
     let Ok([value]) = <[Option<Checked>; 1]>::try_from(values) else {
         let found = arguments.len();
         let message = format!("`norm` takes 1 argument, found {found}");
-        diagnostics.error(location, message, "write `norm((x, y, z))`");
+        diagnostics.error(
+            language::ARGUMENT_COUNT,
+            location,
+            message,
+            "write `norm((x, y, z))`",
+        );
         return None;
     };
     let Checked { shape, dimension } = value?;
     let Shape::Vector(components) = shape else {
         let message = "`norm` takes a vector, but this is a scalar";
         let help = "the size of a scalar is `abs(a)`";
-        diagnostics.error(arguments.first()?.location, message, help);
+        diagnostics.error(
+            language::WRONG_SHAPE,
+            arguments.first()?.location,
+            message,
+            help,
+        );
         return None;
     };
     let [x, y, z] = components.map(|component| Formula::Power(Box::new(component), 2));
@@ -55,13 +66,15 @@ pub(super) fn call(
     let Some((_, function, arity)) = FUNCTIONS.iter().find(|(own, ..)| *name == own) else {
         let text = name.to_string();
         let is_value = scope.parameter(name).is_some() || meaning(&text).is_some();
-        let help = if is_value {
-            format!("for a product write `{text} * (…)`")
+        let (code, help) = if is_value {
+            let help = format!("for a product write `{text} * (…)`");
+            (language::PRODUCT_WITHOUT_STAR, help)
         } else {
             let known = FUNCTIONS.iter().map(|(name, ..)| *name);
-            suggest("function", &text, known.chain(["norm"]))
+            let help = suggest("function", &text, known.chain(["norm"]));
+            (language::UNKNOWN_FUNCTION, help)
         };
-        diagnostics.error(name, format!("`{text}` is not a function"), help);
+        diagnostics.error(code, name, format!("`{text}` is not a function"), help);
         return None;
     };
     if arguments.len() != *arity {
@@ -75,7 +88,7 @@ pub(super) fn call(
         } else {
             format!("write `{name}(a, b)`")
         };
-        diagnostics.error(location, message, help);
+        diagnostics.error(language::ARGUMENT_COUNT, location, message, help);
         return None;
     }
     let mut scalars = Vec::new();
@@ -85,7 +98,7 @@ pub(super) fn call(
         let Shape::Scalar(scalar) = one.shape else {
             let message = format!("`{name}` takes scalars, but this is a vector");
             let help = "take it of a component, such as `rate[0]`";
-            diagnostics.error(written.location, message, help);
+            diagnostics.error(language::WRONG_SHAPE, written.location, message, help);
             return None;
         };
         scalars.push(scalar);
@@ -131,7 +144,12 @@ fn result(
             if root.is_none() {
                 let message = format!("{} has no square root", first.describe());
                 let help = "every exponent of the unit must be even";
-                diagnostics.error(arguments.first()?.location, message, help);
+                diagnostics.error(
+                    language::ARGUMENT_DIMENSION,
+                    arguments.first()?.location,
+                    message,
+                    help,
+                );
             }
             return root;
         }
@@ -141,7 +159,12 @@ fn result(
             if value.is_none() {
                 let (left, right) = (first.describe(), second.describe());
                 let message = format!("`{name}` cannot compare {left} and {right}");
-                diagnostics.error(location, message, different_help(first, second));
+                diagnostics.error(
+                    language::DIFFERENT_DIMENSIONS,
+                    location,
+                    message,
+                    different_help(first, second),
+                );
             }
             return value;
         }
@@ -156,7 +179,12 @@ fn result(
     };
     let message = format!("`{name}` takes {wanted}, found {}", first.describe());
     let help = format!("divide by something in `{}`", first.si_unit());
-    diagnostics.error(arguments.first()?.location, message, help);
+    diagnostics.error(
+        language::ARGUMENT_DIMENSION,
+        arguments.first()?.location,
+        message,
+        help,
+    );
     None
 }
 
@@ -170,7 +198,7 @@ pub(super) fn command_of(
     if let Home::Value(home) = &scope.home {
         let message = format!("`{}` cannot read the command of another drive", home.what);
         let help = "`length` of a driven link reads its own command: `q`";
-        diagnostics.error(location, message, help);
+        diagnostics.error(language::UNREADABLE_IN_VALUE, location, message, help);
         return None;
     }
     let [
@@ -182,7 +210,7 @@ pub(super) fn command_of(
     else {
         let message = "`q(…)` takes the name of one track";
         let help = "write `q(track)`, or `q * (…)` for a product";
-        diagnostics.error(location, message, help);
+        diagnostics.error(language::ARGUMENT_COUNT, location, message, help);
         return None;
     };
     let what = if *place == "source" {
@@ -195,7 +223,7 @@ pub(super) fn command_of(
             };
             let message = format!("effect `{name}` has no source");
             let help = format!("declare it: `effect {name} on cart from source`");
-            diagnostics.error(place, message, help);
+            diagnostics.error(language::SUBJECT, place, message, help);
             return None;
         }
         Readable::SourceCommand
@@ -213,7 +241,7 @@ pub(super) fn command_of(
             .is_some_and(|track| track.crank.is_some())
     {
         let message = format!("`q({place})` is the angle of a crank, but effects read lengths");
-        diagnostics.error(place, message, "name a track");
+        diagnostics.error(language::COMMAND_NOT_THERE, place, message, "name a track");
         return None;
     }
     Some(Checked::scalar(Formula::Read(what), Dimension::LENGTH))

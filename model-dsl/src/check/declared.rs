@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use proc_macro2::Ident;
+use tau_codes::language;
 
 use crate::diagnostics::Diagnostics;
 use crate::names::article;
@@ -35,7 +36,7 @@ impl Declared {
         } else {
             "choose another name"
         };
-        diagnostics.error(name, message, help);
+        diagnostics.error(language::DECLARED_TWICE, name, message, help);
         false
     }
 

@@ -1,5 +1,7 @@
 //! Effects: subject, parameters, terms.
 
+use tau_codes::language;
+
 use super::declared::Declared;
 use super::formula::formula;
 use super::quantity::{dimension, scalar, tolerance, unit_help};
@@ -38,12 +40,12 @@ pub(super) fn effect(
         let help = "an effect searches one parameter: declare the others with `param`";
         let known = first.map_or_else(String::new, |first| format!(" beside `{}`", first.name));
         let message = format!("`{}` is searched{known}", further.name);
-        diagnostics.error(&further.name, message, help);
+        diagnostics.error(language::SEARCH, &further.name, message, help);
     }
     if effect.terms.is_empty() {
         let help = "add a term, such as `along += …;`";
         let message = format!("effect `{}` adds to nothing", effect.name);
-        diagnostics.error(&effect.name, message, help);
+        diagnostics.error(language::NO_TERMS, &effect.name, message, help);
     }
     let terms: Vec<Term> = effect
         .terms
@@ -54,6 +56,7 @@ pub(super) fn effect(
     if diagnostics.count() == before {
         for (name, _) in scope.unused() {
             diagnostics.error(
+                language::UNUSED_PARAMETER,
                 name,
                 format!("parameter `{name}` is used in no term"),
                 "use it in a formula, or remove it",
@@ -94,7 +97,7 @@ fn subject(effect: &syntax::Effect, diagnostics: &mut Diagnostics) -> Option<Sub
                 }
             };
             let message = format!("effects act on `cart`, `link` or `tcp`, found `{word}`");
-            diagnostics.error(&effect.subject, message, help);
+            diagnostics.error(language::UNKNOWN_SUBJECT, &effect.subject, message, help);
             None
         }
     };
@@ -104,17 +107,17 @@ fn subject(effect: &syntax::Effect, diagnostics: &mut Diagnostics) -> Option<Sub
     {
         let message = format!("only links are {kind}, found an effect on {word}");
         let help = format!("leave out `{kind}`, or let the effect act on `link`");
-        diagnostics.error(kind, message, help);
+        diagnostics.error(language::SUBJECT, kind, message, help);
     }
     if let (Some(kind), Some(actuated)) = (&effect.kind, actuated) {
         let message = format!("the link is {kind} and {actuated}, expected one of the two");
         let help = "write `on driven link`, `on pulled link`, `on link actuated length` or `on link actuated angle`";
-        diagnostics.error(actuated, message, help);
+        diagnostics.error(language::SUBJECT, actuated, message, help);
     }
     if let (Some(Subject::Link | Subject::Tcp), Some(source)) = (subject, &effect.source) {
         let message = format!("only an effect on cart has a source, found `on {word} from source`");
         let help = "leave out `from source`; `q(track)` reads the command of a named track";
-        diagnostics.error(source, message, help);
+        diagnostics.error(language::SUBJECT, source, message, help);
     }
     subject
 }
@@ -145,7 +148,12 @@ fn parameters<'a>(
         .and_then(|quantity| tolerance(quantity, dimension, &first, &bounds, diagnostics));
     if let Some(exact) = declaration.exact {
         let message = "an exact parameter of an effect would be a number of its formulas";
-        diagnostics.error(exact, message, "write the number into the formulas");
+        diagnostics.error(
+            language::CERTAINTY,
+            exact,
+            message,
+            "write the number into the formulas",
+        );
     }
     let search = search(declaration, dimension, &first, diagnostics);
     for given in &declaration.names {
@@ -153,7 +161,12 @@ fn parameters<'a>(
         let mut is_sound = names.declare(&given.name, "parameter", diagnostics);
         if let Some(meaning) = meaning(&name) {
             let message = format!("`{name}` is {meaning} and cannot be a parameter");
-            diagnostics.error(&given.name, message, "choose another name");
+            diagnostics.error(
+                language::NAME_WITH_MEANING,
+                &given.name,
+                message,
+                "choose another name",
+            );
             is_sound = false;
         }
         let components = match given.components {
@@ -161,6 +174,7 @@ fn parameters<'a>(
             Some((3, location)) => {
                 if declaration.search.is_some() {
                     diagnostics.error(
+                        language::SEARCH,
                         location,
                         format!("`{name}` is searched and cannot be a vector"),
                         "search one number at a time",
@@ -170,6 +184,7 @@ fn parameters<'a>(
             }
             Some((number, location)) => {
                 diagnostics.error(
+                    language::VECTOR_COMPONENTS,
                     location,
                     format!("a vector has 3 components, found {number}"),
                     format!("write `{name}[3]`, or `{name}` for a scalar"),
@@ -204,7 +219,7 @@ fn search(
     let (low, high) = declaration.search.as_ref()?;
     // The grid's density follows from the range of the commands, which are lengths.
     if let Some(found) = dimension.filter(|dimension| *dimension != Dimension::LENGTH) {
-        diagnostics.error(
+        diagnostics.error(language::SEARCH,
             declaration.dimension.location,
             format!(
                 "{name} is searched and must be {}, found {}",
@@ -223,6 +238,7 @@ fn search(
     let (from, to) = ends.0.zip(ends.1)?;
     if from >= to {
         diagnostics.error(
+            language::SEARCH_RANGE,
             low.location.to(high.location),
             format!("{what} is empty"),
             "write the smaller end first: `in 4 mm ..= 50 mm`",
@@ -232,6 +248,7 @@ fn search(
     // Reciprocals of numbers smaller than the normal ones are infinite.
     if from < f64::MIN_POSITIVE {
         diagnostics.error(
+            language::SEARCH_RANGE,
             low.location,
             format!("{what} must begin above zero"),
             "write the smallest length that is plausible first: `in 4 mm ..= 50 mm`",
@@ -256,7 +273,7 @@ fn term(
                 None => format!("effects add to {}", names.collect::<Vec<_>>().join(", ")),
             };
             let message = format!("an effect cannot add to `{name}`");
-            diagnostics.error(&given.target, message, help);
+            diagnostics.error(language::UNKNOWN_TARGET, &given.target, message, help);
         }
         (Some((_, target, ..)), Some(subject)) if subject_of(*target) != subject_word(subject) => {
             let word = subject_word(subject);
@@ -271,7 +288,7 @@ fn term(
                 own.join(", "),
                 subject_of(*target)
             );
-            diagnostics.error(&given.target, message, help);
+            diagnostics.error(language::TARGET_OF_OTHER, &given.target, message, help);
         }
         _ => {}
     }
@@ -289,7 +306,7 @@ fn term(
             ("scalar", "vector", "use one component, such as `rate[0]`")
         };
         let message = format!("`{name}` is a {wanted}, but this formula is a {found}");
-        diagnostics.error(location, message, help);
+        diagnostics.error(language::WRONG_SHAPE, location, message, help);
         return None;
     }
     let found = formula.dimension?;
@@ -304,7 +321,7 @@ fn term(
             || unit_help(expected),
             |factor| mismatch_help(factor, expected),
         );
-        diagnostics.error(location, message, help);
+        diagnostics.error(language::WRONG_DIMENSION, location, message, help);
         return None;
     }
     let written = location.source_text();

@@ -1,5 +1,7 @@
 //! Formulas that have no value where the description says all that they hold.
 
+use tau_codes::language;
+
 use crate::diagnostics::Diagnostics;
 use crate::model::{Formula, LinkDefaults, RobotParameter, Value};
 use crate::syntax;
@@ -30,7 +32,7 @@ pub(super) fn values(
                 one.name
             );
             let help = "compare them with the formula: the root of a negative number or a division by zero has no value";
-            diagnostics.error(&one.name, message, help);
+            diagnostics.error(language::NOT_FINITE, &one.name, message, help);
         }
     }
 }

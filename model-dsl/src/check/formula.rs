@@ -1,5 +1,7 @@
 //! Formulas, from their leaves up.
 
+use tau_codes::language;
+
 use super::call::{call, command_of};
 use super::quantity::unit_factor;
 use super::scope::{Scope, component, named};
@@ -36,7 +38,7 @@ pub(super) fn formula(
         );
         ("this constant is infinite", help)
     };
-    diagnostics.error(expression.location, message, help);
+    diagnostics.error(language::NOT_FINITE, expression.location, message, help);
     None
 }
 
@@ -55,6 +57,7 @@ fn by_kind(
             if is_value && find_unit(&name).is_none() {
                 let message = format!("`{name}` is not a unit");
                 diagnostics.error(
+                    language::PRODUCT_WITHOUT_STAR,
                     &unit.name,
                     message,
                     "for a product write `*` between the two",
@@ -66,7 +69,12 @@ fn by_kind(
             if !value.is_finite() {
                 let message = "this value is too large";
                 let help = format!("numbers end at {:e}", f64::MAX);
-                diagnostics.error(expression.location, message, help);
+                diagnostics.error(
+                    language::NUMBER_TOO_LARGE,
+                    expression.location,
+                    message,
+                    help,
+                );
                 return None;
             }
             Some(Checked::scalar(Formula::Number(value), dimension))
@@ -104,7 +112,12 @@ fn by_kind(
                 && matches!(&right_checked.shape, Shape::Scalar(right) if right.constant() == Some(0.0))
             {
                 let message = "division by zero";
-                diagnostics.error(right.location, message, "divide by something else");
+                diagnostics.error(
+                    language::NOT_FINITE,
+                    right.location,
+                    message,
+                    "divide by something else",
+                );
                 return None;
             }
             binary(
@@ -120,7 +133,12 @@ fn by_kind(
             let Shape::Scalar(base) = shape else {
                 let message = "a vector has no power";
                 let help = "take the power of a component, such as `rate[0]^2`";
-                diagnostics.error(expression.location, message, help);
+                diagnostics.error(
+                    language::VECTOR_OPERATION,
+                    expression.location,
+                    message,
+                    help,
+                );
                 return None;
             };
             let dimension = match dimension.map(|dimension| dimension.power(*exponent)) {

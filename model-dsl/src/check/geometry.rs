@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use proc_macro2::Ident;
+use tau_codes::language;
 
 use super::declared::Declared;
 use super::formula::formula;
@@ -72,7 +73,9 @@ pub(super) fn link(
             _ => None,
         };
         match refused {
-            Some((message, help)) => diagnostics.error(&one.name, message, help),
+            Some((message, help)) => {
+                diagnostics.error(language::VALUE_NOT_HERE, &one.name, message, help);
+            }
             None => drop(given.entry(value).or_insert(one)),
         }
     }
@@ -151,7 +154,7 @@ pub(super) fn link(
     {
         let message = format!("how long `{name}` is at an angle is not said");
         let help = "write it as a formula of the command: `length = zero + radius * q;`, with `param radius: m/rad;`";
-        diagnostics.error(location, message, help);
+        diagnostics.error(language::COMMAND_UNREAD, location, message, help);
     }
     defaults
 }
@@ -230,11 +233,17 @@ fn moves_plate(
         ("track direction", "write a vector along the track")
     };
     if components == [0.0; 3] {
-        diagnostics.error(&given.name, format!("the {what} is zero"), help);
+        diagnostics.error(
+            language::NO_DIRECTION,
+            &given.name,
+            format!("the {what} is zero"),
+            help,
+        );
     } else if plate.is_in_plane() && is_axis && components[2] == 0.0 {
         let message =
             format!("the {what} lies in the plane of the plate, out of which it would turn links");
         diagnostics.error(
+            language::NO_DIRECTION,
             &given.name,
             message,
             "write an axis across the plane: `axis = (0, 0, 1) exact;`",
@@ -242,6 +251,7 @@ fn moves_plate(
     } else if plate.is_in_plane() && !is_axis && components[..2] == [0.0; 2] {
         let message = format!("the {what} leads out of the plane of the plate");
         diagnostics.error(
+            language::NO_DIRECTION,
             &given.name,
             message,
             "write a vector in the plane, such as `(1, 0, 0)`",
@@ -279,7 +289,12 @@ fn quantity<const N: usize>(
                 let vector = numbers.try_into().ok();
                 if vector.is_none() {
                     let message = format!("{what} must be a vector, found one number");
-                    diagnostics.error(quantity.location, message, "write `(x, y, z)`");
+                    diagnostics.error(
+                        language::WRONG_SHAPE,
+                        quantity.location,
+                        message,
+                        "write `(x, y, z)`",
+                    );
                 }
                 vector
             });
@@ -296,7 +311,7 @@ fn quantity<const N: usize>(
             if let Some(tolerance) = &given.tolerance {
                 let message = format!("{what} is a formula, which has no tolerance of its own");
                 let help = "give the parameters that it reads their tolerances";
-                diagnostics.error(tolerance.location, message, help);
+                diagnostics.error(language::CERTAINTY, tolerance.location, message, help);
             }
             return found;
         }
@@ -309,11 +324,7 @@ fn quantity<const N: usize>(
     if let Some(exact) = given.exact {
         if given.tolerance.is_some() {
             let message = format!("{what} is exact and has a tolerance");
-            diagnostics.error(exact, message, "leave out one of them");
-        } else if given.value.is_none() {
-            let message = format!("{what} is exact, but has no value");
-            let help = format!("write it: `{} = value unit exact;`", given.name);
-            diagnostics.error(exact, message, help);
+            diagnostics.error(language::CERTAINTY, exact, message, "leave out one of them");
         }
         found.formula = found.value.take().map(|value| {
             let numbers = value.map(Formula::Number);
@@ -342,12 +353,17 @@ fn derived(
         Some(exact) if reads => {
             let message = format!("{what} is exact, but its formula reads names");
             let help = "`exact` marks constants: mark the parameters that it reads";
-            diagnostics.error(exact, message, help);
+            diagnostics.error(language::CERTAINTY, exact, message, help);
         }
         None if !reads => {
             let message = format!("{what} is a formula without parameters");
             let help = "write `exact` behind it, or a number with its unit and tolerance";
-            diagnostics.error(expression.location, message, help);
+            diagnostics.error(
+                language::CONSTANT_FORMULA,
+                expression.location,
+                message,
+                help,
+            );
         }
         _ => {}
     }
@@ -359,7 +375,7 @@ fn derived(
             ("scalar", "vector", "its length is `norm(…)`")
         };
         let message = format!("{what} is a {wanted}, but this formula is a {found}");
-        diagnostics.error(expression.location, message, help);
+        diagnostics.error(language::WRONG_SHAPE, expression.location, message, help);
         return None;
     }
     let found = checked.dimension?;
@@ -377,7 +393,12 @@ fn derived(
         } else {
             unit_help(expected)
         };
-        diagnostics.error(expression.location, message, help);
+        diagnostics.error(
+            language::WRONG_DIMENSION,
+            expression.location,
+            message,
+            help,
+        );
         return None;
     }
     Some(checked.shape.into_formula())
@@ -402,13 +423,13 @@ fn driven(
         (Some(formula), _) if formula.quantities().next().is_none() => {
             let message = "the length of a driven link does not read its command";
             let help = "add it: `… + q`, or leave out `actuated`";
-            diagnostics.error(&given.name, message, help);
+            diagnostics.error(language::COMMAND_UNREAD, &given.name, message, help);
             found
         }
         (None, _) if by_angle && matches!(given.value, Some(Given::Quantity(_))) => {
             let message = "a length that an angle drives is a formula of it";
             let help = "write it with the command: `length = zero + radius * q;`, with `param radius: m/rad;`";
-            diagnostics.error(&given.name, message, help);
+            diagnostics.error(language::COMMAND_UNREAD, &given.name, message, help);
             found
         }
         _ => found,
@@ -425,7 +446,12 @@ fn positive(given: &syntax::NamedValue, found: &Quantity<1>, diagnostics: &mut D
     };
     if let Some(length) = value.filter(|length| *length <= 0.0) {
         let message = format!("`length` must be greater than zero, found {length} m");
-        diagnostics.error(location, message, "write the distance of the two joints");
+        diagnostics.error(
+            language::NOT_POSITIVE,
+            location,
+            message,
+            "write the distance of the two joints",
+        );
     }
 }
 
@@ -450,7 +476,7 @@ fn circle(
         names.join(" and ")
     );
     let help = format!("write `{}` without the others", first.name());
-    diagnostics.error(&one.name, message, help);
+    diagnostics.error(language::VALUES_IN_CIRCLE, &one.name, message, help);
 }
 
 /// Values of the link that a value reads.

@@ -1,5 +1,7 @@
 //! `hold`: values that variants keep nominal.
 
+use tau_codes::language;
+
 use super::variant::Context;
 use crate::diagnostics::{Diagnostics, Location};
 use crate::model::{Arm, CrankValue, Formula, Held, Link, TrackModel, Value};
@@ -19,7 +21,12 @@ impl Context<'_> {
             let mut known = all.iter().flat_map(|(known, _)| known);
             if known.any(|one| found.contains(one)) {
                 let message = "this is held already";
-                diagnostics.error(named.location, message, "name it once");
+                diagnostics.error(
+                    language::SAID_TWICE,
+                    named.location,
+                    message,
+                    "name it once",
+                );
             }
             all.push((found, named.location));
         }
@@ -77,23 +84,28 @@ impl Context<'_> {
             let parameters = &self.geometry.parameters;
             let found = parameters.iter().position(|own| own.name == name);
             let Some(index) = found else {
-                let (message, help) = match self.geometry.names.kind(&named.name) {
+                let (code, message, help) = match self.geometry.names.kind(&named.name) {
                     Some(kind) => (
+                        language::CANNOT_HOLD,
                         format!("`{name}` is a {kind}, not a parameter"),
                         self.values_help(&name),
                     ),
                     None => {
                         let names = parameters.iter().map(|own| own.name.as_str());
                         let message = format!("cannot find parameter `{name}`");
-                        (message, suggest("parameter", &name, names))
+                        (
+                            language::UNKNOWN_PARAMETER,
+                            message,
+                            suggest("parameter", &name, names),
+                        )
                     }
                 };
-                diagnostics.error(&named.name, message, help);
+                diagnostics.error(code, &named.name, message, help);
                 return Vec::new();
             };
             if parameters[index].exact {
                 let message = format!("`{name}` is exact and never fitted");
-                diagnostics.error(&named.name, message, "leave it out");
+                diagnostics.error(language::CANNOT_HOLD, &named.name, message, "leave it out");
                 return Vec::new();
             }
             return vec![Held::Parameter(index)];
@@ -108,7 +120,12 @@ impl Context<'_> {
             let held: Vec<Held> = cranks.map(|(index, _)| Held::Crank(index, found)).collect();
             if held.is_empty() {
                 let message = format!("there is no crank whose `{value}` could be held");
-                diagnostics.error(named.location, message, "leave it out");
+                diagnostics.error(
+                    language::CANNOT_HOLD,
+                    named.location,
+                    message,
+                    "leave it out",
+                );
             }
             return held;
         }
@@ -123,7 +140,12 @@ impl Context<'_> {
                 "`{}` is a value of links, and `{name}` a {kind}",
                 value.name()
             );
-            diagnostics.error(named.location, message, self.carried_help(track, value));
+            diagnostics.error(
+                language::CANNOT_HOLD,
+                named.location,
+                message,
+                self.carried_help(track, value),
+            );
             return Vec::new();
         }
         if let Some(crank) = found.filter(|_| is_crank) {
@@ -134,7 +156,12 @@ impl Context<'_> {
             if found.is_none() {
                 let names = CrankValue::ALL.into_iter().map(CrankValue::name);
                 let message = format!("a crank has no value `{value}`");
-                diagnostics.error(value, message, suggest("value", &written, names));
+                diagnostics.error(
+                    language::UNKNOWN_VALUE,
+                    value,
+                    message,
+                    suggest("value", &written, names),
+                );
             }
             return found
                 .map(|value| Held::Crank(crank, value))
@@ -145,7 +172,7 @@ impl Context<'_> {
             let names = Value::ALL.into_iter().map(Value::name);
             let message = format!("a link has no value `{value}`");
             let help = suggest("value", &value.to_string(), names);
-            diagnostics.error(value, message, help);
+            diagnostics.error(language::UNKNOWN_VALUE, value, message, help);
             return Vec::new();
         };
         let all = self.geometry.links.iter().enumerate();
@@ -154,7 +181,12 @@ impl Context<'_> {
         if held.is_empty() {
             let links = self.geometry.links.iter().map(|link| link.name.as_str());
             let message = format!("cannot find link or cluster `{name}`");
-            diagnostics.error(&named.name, message, suggest("link", &name, links));
+            diagnostics.error(
+                language::UNKNOWN_LINK,
+                &named.name,
+                message,
+                suggest("link", &name, links),
+            );
         }
         held
     }

@@ -4,6 +4,8 @@
 //! on a cart or a crank, and those without any drive, take freedoms that no drive gives back; the plate moves as far as
 //! any are left. This counts generic dimensions: links that are parallel or equal may leave more.
 
+use tau_codes::language;
+
 use super::parts::Geometry;
 use crate::diagnostics::Diagnostics;
 use crate::model::{Arm, Variant};
@@ -38,10 +40,10 @@ pub(super) fn mobility(
     if taken < freedoms || geometry.links.is_empty() {
         return;
     }
-    let verdict = if taken == freedoms {
-        "cannot move"
+    let (code, verdict) = if taken == freedoms {
+        (language::CANNOT_MOVE, "cannot move")
     } else {
-        "is over-constrained"
+        (language::OVER_CONSTRAINED, "is over-constrained")
     };
     let links = |count: usize| match count {
         1 => "1 link".to_owned(),
@@ -71,7 +73,7 @@ pub(super) fn mobility(
     } else {
         "give links carts or drives of their own, or leave some out"
     };
-    diagnostics.error(&robot.name, message, help);
+    diagnostics.error(code, &robot.name, message, help);
 }
 
 /// Reports a plate that its links leave loose. A pulled link yields: it holds the plate in none of its freedoms. Reduced
@@ -103,12 +105,12 @@ fn held(
     );
     let clusters = robot.clusters.iter().flat_map(|cluster| &cluster.links);
     match clusters.flat_map(|links| &links.pulls).next() {
-        Some(pull) if geometry.links.len() >= freedoms => diagnostics.error(
+        Some(pull) if geometry.links.len() >= freedoms => diagnostics.error(language::LOOSE,
             &pull.name,
             message,
             "a pulled link yields: leave out `pulled` where the drive holds its position",
         ),
-        _ => diagnostics.error(
+        _ => diagnostics.error(language::LOOSE,
             &robot.name,
             message,
             "declare the links that are missing, or a plate with fewer freedoms: `plate point;`, `plate … in plane;`",

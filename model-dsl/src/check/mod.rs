@@ -27,16 +27,16 @@ use crate::diagnostics::Diagnostics;
 use crate::model::{Effect, Model, Track};
 use crate::syntax;
 
-/// Checks a robot with all effects of its description; `None` without robot.
+/// Checks a robot, with the effects that its description declares beside it.
 pub(crate) fn robot(
-    description: &syntax::Description,
+    robot: &syntax::Robot,
+    effects: &[syntax::Effect],
     diagnostics: &mut Diagnostics,
-) -> Option<Model> {
-    let robot = description.robot.as_ref()?;
+) -> Model {
     let before = diagnostics.count();
     let geometry = robot::geometry(robot, diagnostics);
     let effects = all_effects(
-        description.effects.iter().chain(&robot.effects),
+        effects.iter().chain(&robot.effects),
         &geometry.tracks,
         diagnostics,
     );
@@ -46,7 +46,7 @@ pub(crate) fn robot(
     if diagnostics.count() == before {
         mobility::mobility(robot, &geometry, &variants, diagnostics);
     }
-    Some(Model {
+    Model {
         name: robot.name.to_string(),
         docs: robot.docs.clone(),
         public: robot.public,
@@ -58,7 +58,7 @@ pub(crate) fn robot(
         effects: effects.into_iter().map(|checked| checked.effect).collect(),
         variants,
         reference,
-    })
+    }
 }
 
 /// Checks the effects of a catalogue against the tracks that they may name.

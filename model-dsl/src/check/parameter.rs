@@ -3,6 +3,8 @@
 use std::collections::BTreeSet;
 use std::f64::consts::PI;
 
+use tau_codes::language;
+
 use super::declared::Declared;
 use super::geometry::names_of;
 use super::quantity::{angles, degrees_help, dimension, tolerance, values};
@@ -36,7 +38,12 @@ pub(super) fn parameters<'a>(
             let taken = meaning(&name).or_else(|| Value::find(&name).map(|_| "a value of links"));
             if let Some(meaning) = taken {
                 let message = format!("`{name}` is {meaning} and cannot be a parameter");
-                diagnostics.error(&given.name, message, "choose another name");
+                diagnostics.error(
+                    language::NAME_WITH_MEANING,
+                    &given.name,
+                    message,
+                    "choose another name",
+                );
                 is_sound = false;
             }
             let components = match given.components {
@@ -44,6 +51,7 @@ pub(super) fn parameters<'a>(
                 Some((3, _)) => 3,
                 Some((number, location)) => {
                     diagnostics.error(
+                        language::VECTOR_COMPONENTS,
                         location,
                         format!("a vector has 3 components, found {number}"),
                         format!("write `{name}[3]`, or `{name}` for a scalar"),
@@ -65,7 +73,7 @@ pub(super) fn parameters<'a>(
                     ("three numbers", "write `(x, y, z)`".to_owned())
                 };
                 let message = format!("{of} must be {expected}, found {}", found.len());
-                diagnostics.error(quantity.location, message, help);
+                diagnostics.error(language::WRONG_SHAPE, quantity.location, message, help);
                 None
             });
             let bounds = SMALLEST_OF_PARAMETER..=f64::INFINITY;
@@ -85,17 +93,22 @@ pub(super) fn parameters<'a>(
                     let message = format!(
                         "found a tolerance of {tolerance} rad for {of}, an angle, expected at most pi"
                     );
-                    diagnostics.error(given.location, message, degrees_help(given));
+                    diagnostics.error(
+                        language::ANGLE_OUT_OF_RANGE,
+                        given.location,
+                        message,
+                        degrees_help(given),
+                    );
                 }
             }
             if let Some(exact) = declaration.exact {
                 if declaration.tolerance.is_some() {
                     let message = format!("{of} is exact and has a tolerance");
-                    diagnostics.error(exact, message, "leave out one of them");
+                    diagnostics.error(language::CERTAINTY, exact, message, "leave out one of them");
                 } else if declaration.nominal.is_none() {
                     let message = format!("{of} is exact, but has no value");
                     let help = format!("write it: `param {name}: … = value unit exact;`");
-                    diagnostics.error(exact, message, help);
+                    diagnostics.error(language::CERTAINTY, exact, message, help);
                 }
             }
             let leaves = (0..components).map(|component| {
@@ -151,6 +164,7 @@ fn wound(robot: &syntax::Robot) -> BTreeSet<String> {
 pub(super) fn unused(scope: &Scope<'_>, diagnostics: &mut Diagnostics) {
     for (name, _) in scope.unused() {
         diagnostics.error(
+            language::UNUSED_PARAMETER,
             name,
             format!("parameter `{name}` is used in no formula"),
             "use it in a value of a link or a crank, such as `length = …;`, or remove it",

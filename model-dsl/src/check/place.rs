@@ -1,6 +1,7 @@
 //! Effects at places.
 
 use proc_macro2::Ident;
+use tau_codes::language;
 
 use super::effect::CheckedEffect;
 use super::parts::unknown_track;
@@ -39,7 +40,7 @@ impl Context<'_> {
                 help.push_str(&copied);
             }
             let message = format!("cannot find effect `{}`", used.effect);
-            diagnostics.error(&used.effect, message, help);
+            diagnostics.error(language::UNKNOWN_EFFECT, &used.effect, message, help);
             return None;
         };
         let subject = checked.subject?;
@@ -57,7 +58,7 @@ impl Context<'_> {
                 used.places.len()
             );
             let help = format!("write `{}({example})`", used.effect);
-            diagnostics.error(used.location, message, help);
+            diagnostics.error(language::PLACE_COUNT, used.location, message, help);
             return None;
         }
         let place = match (subject, used.places.as_slice()) {
@@ -79,7 +80,7 @@ impl Context<'_> {
                 if track == from {
                     let message = format!("`{moved}` cannot be its own source");
                     let help = "name two tracks: the cart that moves, and the one that causes it";
-                    diagnostics.error(source, message, help);
+                    diagnostics.error(language::PLACE_COUNT, source, message, help);
                     return None;
                 }
                 Place::Cart {
@@ -93,7 +94,7 @@ impl Context<'_> {
             (_, [place, ..]) if *place != "tcp" => {
                 let help = format!("write `{}(tcp)`", used.effect);
                 let message = format!("`{}` acts on the tcp, found `{place}`", used.effect);
-                diagnostics.error(place, message, help);
+                diagnostics.error(language::PLACE_OF_OTHER_KIND, place, message, help);
                 return None;
             }
             _ => Place::Tcp,
@@ -118,7 +119,12 @@ impl Context<'_> {
             return Some(());
         }
         let message = format!("robot `{}` has no carts", self.robot.name);
-        diagnostics.error(place, message, "an effect on cart needs a track");
+        diagnostics.error(
+            language::PLACE_OF_OTHER_KIND,
+            place,
+            message,
+            "an effect on cart needs a track",
+        );
         None
     }
 
@@ -147,22 +153,25 @@ impl Context<'_> {
     ) -> Option<Place> {
         let links = &self.geometry.links;
         let found = links.iter().position(|link| *place == link.name);
-        let (on, found) =
-            if *place == "all" {
-                (links.iter().collect::<Vec<_>>(), Place::AllLinks)
-            } else if let Some(index) = found {
-                (vec![links.get(index)?], Place::Link(index))
-            } else {
-                let names = links.iter().map(|link| link.name.as_str());
-                diagnostics.push(
-                    self.wrong_kind(place, effect, "link", "link")
-                        .unwrap_or_else(|| {
-                            Diagnostic::new(place, format!("cannot find link `{place}`"))
-                                .help(suggest("link", &place.to_string(), names))
-                        }),
-                );
-                return None;
-            };
+        let (on, found) = if *place == "all" {
+            (links.iter().collect::<Vec<_>>(), Place::AllLinks)
+        } else if let Some(index) = found {
+            (vec![links.get(index)?], Place::Link(index))
+        } else {
+            let names = links.iter().map(|link| link.name.as_str());
+            diagnostics.push(
+                self.wrong_kind(place, effect, "link", "link")
+                    .unwrap_or_else(|| {
+                        Diagnostic::new(
+                            language::UNKNOWN_LINK,
+                            place,
+                            format!("cannot find link `{place}`"),
+                        )
+                        .help(suggest("link", &place.to_string(), names))
+                    }),
+            );
+            return None;
+        };
         let subject = checked.subject?;
         let on: Vec<&Link> = on.into_iter().filter(|link| subject.admits(link)).collect();
         if on.is_empty()
@@ -173,7 +182,7 @@ impl Context<'_> {
                 _ => format!("`{effect}` acts on {acts_on}, and the robot has none"),
             };
             let help = format!("name a link that is declared as `{declared}`");
-            diagnostics.error(place, message, help);
+            diagnostics.error(language::PLACE_OF_OTHER_KIND, place, message, help);
             return None;
         }
         let on_base = on.iter().find(|link| {
@@ -195,7 +204,7 @@ impl Context<'_> {
                 link.name
             );
             let help = "use it at links whose cluster is on a track";
-            diagnostics.error(place, message, help);
+            diagnostics.error(language::COMMAND_NOT_THERE, place, message, help);
             return None;
         }
         let turns = |link: &&&Link| {
@@ -211,6 +220,7 @@ impl Context<'_> {
                 link.name
             );
             diagnostics.error(
+                language::COMMAND_NOT_THERE,
                 place,
                 message,
                 "use it at links whose cluster is on a track",
@@ -226,7 +236,7 @@ impl Context<'_> {
                 link.name
             );
             let help = "declare the effect `on link actuated angle`, where `q` is one";
-            diagnostics.error(place, message, help);
+            diagnostics.error(language::COMMAND_NOT_THERE, place, message, help);
             return None;
         }
         Some(found)
@@ -265,7 +275,7 @@ impl Context<'_> {
         } else {
             format!("name a {wanted}: {}", names.join(", "))
         };
-        Some(Diagnostic::new(place, message).help(help))
+        Some(Diagnostic::new(language::PLACE_OF_OTHER_KIND, place, message).help(help))
     }
 }
 
@@ -284,19 +294,24 @@ fn with(
                 indices.push(index);
             }
             Some((_, parameter)) if parameter.optional => {
-                diagnostics.error(name, format!("`{name}` is named twice"), "name it once");
+                diagnostics.error(
+                    language::SAID_TWICE,
+                    name,
+                    format!("`{name}` is named twice"),
+                    "name it once",
+                );
             }
             Some(_) => {
                 let message = format!("`{name}` is part of `{}` anyway", effect.name);
                 let help = "`with` names optional parameters; leave it out";
-                diagnostics.error(name, message, help);
+                diagnostics.error(language::WITH, name, message, help);
             }
             None => {
                 let optional = effect.parameters.iter().filter(|own| own.optional);
                 let names = optional.map(|own| own.name.as_str());
                 let help = suggest("optional parameter", &name.to_string(), names);
                 let message = format!("`{}` has no optional parameter `{name}`", effect.name);
-                diagnostics.error(name, message, help);
+                diagnostics.error(language::WITH, name, message, help);
             }
         }
     }
@@ -316,6 +331,7 @@ fn tolerance_factor(
     if factor <= 0.0 {
         let help = "a factor above one makes room for an effect that is known to be there";
         diagnostics.error(
+            language::NOT_POSITIVE,
             location,
             "the factor of tolerances must be greater than zero",
             help,
@@ -331,7 +347,7 @@ fn tolerance_factor(
             effect.name
         );
         let help = "a tolerance is one standard deviation: check the factor";
-        diagnostics.error(location, message, help);
+        diagnostics.error(language::TOLERANCE_OUT_OF_RANGE, location, message, help);
         return None;
     }
     Some(factor)

@@ -2,6 +2,8 @@
 
 use std::ops::RangeInclusive;
 
+use tau_codes::language;
+
 use crate::diagnostics::{Diagnostic, Diagnostics};
 use crate::names::nearest;
 use crate::plausible::LARGEST_ANGLE_RAD;
@@ -87,7 +89,7 @@ pub(super) fn unit_factor(
         }
         None => format!("units are {}", unit_list(None)),
     };
-    diagnostics.error(&factor.name, message, help);
+    diagnostics.error(language::UNKNOWN_UNIT, &factor.name, message, help);
     None
 }
 
@@ -108,7 +110,12 @@ fn power(
 }
 
 fn too_large(location: impl Into<crate::diagnostics::Location>) -> Diagnostic {
-    Diagnostic::new(location, "the power of this unit is too large").help("check the exponents")
+    Diagnostic::new(
+        language::UNIT_OVERFLOW,
+        location,
+        "the power of this unit is too large",
+    )
+    .help("check the exponents")
 }
 
 /// Names of the units of a dimension, or of all.
@@ -154,7 +161,12 @@ pub(super) fn values(
             expected.describe(),
             found.describe()
         );
-        diagnostics.error(quantity.location, message, unit_help(expected));
+        diagnostics.error(
+            language::WRONG_DIMENSION,
+            quantity.location,
+            message,
+            unit_help(expected),
+        );
         return None;
     }
     let values: Vec<f64> = quantity
@@ -166,6 +178,7 @@ pub(super) fn values(
         return Some(values);
     }
     diagnostics.error(
+        language::NUMBER_TOO_LARGE,
         quantity.location,
         format!("{what} is too large"),
         format!("numbers end at {:e}", f64::MAX),
@@ -185,6 +198,7 @@ pub(super) fn scalar(
     }
     let message = format!("{what} must be one number, found a vector");
     diagnostics.error(
+        language::WRONG_SHAPE,
         quantity.location,
         message,
         "one number holds for all three components",
@@ -219,10 +233,16 @@ pub(super) fn tolerance(
         };
         let message = format!("found a tolerance of {value:?}{unit}, expected {limit}{unit}");
         let help = "check the number and its unit: a tolerance is one standard deviation";
-        diagnostics.error(quantity.location, message, help);
+        diagnostics.error(
+            language::TOLERANCE_OUT_OF_RANGE,
+            quantity.location,
+            message,
+            help,
+        );
         return None;
     }
     diagnostics.error(
+        language::NOT_POSITIVE,
         quantity.location,
         format!("{what} must be greater than zero"),
         "a tolerance is one standard deviation; leave it out where none is known",
@@ -244,7 +264,12 @@ pub(super) fn metres(
         } else {
             "check the number and its unit"
         };
-        diagnostics.error(quantity.location, message, help);
+        diagnostics.error(
+            language::LENGTH_OUT_OF_RANGE,
+            quantity.location,
+            message,
+            help,
+        );
     }
 }
 
@@ -261,7 +286,12 @@ pub(super) fn angles(
             "found {}, expected radians between -2*pi and 2*pi",
             describe(value)
         );
-        diagnostics.error(quantity.location, message, degrees_help(quantity));
+        diagnostics.error(
+            language::ANGLE_OUT_OF_RANGE,
+            quantity.location,
+            message,
+            degrees_help(quantity),
+        );
     }
 }
 

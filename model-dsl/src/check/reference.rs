@@ -1,5 +1,7 @@
 //! The pose at which the machine stands at some commands.
 
+use tau_codes::language;
+
 use super::parts::Geometry;
 use super::quantity::{angles, metres, values};
 use crate::diagnostics::{Diagnostics, Location};
@@ -19,7 +21,12 @@ pub(super) fn reference(
     };
     for second in more {
         let message = "a second `reference`, but one pose settles how the arm is assembled";
-        diagnostics.error(second.location, message, "leave out one of them");
+        diagnostics.error(
+            language::SAID_TWICE,
+            second.location,
+            message,
+            "leave out one of them",
+        );
     }
     let mut reference = Reference {
         commands: vec![0.0; geometry.drives.as_ref().map_or(0, Vec::len)],
@@ -32,7 +39,7 @@ pub(super) fn reference(
             .any(|(earlier, _)| earlier == name)
         {
             let message = format!("`{name}` of the reference is given twice");
-            diagnostics.error(name, message, "leave out one of them");
+            diagnostics.error(language::SAID_TWICE, name, message, "leave out one of them");
             continue;
         }
         let what = format!("`{name}`");
@@ -65,7 +72,7 @@ pub(super) fn reference(
                 (false, false) => "write the ZYZ Euler angles `(alpha, beta, gamma)`",
                 (false, true) => "write the turn about z as `(angle, 0, 0)`",
             };
-            diagnostics.error(location, message, help);
+            diagnostics.error(language::REFERENCE_INCOMPLETE, location, message, help);
             continue;
         };
         let plate = geometry.plate;
@@ -82,7 +89,7 @@ pub(super) fn reference(
         if let Some(help) = wrong {
             let written = plate.written();
             let message = format!("{what} does not fit a plate that is a {written}");
-            diagnostics.error(location, message, help);
+            diagnostics.error(language::REFERENCE_UNFIT, location, message, help);
         } else if is_position {
             metres(quantity, &numbers, FARTHEST_M, diagnostics);
             reference.position = numbers;
@@ -101,7 +108,12 @@ pub(super) fn reference(
         let help = format!(
             "write where the TCP stands at these commands: `position = (x, y, {height}) m;`"
         );
-        diagnostics.error(first.location, "the reference lacks `position`", help);
+        diagnostics.error(
+            language::REFERENCE_INCOMPLETE,
+            first.location,
+            "the reference lacks `position`",
+            help,
+        );
     }
     Some(reference)
 }
@@ -125,7 +137,7 @@ fn commands(
         let expected = drives.len();
         let message = format!("`commands` must be {expected} numbers, found {found}");
         let help = "one for each track or crank, then one for each driven link";
-        diagnostics.error(location, message, help);
+        diagnostics.error(language::REFERENCE_INCOMPLETE, location, message, help);
         return None;
     }
     let mut numbers = Vec::new();
@@ -142,7 +154,7 @@ fn commands(
                 kind(other.is_angle)
             );
             let help = "give each command its unit: `(0.1 m, 0.2 rad)`";
-            diagnostics.error(location, message, help);
+            diagnostics.error(language::REFERENCE_UNFIT, location, message, help);
             return None;
         }
         let dimension = if is_angle {

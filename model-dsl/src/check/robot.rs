@@ -2,6 +2,8 @@
 
 use std::rc::Rc;
 
+use tau_codes::{Code, language};
+
 use super::declared::Declared;
 use super::finite;
 use super::geometry::{self, Carrier, OfLink};
@@ -44,6 +46,7 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
         );
         // Generated code has a module of the name in snake case beside the type.
         diagnostics.error(
+            language::LOWER_CASE_ROBOT,
             &robot.name,
             message,
             "write it in upper camel case: `GantryTau`",
@@ -75,7 +78,12 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
         }
         if cluster.links.is_empty() {
             let message = format!("cluster `{}` has no links", cluster.name);
-            diagnostics.error(&cluster.name, message, "declare one: `link l1;`");
+            diagnostics.error(
+                language::PARTS_MISSING,
+                &cluster.name,
+                message,
+                "declare one: `link l1;`",
+            );
         }
         for links in &cluster.links {
             if let Some((_, actuated)) = links.actuated.filter(|_| track.is_some()) {
@@ -85,6 +93,7 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
                     cluster.name
                 );
                 diagnostics.error(
+                    language::DRIVEN_TWICE,
                     actuated,
                     message,
                     "leave out `actuated length`, or place the cluster `on base`",
@@ -178,12 +187,12 @@ fn pull(links: &syntax::Links, diagnostics: &mut Diagnostics) -> Option<Quantity
     };
     for second in more {
         let message = "`pulled` is said already";
-        diagnostics.error(&second.name, message, "say it once");
+        diagnostics.error(language::SAID_TWICE, &second.name, message, "say it once");
     }
     if links.actuated.is_none() {
         let message = "a link without a drive holds its length and pulls by nothing";
         let help = "leave it out, or say what drives the link: `actuated length`";
-        diagnostics.error(&first.name, message, help);
+        diagnostics.error(language::PULLED, &first.name, message, help);
     }
     let mut quantity = Quantity::default();
     let (dimension, what) = (Some(Dimension::FORCE), "the tension of `pulled`");
@@ -193,13 +202,23 @@ fn pull(links: &syntax::Links, diagnostics: &mut Diagnostics) -> Option<Quantity
             let tension = scalar(given, dimension, what, diagnostics);
             if let Some(tension) = tension.filter(|tension| *tension <= 0.0) {
                 let message = format!("{what} must be greater than zero, found {tension} N");
-                diagnostics.error(given.location, message, "write the force in the link");
+                diagnostics.error(
+                    language::NOT_POSITIVE,
+                    given.location,
+                    message,
+                    "write the force in the link",
+                );
             }
             quantity.value = tension.map(|tension| [tension]);
         }
         Some(Given::Formula(given)) => {
             let message = format!("{what} is a number");
-            diagnostics.error(given.location, message, "write `pulled = 20 N tol 1 N;`");
+            diagnostics.error(
+                language::PULLED,
+                given.location,
+                message,
+                "write `pulled = 20 N tol 1 N;`",
+            );
         }
     }
     let bounds = SMALLEST_DEVIATION..=f64::INFINITY;
@@ -217,7 +236,12 @@ fn plate(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> Plate {
     };
     for (_, location) in more {
         let message = "a second `plate`, but the links hold one";
-        diagnostics.error(*location, message, "leave out one of them");
+        diagnostics.error(
+            language::SAID_TWICE,
+            *location,
+            message,
+            "leave out one of them",
+        );
     }
     first.0
 }
@@ -231,11 +255,12 @@ fn whole(
     diagnostics: &mut Diagnostics,
 ) {
     let name = &robot.name;
-    let mut missing = |message: String, help: &str| {
-        diagnostics.error(name, message, help);
+    let mut missing = |code: Code, message: String, help: &str| {
+        diagnostics.error(code, name, message, help);
     };
     if robot.tracks.is_empty() && robot.clusters.is_empty() {
         missing(
+            language::PARTS_MISSING,
             format!("robot `{name}` has neither tracks nor clusters"),
             "declare them: `track one; cluster arm1 on one { link l1; }`",
         );
@@ -243,6 +268,7 @@ fn whole(
     }
     if robot.clusters.is_empty() {
         missing(
+            language::PARTS_MISSING,
             format!("robot `{name}` has no clusters"),
             "declare one: `cluster arm1 on one { link l1; }`",
         );
@@ -254,6 +280,7 @@ fn whole(
     ] {
         if count > MOST_PARTS {
             missing(
+                language::TOO_MANY_PARTS,
                 format!("robot `{name}` has {count} {parts}, expected at most {MOST_PARTS}"),
                 "memory and time grow with the square: describe parts of the machine as robots of their own",
             );
@@ -261,6 +288,7 @@ fn whole(
     }
     if places_known && robot.tracks.is_empty() && actuators == 0 && !geometry.links.is_empty() {
         missing(
+            language::NOTHING_MOVES,
             format!("robot `{name}` has nothing that moves"),
             "declare a track, a crank, or links of `actuated length`",
         );
@@ -278,6 +306,7 @@ fn whole(
                 .any(|cluster| cluster.track == Some(index))
         {
             diagnostics.error(
+                language::TRACK_CARRIES_NOTHING,
                 track,
                 format!("{what} `{track}` carries no cluster"),
                 format!("declare one, `cluster … on {track} {{ … }}`, or remove the {what}"),

@@ -1,6 +1,7 @@
 //! Names in formulas: parameters of the effect or the robot, quantities, values of the link, units.
 
 use proc_macro2::Ident;
+use tau_codes::language;
 
 use super::value::{Checked, Shape};
 use super::vocabulary::{FUNCTIONS, QUANTITIES, find_quantity, subject_word};
@@ -153,7 +154,7 @@ fn of_value(name: &Ident, home: &ValueHome, diagnostics: &mut Diagnostics) -> Me
         let Some(dimension) = home.command else {
             let message = format!("`{}` cannot read `q`", home.what);
             let help = "only `length` of a link that is `actuated` reads its command";
-            diagnostics.error(name, message, help);
+            diagnostics.error(language::UNREADABLE_IN_VALUE, name, message, help);
             return Meaning::Refused;
         };
         let q = Formula::Read(Readable::Command);
@@ -186,13 +187,13 @@ fn of_value(name: &Ident, home: &ValueHome, diagnostics: &mut Diagnostics) -> Me
         };
         let message = format!("`{}` cannot read `{text}`: {reason}", home.what);
         let help = "declare what both follow from as a parameter of the robot: `param name: …;`";
-        diagnostics.error(name, message, help);
+        diagnostics.error(language::UNREADABLE_IN_VALUE, name, message, help);
         return Meaning::Refused;
     }
     if find_quantity(&text).is_some() {
         let message = format!("`{}` cannot read `{text}`", home.what);
         let help = "values of the geometry are the same at every pose; what changes is an effect: `effect … on link { … }`";
-        diagnostics.error(name, message, help);
+        diagnostics.error(language::UNREADABLE_IN_VALUE, name, message, help);
         return Meaning::Refused;
     }
     Meaning::Shared
@@ -234,7 +235,12 @@ pub(super) fn named(
         if quantity.readable == Readable::PaidOut && !is_wound && scope.subject().is_some() {
             let message =
                 "only a drum pays out: `paid_out` is read by effects on links that it winds up";
-            diagnostics.error(name, message, "write `on link actuated angle`");
+            diagnostics.error(
+                language::UNREADABLE_IN_EFFECT,
+                name,
+                message,
+                "write `on link actuated angle`",
+            );
             return None;
         }
         let dimension = match quantity.readable {
@@ -250,7 +256,12 @@ pub(super) fn named(
         ));
     }
     let diagnostic = if FUNCTIONS.iter().any(|(own, ..)| *own == text) {
-        Diagnostic::new(name, format!("`{text}` is a function")).help(format!("write `{text}(…)`"))
+        Diagnostic::new(
+            language::ARGUMENT_COUNT,
+            name,
+            format!("`{text}` is a function"),
+        )
+        .help(format!("write `{text}(…)`"))
     } else {
         unknown(name, scope)
     };
@@ -279,7 +290,7 @@ fn available(
         format!("it reads {}", own.join(", "))
     };
     let message = format!("an effect on {word} cannot read `{name}`");
-    diagnostics.error(name, message, help);
+    diagnostics.error(language::UNREADABLE_IN_EFFECT, name, message, help);
     None
 }
 
@@ -310,7 +321,12 @@ fn unknown(name: &Ident, scope: &Scope<'_>) -> Diagnostic {
         }
         None => format!("declare it: `param {text}: …;`"),
     };
-    Diagnostic::new(name, format!("cannot find `{text}` in {}", scope.place())).help(help)
+    Diagnostic::new(
+        language::UNKNOWN_NAME,
+        name,
+        format!("cannot find `{text}` in {}", scope.place()),
+    )
+    .help(help)
 }
 
 /// Value of a component of a parameter.
@@ -333,13 +349,14 @@ pub(super) fn component(
                 _ => {
                     let message = format!("`{name}` has no such component");
                     let help = "vectors have the components 0 to 2, lengths have none";
-                    diagnostics.error(location, message, help);
+                    diagnostics.error(language::NO_COMPONENT, location, message, help);
                     None
                 }
             };
         }
         diagnostics.push(if find_quantity(&name.to_string()).is_some() {
             Diagnostic::new(
+                language::NO_COMPONENT,
                 location,
                 format!("`{name}` is a scalar and has no components"),
             )
@@ -357,7 +374,7 @@ pub(super) fn component(
     if own.parameter.components == 1 {
         let message = format!("`{name}` is a scalar and has no components");
         let help = format!("write `{name}`, or declare it as `{name}[3]`");
-        diagnostics.error(location, message, help);
+        diagnostics.error(language::NO_COMPONENT, location, message, help);
         return None;
     }
     let Some(component) = usize::try_from(component)
@@ -365,7 +382,7 @@ pub(super) fn component(
         .filter(|component| *component < 3)
     else {
         let message = format!("`{name}` has components 0 to 2, there is no {component}");
-        diagnostics.error(location, message, "count from 0");
+        diagnostics.error(language::NO_COMPONENT, location, message, "count from 0");
         return None;
     };
     let dimension = own.sound.then_some(own.parameter.dimension);

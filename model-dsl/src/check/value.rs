@@ -1,5 +1,7 @@
 //! Values of formulas: their shapes and dimensions, and arithmetic on them.
 
+use tau_codes::language;
+
 use crate::diagnostics::{Diagnostics, Location};
 use crate::model::{BinaryOperator, Formula};
 use crate::syntax::Expression;
@@ -58,7 +60,12 @@ pub(super) fn tuple(
 ) -> Option<Checked> {
     if components.len() != 3 {
         let message = format!("a vector has 3 components, found {}", components.len());
-        diagnostics.error(location, message, "write `(x, y, z)`");
+        diagnostics.error(
+            language::VECTOR_COMPONENTS,
+            location,
+            message,
+            "write `(x, y, z)`",
+        );
         return None;
     }
     let mut scalars = Vec::new();
@@ -67,7 +74,12 @@ pub(super) fn tuple(
         let one = one?;
         let Shape::Scalar(scalar) = one.shape else {
             let message = "a component of a vector cannot be a vector";
-            diagnostics.error(written.location, message, "write a scalar");
+            diagnostics.error(
+                language::WRONG_SHAPE,
+                written.location,
+                message,
+                "write a scalar",
+            );
             return None;
         };
         scalars.push(scalar);
@@ -79,7 +91,12 @@ pub(super) fn tuple(
                 found.describe(),
                 expected.describe()
             );
-            diagnostics.error(written.location, message, "bring them to the same unit");
+            diagnostics.error(
+                language::DIFFERENT_DIMENSIONS,
+                written.location,
+                message,
+                "bring them to the same unit",
+            );
             return None;
         }
         dimension = dimension.or(one.dimension);
@@ -111,7 +128,12 @@ pub(super) fn binary(
             let dimension = common(a, b);
             if dimension.is_none() {
                 let message = refuse(&a.describe(), &b.describe());
-                diagnostics.error(location, message, different_help(a, b));
+                diagnostics.error(
+                    language::DIFFERENT_DIMENSIONS,
+                    location,
+                    message,
+                    different_help(a, b),
+                );
                 return None;
             }
             dimension
@@ -144,7 +166,7 @@ pub(super) fn binary(
             let message = refuse(left.word(), right.word());
             let help = "vectors add to vectors; multiply or divide them by scalars, or use components, \
                         such as `rate[0]`";
-            diagnostics.error(location, message, help);
+            diagnostics.error(language::VECTOR_OPERATION, location, message, help);
             return None;
         }
     };
@@ -177,6 +199,11 @@ pub(super) fn different_help(left: Dimension, right: Dimension) -> String {
 /// Refuses a unit whose exponents are too large.
 pub(super) fn unit_overflow<T>(location: Location, diagnostics: &mut Diagnostics) -> Option<T> {
     let message = "the power of this formula's unit is too large";
-    diagnostics.error(location, message, "check the exponents");
+    diagnostics.error(
+        language::UNIT_OVERFLOW,
+        location,
+        message,
+        "check the exponents",
+    );
     None
 }

@@ -1,6 +1,7 @@
 //! Variants: arm, tracks, effects at places, and inheritance.
 
 use proc_macro2::Ident;
+use tau_codes::language;
 
 use super::declared::Declared;
 use super::effect::CheckedEffect;
@@ -56,7 +57,7 @@ pub(super) fn variants(
     if robot.variants.is_empty() && !robot.clusters.is_empty() {
         let message = format!("robot `{}` has no variants", robot.name);
         let help = format!("declare one: `variant Full {}`", lines_of_full(geometry));
-        diagnostics.error(&robot.name, message, help);
+        diagnostics.error(language::PARTS_MISSING, &robot.name, message, help);
     }
     let mut names = Declared::default();
     let mut own = Vec::new();
@@ -114,6 +115,7 @@ fn module_name(name: &Ident, variants: &[syntax::Variant], diagnostics: &mut Dia
     if let Some(first) = first.filter(|first| *first != name) {
         let message = format!("`{name}` and `{first}` would be one module of generated code");
         diagnostics.error(
+            language::NAMES_CLASH_IN_CODE,
             name,
             message,
             "choose names that differ in more than case and underscores",
@@ -150,7 +152,7 @@ impl Context<'_> {
                             first.start.start().line
                         );
                         let help = "a variant has one arm";
-                        diagnostics.error(*location, message, help);
+                        diagnostics.error(language::SAID_TWICE, *location, message, help);
                     }
                     arm = arm.or(Some((*choice, *location)));
                 }
@@ -170,7 +172,12 @@ impl Context<'_> {
                             if !has_rails && !self.robot.clusters.is_empty() {
                                 let message = format!("robot `{}` has no tracks", self.robot.name);
                                 let help = "leave the line out";
-                                diagnostics.error(*location, message, help);
+                                diagnostics.error(
+                                    language::NO_TRACK_HERE,
+                                    *location,
+                                    message,
+                                    help,
+                                );
                             }
                             for (slot, track) in tracks.iter_mut().zip(&self.geometry.tracks) {
                                 if track.crank.is_none() {
@@ -183,7 +190,12 @@ impl Context<'_> {
                                 let line = first.span().start().line;
                                 let message =
                                     format!("track `{track}` has a model already, on line {line}");
-                                diagnostics.error(track, message, "name each track once");
+                                diagnostics.error(
+                                    language::SAID_TWICE,
+                                    track,
+                                    message,
+                                    "name each track once",
+                                );
                             }
                             chosen.push(track);
                             self.one_track(track, model, &mut tracks, diagnostics);
@@ -198,13 +210,23 @@ impl Context<'_> {
                     "a reduced arm folds plate joints away, but the plate is a {}, which has none",
                     self.geometry.plate.written()
                 );
-                diagnostics.error(location, message, "leave the line out");
+                diagnostics.error(
+                    language::REDUCED_ARM,
+                    location,
+                    message,
+                    "leave the line out",
+                );
             }
             arm = arm.or_else(|| Some((Arm::Full, Location::from(name))));
         }
         if arm.is_none() {
             let message = format!("variant `{name}` has no arm");
-            diagnostics.error(name, message, "write `arm reduced;` or `arm full;`");
+            diagnostics.error(
+                language::VARIANT_INCOMPLETE,
+                name,
+                message,
+                "write `arm reduced;` or `arm full;`",
+            );
         }
         if let Some((Arm::Reduced, location)) = arm
             && !self.geometry.plate.is_point()
@@ -223,7 +245,7 @@ impl Context<'_> {
             );
             let help =
                 "write `tracks linear;` or `tracks piecewise;`, for one track `track name linear;`";
-            diagnostics.error(name, message, help);
+            diagnostics.error(language::VARIANT_INCOMPLETE, name, message, help);
         }
         match (arm, tracks.into_iter().collect()) {
             (Some((arm, _)), Some(tracks)) if diagnostics.count() == before => {
@@ -251,12 +273,17 @@ impl Context<'_> {
         };
         if index.is_some_and(|index| is_crank(&index)) {
             let message = format!("`{name}` is a crank, which moves its joints on circles");
-            diagnostics.error(name, message, "leave the line out");
+            diagnostics.error(language::NO_TRACK_HERE, name, message, "leave the line out");
         } else if let Some(slot) = index.and_then(|index| tracks.get_mut(index)) {
             *slot = Some(model);
         } else if *name == "base" {
             let help = "its joints do not move; leave the line out";
-            diagnostics.error(name, "the fixed base is not a track", help);
+            diagnostics.error(
+                language::NO_TRACK_HERE,
+                name,
+                "the fixed base is not a track",
+                help,
+            );
         } else {
             diagnostics.push(unknown_track(name, &self.geometry.tracks));
         }
@@ -267,7 +294,7 @@ impl Context<'_> {
         for location in per_links {
             let message = "tracks per link need the links, but the arm is reduced";
             let help = "write `arm full;`, or leave out `per link`";
-            diagnostics.error(*location, message, help);
+            diagnostics.error(language::REDUCED_ARM, *location, message, help);
         }
         for link in &self.geometry.links {
             let mut own = Value::ALL.into_iter();
@@ -279,7 +306,7 @@ impl Context<'_> {
                 );
                 let help =
                     "write `arm full;`, or, where the orientation does not count, `plate point;`";
-                diagnostics.error(arm, message, help);
+                diagnostics.error(language::REDUCED_ARM, arm, message, help);
                 return;
             }
         }
@@ -298,7 +325,7 @@ impl Context<'_> {
                     cluster.name
                 );
                 let help = "write `arm full;`, or give every driven link a cluster of its own";
-                diagnostics.error(arm, message, help);
+                diagnostics.error(language::REDUCED_ARM, arm, message, help);
             }
         }
     }
@@ -322,7 +349,12 @@ impl Context<'_> {
                 &base.to_string(),
                 names.iter().map(String::as_str),
             );
-            diagnostics.error(base, format!("cannot find variant `{base}`"), help);
+            diagnostics.error(
+                language::UNKNOWN_VARIANT,
+                base,
+                format!("cannot find variant `{base}`"),
+                help,
+            );
         }
         let uses: Vec<_> = effects
             .iter()
@@ -356,7 +388,7 @@ impl Context<'_> {
                     if let Some(start) = chain.iter().position(|seen| seen == base) {
                         // The cycle is reported once, at its first variant in the text.
                         if start == 0 && chain.iter().min() == Some(&index) {
-                            diagnostics.push(self.cycle(&chain));
+                            diagnostics.push(self.cycle(index, &chain[1..]));
                         }
                         return None;
                     }
@@ -383,7 +415,7 @@ impl Context<'_> {
                         holds.extend(added);
                     }
                     Err((message, help)) if member == index => {
-                        diagnostics.error(*location, message, help);
+                        diagnostics.error(language::CANNOT_HOLD, *location, message, help);
                     }
                     Err(_) => {}
                 }
@@ -403,17 +435,22 @@ impl Context<'_> {
                 };
                 if twice {
                     let message = format!("`{}` acts at this place already", effect.name);
-                    diagnostics.error(*location, message, "name it once");
+                    diagnostics.error(language::SAID_TWICE, *location, message, "name it once");
                 }
                 if let Some(reason) = effect.lacks_plate_joints(self.geometry.plate) {
                     let message = format!("effect `{}` cannot act here: {reason}", effect.name);
-                    diagnostics.error(*location, message, "leave the effect out");
+                    diagnostics.error(
+                        language::PLACE_OF_OTHER_KIND,
+                        *location,
+                        message,
+                        "leave the effect out",
+                    );
                 } else if arm == Arm::Reduced
                     && let Some(reason) = effect.needs_full_arm(used.place, &self.geometry.links)
                 {
                     let message = format!("effect `{}` needs a full arm: {reason}", effect.name);
                     let help = "start from a variant with `arm full;`";
-                    diagnostics.error(*location, message, help);
+                    diagnostics.error(language::NEEDS_FULL_ARM, *location, message, help);
                 }
             }
         }
@@ -426,27 +463,16 @@ impl Context<'_> {
         })
     }
 
-    fn cycle(&self, chain: &[usize]) -> Diagnostic {
-        let variants = &self.robot.variants;
-        let names: Vec<_> = chain
-            .iter()
-            .filter_map(|&index| variants.get(index))
-            .map(|variant| &variant.name)
-            .collect();
-        let Some(first) = names.first() else {
-            return Diagnostic::new(&self.robot.name, "a variant refers to itself");
-        };
-        let mut message = format!("variant `{first}` refers to itself");
-        if names.len() > 1 {
-            let path: Vec<_> = names
-                .iter()
-                .skip(1)
-                .map(|name| format!("`{name}`"))
-                .collect();
+    /// Error of a variant that refers to itself through others.
+    fn cycle(&self, variant: usize, through: &[usize]) -> Diagnostic {
+        let name = |index: usize| &self.robot.variants[index].name;
+        let mut message = format!("variant `{}` refers to itself", name(variant));
+        if !through.is_empty() {
+            let path = through.iter().map(|&index| format!("`{}`", name(index)));
             message.push_str(" through ");
-            message.push_str(&path.join(", "));
+            message.push_str(&path.collect::<Vec<_>>().join(", "));
         }
-        Diagnostic::new(*first, message)
+        Diagnostic::new(language::VARIANT_CIRCLE, name(variant), message)
             .help("start from a variant that states its arm and tracks: `variant Name { … }`")
     }
 }

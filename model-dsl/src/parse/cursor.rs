@@ -2,6 +2,7 @@
 
 use proc_macro2::{Delimiter, Ident, Span, TokenTree};
 use syn::buffer::{Cursor, TokenBuffer};
+use tau_codes::{Code, language};
 
 use super::{Parse, brackets};
 use crate::diagnostics::{Diagnostic, Diagnostics, Location};
@@ -12,7 +13,6 @@ const DELIMITERS: [Delimiter; 3] = [Delimiter::Brace, Delimiter::Parenthesis, De
 /// A position in the tokens of one pair of brackets, or of the whole description.
 #[derive(Clone)]
 pub(super) struct Parser<'a> {
-    start: Cursor<'a>,
     cursor: Cursor<'a>,
     /// The token read last.
     last: Span,
@@ -22,10 +22,8 @@ pub(super) struct Parser<'a> {
 
 impl<'a> Parser<'a> {
     pub(super) fn new(buffer: &'a TokenBuffer) -> Self {
-        let start = buffer.begin();
         Self {
-            start,
-            cursor: start,
+            cursor: buffer.begin(),
             last: Span::call_site(),
             close: None,
         }
@@ -33,10 +31,6 @@ impl<'a> Parser<'a> {
 
     pub(super) fn at_end(&self) -> bool {
         self.cursor.eof()
-    }
-
-    pub(super) fn was_empty(&self) -> bool {
-        self.start.eof()
     }
 
     /// The next token, the closing bracket, or the last token of the description.
@@ -103,15 +97,17 @@ impl<'a> Parser<'a> {
     }
 
     pub(super) fn expect_word(&mut self, word: &str, help: &str) -> Parse<Span> {
-        self.eat_word(word)
-            .ok_or_else(|| self.expected(&format!("`{word}`")).help(help))
+        self.eat_word(word).ok_or_else(|| {
+            self.expected(language::SYNTAX, &format!("`{word}`"))
+                .help(help)
+        })
     }
 
     /// A name that is being declared or used.
     pub(super) fn name(&mut self, what: &str) -> Parse<Ident> {
         let help = "a name consists of ASCII letters, digits and `_`";
         self.eat_any_word()
-            .ok_or_else(|| self.expected(what).help(help))
+            .ok_or_else(|| self.expected(language::MISSING_NAME, what).help(help))
     }
 
     /// A name that is being declared, which must not be reserved.
@@ -151,8 +147,13 @@ impl<'a> Parser<'a> {
     }
 
     pub(super) fn expect(&mut self, operator: &str, help: &str) -> Parse<Location> {
+        let code = if operator == ";" {
+            language::MISSING_SEMICOLON
+        } else {
+            language::SYNTAX
+        };
         self.eat(operator)
-            .ok_or_else(|| self.expected(&format!("`{operator}`")).help(help))
+            .ok_or_else(|| self.expected(code, &format!("`{operator}`")).help(help))
     }
 
     /// True if a sign of other texts for what `tol` says comes next.
@@ -176,7 +177,6 @@ impl<'a> Parser<'a> {
         self.advance(rest, span.close());
         let close = Some((span.close(), brackets(delimiter).1));
         Some(Self {
-            start: inside,
             cursor: inside,
             last: span.open(),
             close,
@@ -185,7 +185,7 @@ impl<'a> Parser<'a> {
 
     pub(super) fn expect_braces(&mut self, help: &str) -> Parse<Self> {
         self.enter(Delimiter::Brace)
-            .ok_or_else(|| self.expected("`{`").help(help))
+            .ok_or_else(|| self.expected(language::SYNTAX, "`{`").help(help))
     }
 
     /// The text of a literal, if one comes next.
@@ -201,8 +201,9 @@ impl<'a> Parser<'a> {
         Some(literal.span())
     }
 
-    pub(super) fn expected(&self, what: &str) -> Diagnostic {
+    pub(super) fn expected(&self, code: Code, what: &str) -> Diagnostic {
         Diagnostic::new(
+            code,
             self.here(),
             format!("expected {what}, found {}", self.found()),
         )
@@ -220,8 +221,12 @@ impl<'a> Parser<'a> {
                 Some(text.value())
             });
             let line = line.ok_or_else(|| {
-                Diagnostic::new(self.since(hash), "attributes have no meaning in a model")
-                    .help("only doc comments, `/// …`, may stand before a declaration")
+                Diagnostic::new(
+                    language::ATTRIBUTE,
+                    self.since(hash),
+                    "attributes have no meaning in a model",
+                )
+                .help("only doc comments, `/// …`, may stand before a declaration")
             })?;
             docs.push(line.strip_prefix(' ').unwrap_or(&line).to_owned());
         }

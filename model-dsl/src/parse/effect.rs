@@ -1,6 +1,7 @@
 //! `effect`, with its parameters and terms.
 
 use proc_macro2::Delimiter;
+use tau_codes::language;
 
 use super::cursor::Parser;
 use super::quantity::{quantity, unit, whole_number};
@@ -49,7 +50,7 @@ pub(super) fn effect(
     let source = if parser.eat_word("from").is_some() {
         let help = "the other cart is called `source`: `on cart from source`";
         if !parser.at_word("source") {
-            return Err(parser.expected("`source`").help(help));
+            return Err(parser.expected(language::SYNTAX, "`source`").help(help));
         }
         parser.eat_any_word()
     } else {
@@ -156,7 +157,7 @@ fn parameter_name(parser: &mut Parser<'_>) -> Parse<ParameterName> {
             let (number, span) = whole_number(&mut inside, "the number of components")?;
             if !inside.at_end() {
                 return Err(inside
-                    .expected("`]`")
+                    .expected(language::SYNTAX, "`]`")
                     .help("a vector of 3 is declared as `name[3]`"));
             }
             Some((number, span.into()))
@@ -174,7 +175,7 @@ fn term(parser: &mut Parser<'_>) -> Parse<Term> {
     let Some(target) = parser.eat_any_word() else {
         let what = "`param`, `search` or a term";
         return Err(parser
-            .expected(what)
+            .expected(language::UNKNOWN_WORD, what)
             .help("a term reads `target += formula;`"));
     };
     if !parser.at("+=") {
@@ -183,9 +184,10 @@ fn term(parser: &mut Parser<'_>) -> Parse<Term> {
             _ => format!("effects add up: `{target} += …;`"),
         };
         let diagnostic = if STARTS.iter().any(|start| target == start) {
-            parser.expected("`+=`")
+            parser.expected(language::SYNTAX, "`+=`")
         } else {
             Diagnostic::new(
+                language::UNKNOWN_WORD,
                 &target,
                 format!("expected `param`, `search` or a term, found `{target}`"),
             )

@@ -1,6 +1,7 @@
 //! Formulas: precedence climbing over `+ -`, `* /`, unary `-`, `^`.
 
 use proc_macro2::{Delimiter, Ident};
+use tau_codes::language;
 
 use super::cursor::Parser;
 use super::quantity::{exponent, number, unit_factor, whole_number};
@@ -27,7 +28,8 @@ fn node(parser: &Parser<'_>, kind: ExpressionKind, start: &Start, depth: usize) 
     let location = parser.since(start.0);
     if depth > DEPTH_LIMIT {
         let message = format!("this formula has more than {DEPTH_LIMIT} levels");
-        return Err(Diagnostic::new(location, message).help("split it into several terms"));
+        return Err(Diagnostic::new(language::TOO_DEEP, location, message)
+            .help("split it into several terms"));
     }
     Ok(Node {
         expression: Expression { kind, location },
@@ -62,7 +64,7 @@ fn binary(
     loop {
         if parser.at("**") {
             return Err(parser
-                .expected("an operator")
+                .expected(language::OPERATORS, "an operator")
                 .help("a power is written `q^2`"));
         }
         let Some((_, operator)) = operators
@@ -88,8 +90,12 @@ fn signed(parser: &mut Parser<'_>) -> Parse<Node> {
         return power(parser);
     };
     if parser.at("-") {
-        return Err(Diagnostic::new(parser.since(sign), "two signs in a row")
-            .help("write one sign, or parentheses"));
+        return Err(Diagnostic::new(
+            language::OPERATORS,
+            parser.since(sign),
+            "two signs in a row",
+        )
+        .help("write one sign, or parentheses"));
     }
     let inner = power(parser)?;
     let depth = inner.depth + 1;
@@ -110,7 +116,7 @@ fn power(parser: &mut Parser<'_>) -> Parse<Node> {
     let exponent = exponent(parser)?;
     if parser.at("^") {
         return Err(parser
-            .expected("an operator")
+            .expected(language::OPERATORS, "an operator")
             .help("write parentheses: `(q^2)^3`"));
     }
     let depth = base.depth + 1;
@@ -127,8 +133,12 @@ fn primary(parser: &mut Parser<'_>) -> Parse<Node> {
     if let Some(mut inside) = parser.enter(Delimiter::Parenthesis) {
         let (mut items, depth) = list(&mut inside)?;
         return match items.len() {
-            0 => Err(Diagnostic::new(parser.since(start.0), "empty parentheses")
-                .help("write a value, or a vector `(x, y, z)`")),
+            0 => Err(Diagnostic::new(
+                language::MISSING_VALUE,
+                parser.since(start.0),
+                "empty parentheses",
+            )
+            .help("write a value, or a vector `(x, y, z)`")),
             1 => {
                 let inner = items.remove(0);
                 node(parser, inner.kind, &start, depth)
@@ -149,7 +159,9 @@ fn primary(parser: &mut Parser<'_>) -> Parse<Node> {
     }
     let Some(name) = parser.eat_any_word() else {
         let help = "a value is a number, a name, a call or a formula in parentheses";
-        return Err(parser.expected("a value").help(help));
+        return Err(parser
+            .expected(language::MISSING_VALUE, "a value")
+            .help(help));
     };
     if let Some(mut inside) = parser.enter(Delimiter::Parenthesis) {
         let (arguments, depth) = list(&mut inside)?;
@@ -164,7 +176,7 @@ fn primary(parser: &mut Parser<'_>) -> Parse<Node> {
         let (index, _) = whole_number(&mut inside, "the number of a component, `0`, `1` or `2`")?;
         if !inside.at_end() {
             return Err(inside
-                .expected("`]`")
+                .expected(language::SYNTAX, "`]`")
                 .help("a component is written `rate[0]`"));
         }
         return node(parser, ExpressionKind::Component(name, index), &start, 1);
@@ -187,7 +199,7 @@ fn dotted(parser: &Parser<'_>, name: &Ident) -> Option<Diagnostic> {
             "components of vectors are `v[0]`, `v[1]`, `v[2]`; other names have no dots".to_owned()
         }
     };
-    Some(parser.expected("an operator").help(help))
+    Some(parser.expected(language::DOT, "an operator").help(help))
 }
 
 /// Formulas with commas between them, to the end of the brackets.
@@ -200,7 +212,9 @@ fn list(inside: &mut Parser<'_>) -> Parse<(Vec<Expression>, usize)> {
         items.push(item.expression);
         if inside.eat(",").is_none() && !inside.at_end() {
             let help = "any two values have an operator or a comma between them";
-            return Err(inside.expected("an operator, `,` or `)`").help(help));
+            return Err(inside
+                .expected(language::MISSING_SEPARATOR, "an operator, `,` or `)`")
+                .help(help));
         }
     }
     Ok((items, depth))

@@ -11,6 +11,7 @@ mod robot;
 
 use proc_macro2::{Delimiter, Group, TokenStream, TokenTree};
 use syn::buffer::TokenBuffer;
+use tau_codes::language;
 
 use self::comments::without_hash_comments;
 use self::cursor::Parser;
@@ -33,12 +34,22 @@ pub(crate) fn description(
     let mut description = Description::default();
     if let Some(group) = too_deep(&tokens) {
         let message = format!("brackets nested more than {NESTING_LIMIT} deep");
-        diagnostics.error(group.span_open(), message, "simplify the formula");
+        diagnostics.error(
+            language::TOO_DEEP,
+            group.span_open(),
+            message,
+            "simplify the formula",
+        );
         return description;
     }
     let (tokens, hash) = without_hash_comments(tokens);
     if let Some(hash) = hash {
-        diagnostics.error(hash, "`#` begins no comment", COMMENT_HELP);
+        diagnostics.error(
+            language::HASH_COMMENT,
+            hash,
+            "`#` begins no comment",
+            COMMENT_HELP,
+        );
     }
     let buffer = TokenBuffer::new2(tokens);
     let mut parser = Parser::new(&buffer);
@@ -77,6 +88,7 @@ pub(crate) fn description(
             if let Some(second) = robot {
                 let message = format!("`{second}` is a second robot, but a description holds one");
                 diagnostics.error(
+                    language::SECOND_ROBOT,
                     &second,
                     message,
                     "put every robot in a description of its own",
@@ -85,14 +97,6 @@ pub(crate) fn description(
             Ok(())
         },
     );
-    if with_robot && description.robot.is_none() && diagnostics.count() == 0 {
-        let diagnostic = if parser.was_empty() {
-            Diagnostic::new(parser.here(), "the description is empty")
-        } else {
-            Diagnostic::new(parser.here(), "the description holds no robot")
-        };
-        diagnostics.push(diagnostic.help("write `robot Name { track …; cluster …; variant …; }`"));
-    }
     description
 }
 
@@ -108,9 +112,12 @@ fn unknown_word(
     synonyms: &[(&str, &str)],
 ) -> Diagnostic {
     if let Some(rust) = parser.skip_rust() {
-        return Diagnostic::new(rust, "this Rust code has no meaning in a model").help(
-            "a model is declared, without control flow; formulas stand in the terms of effects",
-        );
+        return Diagnostic::new(
+            language::RUST_CODE,
+            rust,
+            "this Rust code has no meaning in a model",
+        )
+        .help("a model is declared, without control flow; formulas stand in the terms of effects");
     }
     let fitting = synonyms
         .iter()
@@ -125,7 +132,9 @@ fn unknown_word(
         Some((_, meant)) => format!("did you mean `{meant}`?"),
         None => "every declaration begins with its keyword".to_owned(),
     };
-    parser.expected(&one_of(keywords)).help(help)
+    parser
+        .expected(language::UNKNOWN_WORD, &one_of(keywords))
+        .help(help)
 }
 
 /// One of a few words, with a help for one that is near none of them.
@@ -140,7 +149,9 @@ fn choice<T: Copy>(parser: &mut Parser<'_>, choices: &[(&str, T)], help: &str) -
         .word()
         .and_then(|word| nearest(&word.to_string(), words.iter().copied()));
     let help = near.map_or(help.to_owned(), |near| format!("did you mean `{near}`?"));
-    Err(parser.expected(&one_of(&words)).help(help))
+    Err(parser
+        .expected(language::UNKNOWN_WORD, &one_of(&words))
+        .help(help))
 }
 
 /// `` `a`, `b` or `c` ``

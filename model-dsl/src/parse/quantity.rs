@@ -1,6 +1,7 @@
 //! Numbers and units.
 
 use proc_macro2::{Delimiter, Span};
+use tau_codes::language;
 
 use super::{Parse, cursor::Parser};
 use crate::diagnostics::{Diagnostic, Location, TOLERANCE_HELP};
@@ -12,34 +13,46 @@ const NUMBER_HELP: &str = "a number is decimal, such as `2`, `0.5` or `1e-3`";
 /// A number without sign, with its place.
 pub(super) fn number(parser: &mut Parser<'_>) -> Parse<(f64, Span)> {
     let Some(text) = parser.literal() else {
-        return Err(parser.expected("a number").help(NUMBER_HELP));
+        return Err(parser
+            .expected(language::MISSING_NUMBER, "a number")
+            .help(NUMBER_HELP));
     };
     let span = parser.here();
     let text = text.replace('_', "");
     let (digits, suffix) = text.split_at(number_length(&text));
     let Ok(value) = digits.parse::<f64>() else {
-        return Err(parser.expected("a number").help(NUMBER_HELP));
+        return Err(parser
+            .expected(language::NOT_DECIMAL, "a number")
+            .help(NUMBER_HELP));
     };
     parser.eat_literal();
     if parser.at("%") {
         let help = format!("write `{digits} percent`; a tolerance has the unit of what it is of");
-        return Err(parser.expected("a unit").help(help));
+        return Err(parser.expected(language::PERCENT_SIGN, "a unit").help(help));
     }
     if find_unit(suffix).is_some() {
-        return Err(
-            Diagnostic::new(span, format!("`{text}` lacks a space before its unit"))
-                .help(format!("write `{digits} {suffix}`")),
-        );
+        return Err(Diagnostic::new(
+            language::UNIT_WITHOUT_SPACE,
+            span,
+            format!("`{text}` lacks a space before its unit"),
+        )
+        .help(format!("write `{digits} {suffix}`")));
     }
     if !suffix.is_empty() {
-        return Err(
-            Diagnostic::new(span, format!("`{text}` is not a decimal number"))
-                .help(format!("`{suffix}` does not belong there")),
-        );
+        return Err(Diagnostic::new(
+            language::NOT_DECIMAL,
+            span,
+            format!("`{text}` is not a decimal number"),
+        )
+        .help(format!("`{suffix}` does not belong there")));
     }
     if !value.is_finite() {
-        return Err(Diagnostic::new(span, format!("`{text}` is too large"))
-            .help(format!("numbers end at {:e}", f64::MAX)));
+        return Err(Diagnostic::new(
+            language::NUMBER_TOO_LARGE,
+            span,
+            format!("`{text}` is too large"),
+        )
+        .help(format!("numbers end at {:e}", f64::MAX)));
     }
     Ok((value, span))
 }
@@ -73,7 +86,9 @@ pub(super) fn whole_number(parser: &mut Parser<'_>, what: &str) -> Parse<(u64, S
         .literal()
         .and_then(|text| text.replace('_', "").parse().ok())
     else {
-        return Err(parser.expected(what).help("write it in digits"));
+        return Err(parser
+            .expected(language::MISSING_NUMBER, what)
+            .help("write it in digits"));
     };
     let span = parser.here();
     parser.eat_literal();
@@ -86,13 +101,20 @@ pub(super) fn exponent(parser: &mut Parser<'_>) -> Parse<i32> {
     let negative = parser.eat("-").is_some();
     let what = "a whole number as exponent";
     let help = "write a whole number such as `^2` or `^-1`; for a square root, `sqrt(…)`";
-    let (value, _) = whole_number(parser, what).map_err(|diagnostic| diagnostic.help(help))?;
+    let (value, _) = whole_number(parser, what).map_err(|diagnostic| {
+        let code = language::EXPONENT;
+        Diagnostic { code, ..diagnostic }.help(help)
+    })?;
     let value = i32::try_from(value)
         .ok()
         .filter(|value| *value <= 100)
         .ok_or_else(|| {
-            Diagnostic::new(parser.since(start), "this exponent is too large")
-                .help("exponents end at 100")
+            Diagnostic::new(
+                language::EXPONENT,
+                parser.since(start),
+                "this exponent is too large",
+            )
+            .help("exponents end at 100")
         })?;
     Ok(if negative { -value } else { value })
 }
@@ -107,8 +129,10 @@ pub(super) fn quantity(parser: &mut Parser<'_>) -> Parse<Quantity> {
     };
     if numbers.len() != 3 {
         let message = format!("a vector has 3 components, found {}", numbers.len());
-        return Err(Diagnostic::new(parser.since(start), message)
-            .help("write `(x, y, z)`, or one number without parentheses"));
+        return Err(
+            Diagnostic::new(language::VECTOR_COMPONENTS, parser.since(start), message)
+                .help("write `(x, y, z)`, or one number without parentheses"),
+        );
     }
     with_unit(parser, start, numbers)
 }
@@ -118,8 +142,12 @@ fn no_decimal_comma(parser: &Parser<'_>) -> Parse<()> {
     let mut behind = parser.clone();
     let comma = behind.eat(",");
     match comma.filter(|_| behind.eat_literal().is_some()) {
-        Some(comma) => Err(Diagnostic::new(comma, "a number has no decimal comma")
-            .help("write a point, such as `0.5`")),
+        Some(comma) => Err(Diagnostic::new(
+            language::DECIMAL_COMMA,
+            comma,
+            "a number has no decimal comma",
+        )
+        .help("write a point, such as `0.5`")),
         None => Ok(()),
     }
 }
@@ -140,7 +168,7 @@ pub(super) fn list(parser: &mut Parser<'_>) -> Parse<Vec<Quantity>> {
                 Ok(quantities)
             } else {
                 Err(inside
-                    .expected("`,` or `)`")
+                    .expected(language::MISSING_SEPARATOR, "`,` or `)`")
                     .help("values have commas between them: `(1 mm, 2 rad)`"))
             };
         }
@@ -163,7 +191,7 @@ fn numbers(parser: &mut Parser<'_>) -> Parse<Option<Vec<f64>>> {
     }
     if !inside.at_end() {
         return Err(inside
-            .expected("`,` or `)`")
+            .expected(language::MISSING_SEPARATOR, "`,` or `)`")
             .help("a vector reads `(x, y, z) unit`"));
     }
     Ok(Some(numbers))
@@ -181,7 +209,9 @@ fn with_unit(parser: &mut Parser<'_>, start: Span, numbers: Vec<f64>) -> Parse<Q
         None
     };
     if parser.at_plus_minus() {
-        return Err(parser.expected("`tol`").help(TOLERANCE_HELP));
+        return Err(parser
+            .expected(language::PLUS_MINUS, "`tol`")
+            .help(TOLERANCE_HELP));
     }
     Ok(Quantity {
         numbers,

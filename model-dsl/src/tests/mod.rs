@@ -1,15 +1,15 @@
-//! Whole descriptions: what they mean, what is wrong with them, and that none of them panics.
+//! Whole descriptions: what they mean, and that none of them panics. What is said of mistakes is in
+//! `tests/equations/messages`.
 
 mod book;
 mod errors;
 mod formulas;
 mod fuzz;
-mod helps;
 mod machines;
 mod once;
 mod robots;
 
-use crate::{Diagnostic, Errors, Model, check_text};
+use crate::{Code, Errors, Model, check_text};
 
 const GANTRY_TAU: &str = include_str!("../../../generated/models/gantry_tau.tau");
 
@@ -18,25 +18,13 @@ fn model(text: &str) -> Model {
     check_text(text).unwrap_or_else(|errors| panic!("{errors}\nin\n{text}"))
 }
 
-/// Every mistake of a description, under the line that it concerns.
-fn errors(text: &str) -> String {
-    match check_text(text) {
-        Ok(_) => "no errors".to_owned(),
-        Err(errors) => excerpts(text, &errors),
-    }
+/// Codes of the mistakes of a description, in order.
+fn codes(text: &str) -> Vec<Code> {
+    check_text(text).map_or_else(|errors| codes_of(&errors), |_| Vec::new())
 }
 
-fn excerpts(text: &str, errors: &Errors) -> String {
-    let excerpt = |diagnostic: &Diagnostic| {
-        let line = text.lines().nth(diagnostic.line() - 1).unwrap_or("");
-        let code = line.trim_start();
-        let margin = line.chars().count() - code.chars().count();
-        let indent = " ".repeat((diagnostic.column() - 1).saturating_sub(margin));
-        let place = text[diagnostic.byte_range()].lines().next().unwrap_or("");
-        let underline = "^".repeat(place.chars().count().max(1));
-        format!("{code}\n{indent}{underline}\n{diagnostic}\n")
-    };
-    errors.diagnostics.iter().map(excerpt).collect()
+fn codes_of(errors: &Errors) -> Vec<Code> {
+    errors.diagnostics.iter().map(|one| one.code).collect()
 }
 
 /// A robot of two tracks around the text of its effects and variants.

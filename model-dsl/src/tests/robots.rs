@@ -371,23 +371,8 @@ fn tolerances_of_a_use() {
              cluster a on one {{ link l; }} cluster b on two {{ link m; }} cluster c on three {{ link n; }} variant N {{ arm full; tracks linear; }}
              variant B = N + backlash(one){more}; }}"
         );
-        crate::check_text(&text).map(|model| model.variants[1].effects[0].tolerance_factor)
+        model(&text).variants[1].effects[0].tolerance_factor
     };
-    assert_eq!(of("").unwrap().to_bits(), 1f64.to_bits());
-    assert_eq!(of(" tol * 10").unwrap().to_bits(), 10f64.to_bits());
-    for (more, expected) in [
-        (" tol 10", "expected `*`"),
-        (
-            " tol * 0",
-            "the factor of tolerances must be greater than zero",
-        ),
-        (
-            " tol * 1e-300",
-            "tolerances of `backlash` times 1e-300 are no tolerances",
-        ),
-        (" tol * ten", "expected a number"),
-    ] {
-        let found = of(more).unwrap_err().to_string();
-        assert!(found.contains(expected), "{found}");
-    }
+    assert_eq!(of("").to_bits(), 1f64.to_bits());
+    assert_eq!(of(" tol * 10").to_bits(), 10f64.to_bits());
 }

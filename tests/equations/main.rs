@@ -1,0 +1,3 @@
+//! Descriptions: what is said of their mistakes.
+
+mod messages;

@@ -1,5 +1,0 @@
-//! Nothing at all.
-
-tau_macro::tau_model! {}
-
-fn main() {}

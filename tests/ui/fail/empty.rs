@@ -1,0 +1,5 @@
+//! Nothing at all: without a token to point at, rustc points at the macro.
+
+tau_macro::tau_model! {}
+
+fn main() {}
