@@ -59,7 +59,7 @@ impl Random {
 /// Table II of the paper, model 3: every link with its own direction.
 pub(crate) fn paper_file() -> RobotFile {
     let (_, mut file) = prototype();
-    let rows = include_str!("reference/table2_linear.csv").lines().skip(1);
+    let rows = include_str!("equations/reference/table2_linear.csv").lines().skip(1);
     for row in rows
         .map(|row| row.split(',').collect::<Vec<_>>())
         .filter(|row| row[0] == "3")
@@ -158,3 +158,8 @@ pub(crate) fn spoil(folder: &Path, file: &str, line: usize, column: &str, by: f6
     lines[line - 1] = cells.join(",");
     fs::write(path, lines.join("\n") + "\n").unwrap();
 }
+
+#[allow(unused_imports)]
+pub(crate) use tau_testkit::effects;
+#[allow(unused_imports)]
+pub(crate) use tau_testkit::robots::{CABLES, drawn as robot, measured_at_random as simulation};

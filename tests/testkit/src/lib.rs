@@ -69,6 +69,21 @@ pub fn list(value: &Value) -> &[Value] {
         .unwrap_or_else(|| panic!("expected a list, found {value}"))
 }
 
+/// Names and places of the effects that a discovery found, such as `backlash(two)`, in order.
+///
+/// # Panics
+/// The document is none of `tau discover`.
+#[track_caller]
+pub fn effects(found: &Value) -> Vec<String> {
+    let text = |effect: &Value, key: &str| effect[key].as_str().expect("a text").to_owned();
+    let mut effects: Vec<String> = list(&found["effects"])
+        .iter()
+        .map(|effect| format!("{}({})", text(effect, "name"), text(effect, "place")))
+        .collect();
+    effects.sort();
+    effects
+}
+
 /// Fails where a JSON object lacks a field.
 ///
 /// # Panics

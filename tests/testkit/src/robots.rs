@@ -5,6 +5,7 @@ use std::fs;
 use tau::Robot;
 use tau::measurements::Folder;
 use tau::robot_file::RobotFile;
+use tau::simulation::{Measure, Poses, Simulation, TrackPoints};
 
 use crate::ROBOTS;
 
@@ -53,3 +54,51 @@ pub fn named(name: &str) -> Robot {
 pub fn described(description: &str) -> Robot {
     Robot::from_text(description).unwrap()
 }
+
+/// A robot in `tests/robots` with the values of its description, the noise of a tracker, and more of the robot file.
+///
+/// # Panics
+/// There is none, or the robot file has a mistake.
+#[track_caller]
+pub fn drawn(name: &str, more: &str) -> (Robot, RobotFile) {
+    let robot = named(name);
+    let noise = "[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n";
+    let text = format!("robot = \"{}\"\n{noise}{more}", robot.name);
+    let file = RobotFile::parse_for(&text, "robot.toml", &robot).unwrap();
+    let file = file.completed(&robot);
+    (robot, file)
+}
+
+/// Poses at random at which some measurements are made, without sets 2 and 3.
+pub fn measured_at_random(
+    robot: &Robot,
+    file: &RobotFile,
+    variant: &str,
+    measures: &[Measure],
+    poses: usize,
+) -> Simulation {
+    Simulation {
+        variant: Some(variant.to_owned()),
+        poses: Poses::Random { count: poses },
+        measures: measures.to_vec(),
+        track_points: TrackPoints {
+            count: 0,
+            ..TrackPoints::default()
+        },
+        random_poses: 0,
+        ..Simulation::new(robot.clone(), file.clone())
+    }
+}
+
+/// A plate in a plane that four cables hold.
+pub const CABLES: &str = "robot Cables {
+    plate body in plane;
+    cluster cables on base {
+        link a actuated length { length = 1 m tol 5 mm; track_offset = (1, 0.8, 0) m tol 5 mm; plate_joint = (0.1, -0.05, 0) m tol 0.5 mm; }
+        link b actuated length { length = 1 m tol 5 mm; track_offset = (-1, 0.8, 0) m tol 5 mm; plate_joint = (-0.1, -0.05, 0) m tol 0.5 mm; }
+        link c actuated length { length = 1 m tol 5 mm; track_offset = (-1, -0.8, 0) m tol 5 mm; plate_joint = (-0.1, 0.05, 0) m tol 0.5 mm; }
+        link d actuated length { length = 1 m tol 5 mm; track_offset = (1, -0.8, 0) m tol 5 mm; plate_joint = (0.1, 0.05, 0) m tol 0.5 mm; }
+    }
+    reference { commands = (0.2379, 0.2379, 0.2379, 0.2379) m; position = (0, 0, 0) m; }
+    variant Full { arm full; }
+}";

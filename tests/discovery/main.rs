@@ -1,0 +1,16 @@
+//! Discovery of effects that a model lacks.
+
+mod belts;
+mod discover_command;
+mod discovery;
+mod discovery_counts;
+mod discovery_folders;
+mod discovery_robots;
+mod discovery_tracks;
+mod drums;
+mod evidence;
+mod generated_discovery;
+mod tracker_errors;
+#[allow(dead_code)]
+#[path = "../support.rs"]
+mod support;
