@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use tau_codes::{Remark, discovery, files};
 use tau_estimation::calibration::length_noise;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::distribution::chi2_survival;
@@ -140,11 +141,13 @@ impl Discovery {
             [_] => ("pose", "lies"),
             _ => ("poses", "lie"),
         };
-        self.remarks.push(format!(
+        let text = format!(
             "{poses} {} of those that took no part {lie} farther off than the largest of so many: the errors at the tool are \
              without",
             numbers.join(", ")
-        ));
+        );
+        self.remarks
+            .push(Remark::new(discovery::FAR_HELD_OUT, text));
         self.validation_outliers = outliers;
     }
 }
@@ -319,7 +322,7 @@ fn considered(search: &Search<'_>, found: &[Found]) -> Vec<Considered> {
 }
 
 /// Dimensions that come out further from the robot file than their tolerances let any of so many.
-fn far_from_drawing(fit: &Fit) -> Vec<(Pull, String)> {
+fn far_from_drawing(fit: &Fit) -> Vec<(Pull, Remark)> {
     let joint = &fit.joint;
     let dimensions: Vec<_> = joint
         .used
@@ -356,12 +359,12 @@ fn far_from_drawing(fit: &Fit) -> Vec<(Pull, String)> {
                 parameter: parameter.name.clone(),
                 tolerances: off / tolerance,
             };
-            (pull, remark)
+            (pull, Remark::new(discovery::FAR_FROM_DRAWING, remark))
         })
         .collect()
 }
 
-fn remarks(search: &Search<'_>, fit: &Fit, whiteness: Option<&Whiteness>) -> Vec<String> {
+fn remarks(search: &Search<'_>, fit: &Fit, whiteness: Option<&Whiteness>) -> Vec<Remark> {
     let mut remarks = Vec::new();
     // Without measured poses, no set of the tracker takes part.
     let Input {
@@ -387,16 +390,19 @@ fn remarks(search: &Search<'_>, fit: &Fit, whiteness: Option<&Whiteness>) -> Vec
             continue;
         }
         remarks.push(if is_measured {
-            format!("set {set} takes no part: nothing tells how its frame stands to that of set 1")
+            let text = format!(
+                "set {set} takes no part: nothing tells how its frame stands to that of set 1"
+            );
+            Remark::new(discovery::SET_LEFT_OUT, text)
         } else {
-            what.to_owned()
+            Remark::new(files::SET_MISSING, what)
         });
     }
     let stated = length_noise(robot, search.input.file);
     let allowed = |fit: &Fit| fit.joint.machine.surroundings.length_noise.clone();
     let (search_allows, allows_more) = (allowed(&search.state.fit), allowed(fit) != stated);
     if search_allows != stated {
-        remarks.push(format!(
+        let text = format!(
             "drives contradict each other by more than exact ones could, so that the search took links for as uncertain as \
              {:.2} µm: {}",
             1e6 * search_allows.links_m,
@@ -405,7 +411,8 @@ fn remarks(search: &Search<'_>, fit: &Fit, whiteness: Option<&Whiteness>) -> Vec
             } else {
                 "with what was found, they agree, and the values are those of exact drives"
             }
-        ));
+        );
+        remarks.push(Remark::new(discovery::DRIVES_CONTRADICT, text));
     }
     for scale in misfit::noise_scales(fit) {
         let is_usual = (0.85..1.15).contains(&scale.factor);
@@ -415,16 +422,16 @@ fn remarks(search: &Search<'_>, fit: &Fit, whiteness: Option<&Whiteness>) -> Vec
                 set => format!("set {set} ({})", scale.of),
             };
             let factor = scale.factor;
-            remarks.push(format!(
-                "the noise of {of} is {factor:.2} times the stated one"
-            ));
+            let text = format!("the noise of {of} is {factor:.2} times the stated one");
+            remarks.push(Remark::new(discovery::OTHER_NOISE, text));
         }
     }
     remarks.extend(far_from_drawing(fit).into_iter().map(|own| own.1));
     if let Some(found) = whiteness
         && found.after.is_significant()
     {
-        remarks.push(serial(found.after.lag1));
+        let text = serial(found.after.lag1);
+        remarks.push(Remark::new(discovery::SERIAL, text));
     }
     remarks
 }

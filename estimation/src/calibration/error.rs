@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use tau_codes::{Code, fit};
 use tau_kinematics as kinematics;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::TCP_POSES;
@@ -51,40 +52,67 @@ impl Error {
         let place = row.map_or(TCP_POSES.to_owned(), |(file, line)| {
             format!("{file}:{line}")
         });
-        Self::Input(InputError::whole(place, format!("pose {pose}: {error}")))
+        let code = code_of_kinematics(&error);
+        Self::Input(InputError::whole(
+            code,
+            place,
+            format!("pose {pose}: {error}"),
+        ))
     }
 }
 
-impl fmt::Display for Error {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+/// Code of an error of kinematics.
+// until kinematics::Error has a code
+pub fn code_of_kinematics(_: &kinematics::Error) -> Code {
+    tau_codes::kinematics::MISSING
+}
+
+impl Error {
+    /// Its code; of several mistakes of the input, that of the first.
+    pub fn code(&self) -> Code {
+        match self {
+            Self::Input(error) => error.code(),
+            Self::NotConverged { .. } => fit::NOT_CONVERGED,
+            Self::Kinematics { error, .. } => code_of_kinematics(error),
+        }
+    }
+
+    /// What went wrong and where, without the code.
+    pub fn text(&self) -> String {
         use kinematics::Error::{Reference, Unassembled};
         match self {
-            Self::Input(error) => error.fmt(f),
+            Self::Input(error) => error.text(),
             Self::NotConverged { variant, why } => {
-                write!(f, "the calibration of `{variant}` did not converge: {why}")
+                format!("the calibration of `{variant}` did not converge: {why}")
             }
             // No row is to blame, whose way begins at the reference.
             Self::Kinematics {
                 error: error @ (Reference { .. } | Unassembled { .. }),
                 ..
-            } => write!(
-                f,
-                "{error}; compare lengths, joints and `[reference]` with the drawing"
-            ),
+            } => format!("{error}; compare lengths, joints and `[reference]` with the drawing"),
             Self::Kinematics {
                 pose,
                 error,
                 row: None,
-            } => write!(f, "pose {pose}: {error}"),
+            } => format!("pose {pose}: {error}"),
             Self::Kinematics {
                 pose,
                 error,
                 row: Some((file, line)),
-            } => write!(
-                f,
+            } => format!(
                 "{file}:{line}: pose {pose}: {error}; compare its commands, and the order and signs of those of all rows, \
                  with the record of the measurement, or remove the row"
             ),
+        }
+    }
+}
+
+impl fmt::Display for Error {
+    /// The text with the code in brackets; of mistakes of the input, each with its own.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Input(error) => error.fmt(f),
+            other => write!(f, "{} [{}]", other.text(), other.code()),
         }
     }
 }

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use nalgebra::{Rotation3, Vector3};
+use tau_codes::fit;
 
 use super::{Folder, TcpPose, plausible};
 use crate::input_error::{Errors, InputError};
@@ -29,7 +30,7 @@ impl Folder {
         if calibration_poses > parameters {
             return Ok(());
         }
-        Err(InputError::whole(
+        Err(InputError::whole(fit::TOO_FEW_POSES,
             self.tcp_poses_name(),
             format!(
                 "{calibration_poses} of {} poses calibrate, expected at least {}: as many as {of} has parameters, and one by \
@@ -76,7 +77,7 @@ impl Folder {
                     pose.pose,
                     reach.describe(pose)
                 );
-                errors.add(InputError::whole(self.tcp_poses_name(), message).help(
+                errors.add(InputError::whole(tau_codes::kinematics::OUT_OF_REACH, self.tcp_poses_name(), message).help(
                     "compare its commands and position with the record of the measurement, or remove its row",
                 ));
             }
@@ -86,6 +87,7 @@ impl Folder {
 
     fn most_beyond(&self, reach: &Reach<'_>, poses: &[&TcpPose]) -> InputError {
         let error = InputError::whole(
+            tau_codes::kinematics::MOST_OUT_OF_REACH,
             self.tcp_poses_name(),
             format!(
                 "{} of {} poses are out of reach: {} at pose {}",

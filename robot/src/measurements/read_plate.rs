@@ -12,6 +12,7 @@ use super::table::{Column, Table};
 use super::texts::TCP_POSES;
 use super::{TcpPose, plausible};
 use crate::input_error::{Errors, InputError, Mistakes, Source, quoted};
+use tau_codes::{Remark, files};
 
 /// Rows of one pose may differ in their commands by this share of the range of the command, and in one command by any
 /// amount: what drives read scatters, and one may read grossly, while numbers that are used twice mean places anywhere.
@@ -26,7 +27,7 @@ pub(super) fn read_rows(
     name: &str,
     text: &str,
     shape: &Shape,
-    remarks: &mut Vec<String>,
+    remarks: &mut Vec<Remark>,
 ) -> Result<Vec<Placed<PlateRow>>, InputError> {
     let sigma_names: Vec<String> = kind.columns().iter().map(|c| sigma_name(c)).collect();
     let object = kind.object().map(|object| object.column().to_owned());
@@ -94,6 +95,7 @@ pub(super) fn read_rows(
                     quoted(kind.columns().iter().copied())
                 );
                 mistakes.push_with_help(
+                    files::NOTHING_MEASURED,
                     place,
                     message,
                     "what the drives alone say belongs in `readings.csv`",
@@ -105,8 +107,8 @@ pub(super) fn read_rows(
     mistakes.finish()?;
     // Places of targets on the plate have three coordinates, whatever it does.
     if kind == PlateKind::Position && object.is_none() {
-        let idle = drop_idle(&table, shape, values.iter_mut().flatten());
-        remarks.extend(idle.map(|idle| format!("{}: {idle}", kind.file())));
+        let idle = drop_idle(&table, shape, kind.file(), values.iter_mut().flatten());
+        remarks.extend(idle);
         for (k, column) in kind.columns().iter().enumerate() {
             if shape.idle_names().contains(column) {
                 (values[k], sigmas[k]) = (None, None);
@@ -184,14 +186,14 @@ fn measured_columns(kind: PlateKind, table: &Table<'_>, mistakes: &mut Mistakes<
         "the columns fit no measurement: found none of {}",
         quoted(expected.iter().copied())
     );
-    mistakes.push_with_help(table.header_place(), message, help);
+    mistakes.push_with_help(files::NOTHING_MEASURED, table.header_place(), message, help);
 }
 
 /// Reads `distances.csv`.
 pub(super) fn read_distances(
     name: &str,
     text: &str,
-    remarks: &mut Vec<String>,
+    remarks: &mut Vec<Remark>,
 ) -> Result<Vec<Placed<Distance>>, InputError> {
     let sigma = sigma_name("distance_m");
     let names = ["pose_a", "pose_b", "distance_m"];
@@ -224,7 +226,7 @@ pub(super) fn read_distances(
                 "found pose {} twice, expected two poses",
                 table.text(row, a.index)
             );
-            mistakes.push(table.place(row, b.index), message);
+            mistakes.push(files::UNKNOWN_POSE, table.place(row, b.index), message);
         }
     }
     mistakes.finish()?;
@@ -292,7 +294,7 @@ pub(super) fn same_commands(
             if differ(commands, &row.commands_m) {
                 let message = format!("pose {} stands at other commands than in {at}", row.pose);
                 let help = "one number is one pose in all files of the plate: number them on from file to file";
-                mistakes.push_with_help(place.clone(), message, help);
+                mistakes.push_with_help(files::OTHER_COMMANDS, place.clone(), message, help);
             }
         }
         if let Err(error) = mistakes.finish() {
@@ -315,7 +317,7 @@ pub(super) fn known_poses(
             if !known.contains(&pose) {
                 let message = format!("found no commands for pose {pose} in any other file");
                 let help = "give its commands in `readings.csv`, or in the file of what else was measured there";
-                mistakes.push_with_help(place.clone(), message, help);
+                mistakes.push_with_help(files::UNKNOWN_POSE, place.clone(), message, help);
             }
         }
     }

@@ -1,6 +1,7 @@
 //! Formulas of a description that have no value at the numbers of a `robot.toml`.
 
 use tau_codegen::language::model::{Formula, Model, Value};
+use tau_codes::files;
 use toml::de::DeTable;
 
 use super::keys::key_place;
@@ -47,7 +48,12 @@ pub(super) fn values(
             );
             let help = "compare them with the drawing, in metres and radians: the root of a negative number or a division \
                         by zero has no value";
-            mistakes.push_with_help(key_place(root, "parameters"), message, help);
+            mistakes.push_with_help(
+                files::FORMULA_VALUE,
+                key_place(root, "parameters"),
+                message,
+                help,
+            );
             return;
         }
     }
