@@ -3,6 +3,7 @@
 use serde_json::json;
 use tau::Session;
 use tau::calibration::{Calibration, Options};
+use tau::evaluation::NotPredicted;
 use tau::input_error::InputError;
 use tau::study;
 use tau::trust::Status;

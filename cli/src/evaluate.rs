@@ -2,7 +2,7 @@
 
 use serde_json::json;
 use tau::Session;
-use tau::evaluation::{evaluate_knowing, without_outliers};
+use tau::evaluation::{NotPredicted, evaluate_knowing, without_outliers};
 use tau::weighing::Treatment;
 use tau_codes::Remark;
 use tau_report as report;

@@ -5,7 +5,7 @@
 
 use tau_codes::Remark;
 use tau_estimation::calibration::length_noise;
-use tau_estimation::evaluation::{Summary, evaluate};
+use tau_estimation::evaluation::{NotPredicted, Summary, evaluate};
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::joint::unknown;
 use tau_estimation::numerics::spread::spread;

@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use tau::calibration::{Prepared, code_of_kinematics};
+use tau::calibration::Prepared;
 use tau::input_error::InputError;
 use tau::kinematics::{self, Machine, Pose, Sample};
 use tau::measurements::Folder;
@@ -45,7 +45,7 @@ fn of_reference(
         _ => return None,
     };
     let source = source_of_reference(file, &machine.robot);
-    Some(InputError::whole(code_of_kinematics(error), source, error.to_string()).help(help))
+    Some(InputError::whole(error.code(), source, error.to_string()).help(help))
 }
 
 /// Name of what a machine's reference is from: the robot file or the description.
@@ -157,7 +157,7 @@ impl Setup<'_> {
         }
         let of_input = || {
             InputError::whole(
-                code_of_kinematics(error),
+                error.code(),
                 &row.source,
                 format!("pose {}: {error}", row.pose),
             )
@@ -200,7 +200,7 @@ impl Setup<'_> {
                 let sample = row.sample(&row.commands_m, pose);
                 let error = self.machine.explained(error.clone(), &sample);
                 let text = format!("{}: pose {}: {error}", row.source, row.pose);
-                Failure::Failed(Remark::new(code_of_kinematics(&error), text))
+                Failure::Failed(Remark::new(error.code(), text))
             }
         }
     }

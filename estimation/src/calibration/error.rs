@@ -52,7 +52,7 @@ impl Error {
         let place = row.map_or(TCP_POSES.to_owned(), |(file, line)| {
             format!("{file}:{line}")
         });
-        let code = code_of_kinematics(&error);
+        let code = error.code();
         Self::Input(InputError::whole(
             code,
             place,
@@ -61,19 +61,13 @@ impl Error {
     }
 }
 
-/// Code of an error of kinematics.
-// until kinematics::Error has a code
-pub fn code_of_kinematics(_: &kinematics::Error) -> Code {
-    tau_codes::kinematics::MISSING
-}
-
 impl Error {
     /// Its code; of several mistakes of the input, that of the first.
     pub fn code(&self) -> Code {
         match self {
             Self::Input(error) => error.code(),
             Self::NotConverged { .. } => fit::NOT_CONVERGED,
-            Self::Kinematics { error, .. } => code_of_kinematics(error),
+            Self::Kinematics { error, .. } => error.code(),
         }
     }
 

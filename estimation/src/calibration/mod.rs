@@ -36,7 +36,7 @@ use crate::weighing::{self, Kept, Treatment, Weighing};
 
 use closure_fit::{ClosureFit, total_iterations};
 pub(crate) use cost::closure_cost;
-pub use error::{Error, code_of_kinematics};
+pub use error::Error;
 use link_sigma::Knowledge;
 pub use link_sigma::LinkSigma;
 pub(crate) use link_sigma::own_parameter;

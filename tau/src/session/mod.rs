@@ -12,7 +12,7 @@ mod unknown_poses;
 use std::fmt;
 use std::marker::PhantomData;
 
-use tau_codes::{Remark, files, fit};
+use tau_codes::{Remark, fit};
 use tau_estimation::Setup;
 use tau_estimation::calibration::{self, Error, Prepared};
 use tau_estimation::evaluation::{self, Evaluation};
@@ -201,7 +201,7 @@ impl<R> Session<R> {
             .any(|&sigma| sigma < 0.0)
         {
             return Err(InputError::whole(
-                files::OUT_OF_BOUNDS,
+                tau_codes::files::OUT_OF_BOUNDS,
                 &self.robot_file.source,
                 "found a negative noise",
             ));
@@ -391,7 +391,9 @@ impl<R> Session<R> {
     pub fn sensitivity(&self, machine: &Machine, step: f64) -> Result<Sensitivity, Error> {
         if !(step.is_finite() && step > 0.0) {
             let message = format!("{step} is no step: it has to be more than 0");
-            return Err(InputError::whole(files::OPTION_VALUE, "sensitivity", message).into());
+            return Err(
+                InputError::whole(tau_codes::files::OPTION_VALUE, "sensitivity", message).into(),
+            );
         }
         let poses = self.poses()?.division.validation;
         sensitivity::analyse(machine, &self.folder, &poses, step)
