@@ -13,7 +13,7 @@ codes! {
     DRIVES_CONTRADICT = 636: "drives contradict each other by more than their noise";
     OTHER_NOISE = 637: "noise differs from the stated one";
     FAR_FROM_DRAWING = 638: "dimensions are far from the robot file";
-    SERIAL = 639: "residuals depend on each other in the order of measurement";
+    SERIAL = 639: "neighbours in the order of measurement have similar residuals";
     PART = 640: "a part of the poses took part in the search";
     REDUCED_ARM = 641: "effects of links took no part because the arm is reduced";
     ROWS_LEFT_OUT = 642: "rows were left out";
@@ -21,4 +21,5 @@ codes! {
     NOT_SEARCHED = 644: "nothing was searched for";
     OTHER_TREATMENT = 645: "the search leaves outliers out whatever was asked for";
     UNCONFIRMED = 646: "held-out measurements do not confirm what was found";
+    OPPOSED = 647: "neighbours in the order of measurement have opposed residuals";
 }

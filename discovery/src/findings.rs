@@ -430,25 +430,27 @@ fn remarks(search: &Search<'_>, fit: &Fit, whiteness: Option<&Whiteness>) -> Vec
     if let Some(found) = whiteness
         && found.after.is_significant()
     {
-        let text = serial(found.after.lag1);
-        remarks.push(Remark::new(discovery::SERIAL, text));
+        remarks.push(serial(found.after.lag1));
     }
     remarks
 }
 
 /// Remark on residuals that depend on each other in the order of measurement. What varies slowly makes neighbours alike: where
 /// they are opposed instead, sums over slow effects scatter less than those of independent noise.
-fn serial(lag1: f64) -> String {
-    let what_it_means = if lag1 > 0.0 {
-        "noise is serial, or something unknown varies slowly; either imitates effects of time and temperature, and makes \
-         p-values and standard deviations too small"
+fn serial(lag1: f64) -> Remark {
+    let (code, what_it_means) = if lag1 > 0.0 {
+        let what = "noise is serial, or something unknown varies slowly; either imitates effects of time and temperature, and makes \
+         p-values and standard deviations too small";
+        (discovery::SERIAL, what)
     } else {
-        "noise is serial, and p-values and standard deviations, which take it for independent, may be too small or too large"
+        let what = "noise is serial, and p-values and standard deviations, which take it for independent, may be too small or too large";
+        (discovery::OPPOSED, what)
     };
-    format!(
+    let text = format!(
         "the residuals of set 1 that are left depend on each other in the order of measurement (correlation of neighbours \
          {lag1:.2}): {what_it_means}"
-    )
+    );
+    Remark::new(code, text)
 }
 
 #[cfg(test)]
@@ -458,15 +460,9 @@ mod tests {
     /// Opposed neighbours are no sign of what varies slowly, nor of standard deviations that are too small.
     #[test]
     fn serial_residuals_are_told_by_their_sign() {
-        let alike = serial(0.3);
-        assert!(alike.contains("varies slowly"), "{alike}");
-        assert!(alike.ends_with("standard deviations too small"), "{alike}");
+        assert_eq!(serial(0.3).code, discovery::SERIAL);
         let opposed = serial(-0.119);
-        assert!(
-            opposed.contains("(correlation of neighbours -0.12)"),
-            "{opposed}"
-        );
-        assert!(!opposed.contains("slowly"), "{opposed}");
-        assert!(opposed.ends_with("too small or too large"), "{opposed}");
+        assert_eq!(opposed.code, discovery::OPPOSED);
+        assert!(opposed.text.contains("-0.12"), "{opposed}");
     }
 }

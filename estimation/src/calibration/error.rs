@@ -131,8 +131,12 @@ mod tests {
             what: kinematics::Missing::Temperature,
         };
         let file = PlateKind::Reading.file();
-        let said = Error::at_row((file, 7), 6, lacks).to_string();
-        assert!(said.contains("readings.csv:7"), "{said}");
-        assert!(!said.contains(TCP_POSES), "{said}");
+        let code = lacks.code();
+        let Error::Input(error) = Error::at_row((file, 7), 6, lacks) else {
+            panic!("no error of the input");
+        };
+        let problem = &error.problems()[0];
+        assert_eq!(problem.source, "readings.csv:7");
+        assert_eq!(problem.code, code);
     }
 }
