@@ -116,3 +116,86 @@ fn read(command: &Command) -> Kept {
         | Command::Completions(_) => Kept::of(None, []),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use tau_codes::{Code, files};
+
+    use super::*;
+
+    /// Exit code of a command line, its standard output and its standard error.
+    fn run(arguments: &[&str]) -> (u8, String, String) {
+        let (mut out, mut err) = (Vec::new(), Vec::new());
+        let arguments = ["tau"].iter().chain(arguments).map(Into::into);
+        let code = crate::run(arguments, &mut out, &mut err);
+        let [out, err] = [out, err].map(|text| String::from_utf8(text).unwrap());
+        (code, out, err)
+    }
+
+    fn first(text: &str) -> Value {
+        let value: Value = serde_json::from_str(text).unwrap();
+        value["errors"][0].clone()
+    }
+
+    /// Code and place where only the file is known.
+    fn of_file(code: Code, file: &str) -> [Value; 4] {
+        [
+            json!(code.to_string()),
+            json!(file),
+            json!(null),
+            json!(null),
+        ]
+    }
+
+    #[test]
+    fn bad_input_is_written_where_the_results_would_be() {
+        let (code, out, err) = run(&["check", "no-such-folder", "--json", "-"]);
+        assert_eq!(code, crate::BAD_INPUT);
+        let error = first(&out);
+        let found = ["code", "file", "line", "column"].map(|key| error[key].clone());
+        assert_eq!(found, of_file(files::NO_SUCH_FOLDER, "no-such-folder"));
+        assert!(
+            err.contains(&format!("[{}]", files::NO_SUCH_FOLDER)),
+            "{err}"
+        );
+    }
+
+    #[test]
+    fn rows_without_their_text_have_a_line() {
+        let error = tau::input_error::InputError::whole(files::UNKNOWN_POSE, "a/b.csv:7", "wrong");
+        let value = of_input(&error.problems()[0]);
+        assert_eq!(
+            (&value["file"], &value["line"]),
+            (&json!("a/b.csv"), &json!(7))
+        );
+    }
+
+    #[test]
+    fn usage_has_a_code_at_the_end_of_its_first_line() {
+        let (code, _, err) = run(&["check", "--no-such-option"]);
+        assert_eq!(code, crate::BAD_INPUT);
+        let line = err.lines().next().unwrap();
+        assert!(line.ends_with(&format!("[{}]", files::USAGE)), "{err}");
+        let (code, out, _) = run(&["--help"]);
+        assert_eq!(code, 0);
+        assert!(!out.contains(&files::USAGE.to_string()), "{out}");
+    }
+
+    #[test]
+    fn a_file_that_is_read_stays() {
+        let folder = std::env::temp_dir().join(format!("tau-errors-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let [table, target] = ["tcp_poses.csv", "out.json"].map(|name| folder.join(name));
+        std::fs::write(&table, "nothing\n").unwrap();
+        let check = |json: &Path| {
+            let [folder, json] = [&*folder, json].map(|path| path.to_str().unwrap());
+            run(&["check", folder, "--json", json]).0
+        };
+        let codes = [check(&table), check(&target)];
+        let texts = [&table, &target].map(|path| std::fs::read_to_string(path).unwrap());
+        std::fs::remove_dir_all(&folder).unwrap();
+        assert_eq!(codes, [crate::BAD_INPUT; 2]);
+        assert_eq!(texts[0], "nothing\n");
+        assert_eq!(first(&texts[1])["line"], json!(1));
+    }
+}
