@@ -3,9 +3,11 @@
 use serde_json::json;
 use tau::Session;
 use tau::calibration::{Calibration, Options};
+use tau::evaluation::NotPredicted;
 use tau::input_error::InputError;
 use tau::study;
 use tau::trust::Status;
+use tau_codes::{Remark, fit};
 use tau_report as report;
 use tau_robot::input_error::both;
 use tau_robot::number::shortest;
@@ -94,11 +96,11 @@ pub(super) fn run(
     result.validation_outliers = validation_outliers?;
 
     let mut remarks = remarks(&session, variant)?;
-    remarks.extend(result.not_predicted.iter().map(ToString::to_string));
+    remarks.extend(result.not_predicted.iter().map(NotPredicted::remark));
     let width = console.width;
     let told = || -> Result<_, Failure> {
         let mut statistics = named(report::json::variant(&result), &session, variant);
-        statistics["remarks"] = json!(remarks);
+        report::json::remarks(&mut statistics, &remarks);
         statistics["poses"] = report::json::poses(poses.counts);
         statistics["evaluated_on"] = json!(if is_held_out {
             "held_out"
@@ -135,9 +137,11 @@ fn unknown_poses(
         let message = "found measurements from which poses are unknown, expected measured poses alone: with others, true \
                        poses are among the unknowns of the ordinary fit, too";
         let help = "leave `--errors-in-variables` out";
-        return Err(InputError::whole("--errors-in-variables", message)
-            .help(help)
-            .into());
+        return Err(
+            InputError::whole(fit::NEEDS_MEASURED_POSES, "--errors-in-variables", message)
+                .help(help)
+                .into(),
+        );
     }
     let variant = arguments.variant.name.as_str();
     let options = Options {
@@ -154,9 +158,9 @@ fn unknown_poses(
     let are_measured = !folder.cart_poses.is_empty() || !folder.cart_positions.is_empty();
     if are_measured && !found.kinds.iter().any(|kind| kind.kind.is_of_carts()) {
         let message = "the plate alone was fitted, without cart_poses.csv and cart_positions.csv";
-        remarks.push(message.to_owned());
+        remarks.push(Remark::new(fit::PLATE_ALONE, message));
     }
-    statistics["remarks"] = json!(remarks);
+    report::json::remarks(&mut statistics, &remarks);
     let file = session.file_of_unknown_poses(&found, &stamp());
     let tables = tables(&found.calibration, &file, verdict.widening())?;
     let document = report::json::document(statistics);
@@ -168,7 +172,7 @@ fn unknown_poses(
 
 /// The outcome with [`FILES`], the last of which programs get; told are its summary, its remarks and that document.
 fn outcome(
-    (summary, remarks, document): (String, Vec<String>, String),
+    (summary, remarks, document): (String, Vec<Remark>, String),
     [file, parameters, covariance, undetermined]: [String; 4],
     target: Option<Target>,
     arguments: &arguments::Calibrate,
@@ -186,7 +190,7 @@ fn outcome(
 }
 
 /// Remarks on the input, and on measured tensions that the variant reads: no file states their noise.
-fn remarks(session: &Session, variant: &str) -> Result<Vec<String>, InputError> {
+fn remarks(session: &Session, variant: &str) -> Result<Vec<Remark>, InputError> {
     let mut remarks = session.remarks_for(variant)?;
     let own = session.robot().variant(variant).into_iter();
     let mut closures = own.flat_map(|own| own.instances_of(ResidualKind::Closure));
@@ -197,7 +201,7 @@ fn remarks(session: &Session, variant: &str) -> Result<Vec<String>, InputError> 
     if reads_tension && session.folder().has_measured_tensions() {
         let message = "the noise of measured tensions (`force1_N`, …) is taken for zero: what there is draws compliances \
                        towards zero, by its share of the variance of the tensions";
-        remarks.push(message.to_owned());
+        remarks.push(Remark::new(fit::NOISE_TAKEN_FOR_ZERO, message));
     }
     Ok(remarks)
 }

@@ -1,6 +1,7 @@
 //! `tau check`.
 
 use serde_json::json;
+use tau_codes::{Remark, fit};
 use tau_report as report;
 use tau_robot::input_error::both;
 
@@ -28,7 +29,8 @@ pub(super) fn run(arguments: &arguments::Check, console: &Console<'_>) -> Result
             Some(mistake) => format!("in {}, {}", mistake.file, mistake.what),
             None => why_not().unwrap_or_default(),
         };
-        format!("a calibration would mean nothing: {why}")
+        let text = format!("a calibration would mean nothing: {why}");
+        Remark::new(fit::REFUSED, text)
     });
     let wrong = report::trust::terminal::wrong(&found);
     Ok(Outcome {

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 use tau::Session;
 use tau::input_error::InputError;
+use tau_codes::{Remark, files};
 use tau_report as report;
 use tau_robot::measurements::FILES;
 
@@ -21,7 +22,7 @@ pub(super) struct Outcome {
     /// Data that were asked for: printed, unless JSON goes to standard output.
     pub(super) data: String,
     /// Remarks for the user: printed on standard error, unless quiet.
-    pub(super) remarks: Vec<String>,
+    pub(super) remarks: Vec<Remark>,
     /// Files to write, with their content.
     pub(super) files: Vec<(PathBuf, String)>,
     /// Files to remove once the others are written.
@@ -32,7 +33,7 @@ pub(super) struct Outcome {
     /// on standard error where that is not shown.
     pub(super) verdict: Option<String>,
     /// Why the command fails all the same.
-    pub(super) failure: Option<String>,
+    pub(super) failure: Option<Remark>,
 }
 
 /// Destination of JSON.
@@ -68,16 +69,25 @@ impl Outcome {
     /// Writes the files and prints the rest.
     pub(super) fn deliver(mut self, console: &mut Console<'_>) -> Result<(), Failure> {
         let mut printed = None;
+        let has_json = self.json.is_some();
         match self.json {
             Some((text, Target::File(path))) => self.files.push((path, text)),
             Some((text, Target::StandardOutput)) => printed = Some(text),
             None => {}
         }
-        report::write_files(&self.files)
-            .map_err(|error| InputError::whole("output", format!("cannot write {error}")))?;
+        report::write_files(&self.files).map_err(|error| {
+            InputError::whole(
+                files::CANNOT_WRITE,
+                "output",
+                format!("cannot write {error}"),
+            )
+        })?;
+        // What goes to standard output is tried once.
+        console.has_json = has_json;
         for path in &self.stale {
             fs::remove_file(path).map_err(|error| {
                 InputError::whole(
+                    files::CANNOT_WRITE,
                     path.display().to_string(),
                     format!("cannot remove: {error}"),
                 )
@@ -129,6 +139,7 @@ fn listed<'a>(heading: &str, paths: impl IntoIterator<Item = &'a Path>) -> Strin
 /// An error of the file system, which names its path.
 fn cannot_write(folder: &Path, error: &io::Error) -> InputError {
     InputError::whole(
+        files::CANNOT_WRITE,
         folder.display().to_string(),
         format!("cannot write here: {error}"),
     )
@@ -136,7 +147,13 @@ fn cannot_write(folder: &Path, error: &io::Error) -> InputError {
 
 /// Fails where a file can't be written, before any work is done for it.
 pub(super) fn check_file(path: &Path) -> Result<(), InputError> {
-    let refuse = |why: &str| Err(InputError::whole(path.display().to_string(), why));
+    let refuse = |why: &str| {
+        Err(InputError::whole(
+            files::IS_FOLDER,
+            path.display().to_string(),
+            why,
+        ))
+    };
     if path.file_name().is_none() || path.is_dir() {
         return refuse("this is a folder, expected a file to write");
     }
@@ -158,6 +175,7 @@ pub(super) fn check_folder(folder: &Path) -> Result<(), InputError> {
         .unwrap_or(Path::new("."));
     if !present.is_dir() {
         return Err(InputError::whole(
+            files::IS_FILE,
             present.display().to_string(),
             "this is a file, expected a folder to write into",
         ));
@@ -181,7 +199,8 @@ pub(super) fn check_results(folder: &Path) -> Result<(), InputError> {
     let name = folder.join("robot.toml").display().to_string();
     let message =
         format!("`--out` would replace this file, beside which measurements stand (`{file}`)");
-    Err(InputError::whole(name, message).help("write into another folder with `--out`"))
+    Err(InputError::whole(files::REPLACES_INPUT, name, message)
+        .help("write into another folder with `--out`"))
 }
 
 /// A table as comma-separated text; names that hold commas are quoted.
@@ -193,7 +212,10 @@ pub(super) fn csv(
     let written = std::iter::once(header)
         .chain(rows)
         .try_for_each(|row| writer.write_record(row));
-    let failed = |why: String| Failure::Failed(format!("a table can't be written: {why}"));
+    let failed = |why: String| {
+        let text = format!("a table can't be written: {why}");
+        Failure::Failed(Remark::new(files::CANNOT_WRITE, text))
+    };
     written.map_err(|error| failed(error.to_string()))?;
     let bytes = writer
         .into_inner()

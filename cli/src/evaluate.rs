@@ -2,8 +2,9 @@
 
 use serde_json::json;
 use tau::Session;
-use tau::evaluation::{evaluate_knowing, without_outliers};
+use tau::evaluation::{NotPredicted, evaluate_knowing, without_outliers};
 use tau::weighing::Treatment;
+use tau_codes::Remark;
 use tau_report as report;
 use tau_robot::input_error::both;
 
@@ -58,7 +59,7 @@ pub(super) fn run(
         width,
     ) + &report::trust::terminal::verdict(&verdict, width);
     let mut remarks = remarks(&session, variant)?;
-    remarks.extend(found.not_predicted.iter().map(ToString::to_string));
+    remarks.extend(found.not_predicted.iter().map(NotPredicted::remark));
     let outcome = Outcome {
         summary: format!("{title}\n\n{said}"),
         remarks,
@@ -106,7 +107,7 @@ fn unknown_poses(
     Ok(outcome.judged(&verdict, arguments.force.force))
 }
 
-fn remarks(session: &Session, variant: &str) -> Result<Vec<String>, Failure> {
+fn remarks(session: &Session, variant: &str) -> Result<Vec<Remark>, Failure> {
     let mut remarks = session.remarks_for(variant)?;
     let variant = session.robot().find(variant, "--variant")?;
     remarks.extend(session.robot_file().other_variant(variant));

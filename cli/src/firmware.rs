@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use tau::input_error::InputError;
 use tau::robot_file::RobotFile;
+use tau_codes::{Remark, files};
 use tau_robot::input_error::{Errors, both};
 use tau_robot::klipper::{self, Config, Parameters, Printer};
 
@@ -20,7 +21,7 @@ pub(super) fn import(arguments: &arguments::Import) -> Result<Outcome, Failure> 
         out,
     } = arguments;
     let [path, included @ ..] = files.as_slice() else {
-        let error = InputError::whole("FILE", "no configuration is named");
+        let error = InputError::whole(files::NO_SUCH_FILE, "FILE", "no configuration is named");
         return Err(error.help("name `printer.cfg`").into());
     };
     let config = Config::read(path)?;
@@ -38,20 +39,18 @@ pub(super) fn import(arguments: &arguments::Import) -> Result<Outcome, Failure> 
     for (path, _) in &files {
         if fs::symlink_metadata(path).is_ok() {
             let message = "there is a file of this name";
-            let error = InputError::whole(path.display().to_string(), message);
+            let error =
+                InputError::whole(files::ALREADY_THERE, path.display().to_string(), message);
             return Err(error.help("name another folder with `--out`").into());
         }
     }
     let mut remarks = vec![];
     if printer.heights.is_empty() && printer.distances.is_empty() {
-        remarks.push(
-            "nothing was measured: `[delta_calibrate]` holds no heights and no distances"
-                .to_owned(),
-        );
+        let text = "nothing was measured: `[delta_calibrate]` holds no heights and no distances";
+        remarks.push(Remark::new(files::FIRMWARE_UNMEASURED, text));
     }
     remarks.extend(printer.unread.iter().cloned());
-    let missing = config.missing_includes();
-    remarks.extend(missing.map(|name| format!("{name} is included, but was not read")));
+    remarks.extend(config.unread_includes());
     let (heights, distances) = (printer.heights.len(), printer.distances.len());
     let outcome = Outcome {
         summary: format!("{heights} heights, {distances} distances\n"),
@@ -72,7 +71,8 @@ fn check_included(config: &Config, path: &Path, included: &[PathBuf]) -> Result<
         let is_known = fs::canonicalize(own).is_ok_and(|own| known.contains(&own));
         if !is_known {
             let message = format!("{} does not include this file", path.display());
-            let error = InputError::whole(own.display().to_string(), message);
+            let error =
+                InputError::whole(files::INCLUDE_UNREAD, own.display().to_string(), message);
             errors.add(
                 error.help("leave it out: what the configuration includes is read from beside it"),
             );
@@ -94,7 +94,11 @@ pub(super) fn export(arguments: &arguments::Export) -> Result<Outcome, Failure> 
         .as_ref()
         .or(beside.exists().then_some(&beside));
     let Some(description) = description else {
-        let error = InputError::whole(beside.display().to_string(), "the file does not exist");
+        let error = InputError::whole(
+            files::NO_SUCH_FILE,
+            beside.display().to_string(),
+            "the file does not exist",
+        );
         return Err(error.help("name the description with `--model`").into());
     };
     let robot = described(description)?;
@@ -113,9 +117,12 @@ pub(super) fn export(arguments: &arguments::Export) -> Result<Outcome, Failure> 
         Some(config) => klipper::saved_into(&parameters, config)?,
         None => klipper::saved_block(&parameters),
     };
-    let missing = config.iter().flat_map(Config::missing_includes);
-    let remarks = missing.map(|name| {
-        format!("{name} is included, but was not read: options of radius, towers, rods and endstops there would win")
+    let missing = config.iter().flat_map(Config::unread_includes);
+    let remarks = missing.map(|Remark { code, text }| {
+        Remark::new(
+            code,
+            text + ": options of radius, towers, rods and endstops there would win",
+        )
     });
     let remarks = remarks.collect();
     Ok(match &arguments.out {

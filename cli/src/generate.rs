@@ -6,6 +6,7 @@ use std::path::Path;
 use tau::input_error::InputError;
 use tau_codegen::emit;
 use tau_codegen::language;
+use tau_codes::{Remark, files};
 use tau_robot::input_error::read;
 
 use super::Failure;
@@ -50,13 +51,16 @@ pub(super) fn run(arguments: &arguments::Generate) -> Result<Outcome, Failure> {
             summary: format!("{path_name} is what {name} gives\n"),
             ..Outcome::default()
         }),
-        (false, true) => Err(Failure::Failed(match current {
-            None => format!("{path_name} does not exist: run `{command}`"),
-            Some(current) => format!(
-                "{path_name} is stale from line {}: run `{command}`",
-                first_difference(&current, &code)
-            ),
-        })),
+        (false, true) => Err(Failure::Failed(Remark::new(
+            files::STALE,
+            match current {
+                None => format!("{path_name} does not exist: run `{command}`"),
+                Some(current) => format!(
+                    "{path_name} is stale from line {}: run `{command}`",
+                    first_difference(&current, &code)
+                ),
+            },
+        ))),
         (false, false) => Ok(Outcome {
             summary: format!("written: {path_name}\n"),
             files: vec![(path, code)],
@@ -79,6 +83,7 @@ fn check_languages(languages: &[Language]) -> Result<(), InputError> {
     match refused {
         None => Ok(()),
         Some(language) => Err(InputError::whole(
+            files::OPTION_VALUE,
             "--lang",
             format!("{language} can't be generated yet, expected `rust`"),
         )),

@@ -4,6 +4,7 @@ use std::fs;
 
 use tau::input_error::InputError;
 use tau::robot_file::RobotFile;
+use tau_codes::files;
 
 use super::deliver::{Outcome, check_file};
 use super::kept::Kept;
@@ -17,9 +18,11 @@ pub(super) fn run(arguments: &arguments::Init) -> Result<Outcome, Failure> {
     check_file(out)?;
     if fs::symlink_metadata(out).is_ok() && !arguments.force {
         let name = out.display().to_string();
-        return Err(InputError::whole(name, "there is a file of this name")
-            .help("name another one with `--out`, or replace it with `--force`")
-            .into());
+        return Err(
+            InputError::whole(files::ALREADY_THERE, name, "there is a file of this name")
+                .help("name another one with `--out`, or replace it with `--force`")
+                .into(),
+        );
     }
     let text = RobotFile::template(&robot);
     let blanks = text.lines().filter(|line| !line.starts_with('#'));

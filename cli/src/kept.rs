@@ -4,6 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use tau::input_error::InputError;
+use tau_codes::files;
 use tau_robot::measurements::FILES;
 
 use super::arguments;
@@ -35,7 +36,8 @@ impl Kept {
         }
         let name = output.display().to_string();
         let message = format!("`{option}` would replace this file, which is read");
-        Err(InputError::whole(name, message).help(format!("write elsewhere with `{option}`")))
+        Err(InputError::whole(files::REPLACES_INPUT, name, message)
+            .help(format!("write elsewhere with `{option}`")))
     }
 
     /// The same of several files in the folder that `--out` names.

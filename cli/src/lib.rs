@@ -9,6 +9,7 @@ mod calibrate;
 mod check;
 mod deliver;
 mod discover;
+mod errors;
 mod evaluate;
 mod firmware;
 mod generate;
@@ -30,9 +31,11 @@ use std::fmt;
 use std::io::{self, IsTerminal, Write};
 use std::process::ExitCode;
 
+use clap::error::ErrorKind;
 use clap::{CommandFactory, FromArgMatches};
 use tau::calibration;
 use tau::input_error::InputError;
+use tau_codes::{Remark, files};
 use tau_report as report;
 
 use arguments::{Arguments, Command, Kinematics};
@@ -73,6 +76,7 @@ pub fn run(
         terminals,
         width: READABLE,
         quiet: false,
+        has_json: false,
     }
     .run(arguments)
 }
@@ -99,6 +103,7 @@ pub fn main() -> ExitCode {
         terminals,
         width: width(terminals),
         quiet: false,
+        has_json: false,
     }
     .run(std::env::args_os());
     ExitCode::from(code)
@@ -133,6 +138,8 @@ struct Console<'a> {
     width: usize,
     /// True if only errors and data are printed.
     quiet: bool,
+    /// True once the JSON that was asked for is handed over.
+    has_json: bool,
 }
 
 /// Why a command failed.
@@ -141,7 +148,7 @@ enum Failure {
     /// The input is wrong, or an output can't be written.
     Input(InputError),
     /// The result can't be computed, or a check failed.
-    Failed(String),
+    Failed(Remark),
     /// A mistake of the input explains why there is no result: what is said of it.
     Explained(Box<Outcome>),
     /// Nobody reads standard output any more.
@@ -158,7 +165,7 @@ impl From<calibration::Error> for Failure {
     fn from(error: calibration::Error) -> Self {
         match error {
             calibration::Error::Input(error) => Self::Input(error),
-            error => Self::Failed(error.to_string()),
+            error => Self::Failed(Remark::new(error.code(), error.text())),
         }
     }
 }
@@ -170,13 +177,19 @@ impl Console<'_> {
         let parsed = command
             .try_get_matches_from(arguments)
             .and_then(|found| Arguments::from_arg_matches(&found));
-        let result = match parsed {
-            Ok(arguments) => {
-                self.quiet = arguments.quiet;
-                self.execute(arguments.command)
-            }
+        let arguments = match parsed {
+            Ok(arguments) => arguments,
             Err(error) => return self.usage(&error),
         };
+        self.quiet = arguments.quiet;
+        let command =
+            (arguments.command).unwrap_or_else(|| Command::Study(arguments::Study::default()));
+        let result = self.execute(&command);
+        if let Err(failure) = &result
+            && !self.has_json
+        {
+            errors::deliver(failure, &command, &mut self);
+        }
         match result {
             Ok(()) | Err(Failure::ReaderGone) => 0,
             Err(Failure::Failed(message)) => {
@@ -192,9 +205,8 @@ impl Console<'_> {
         }
     }
 
-    fn execute(&mut self, command: Option<Command>) -> Result<(), Failure> {
-        let command = command.unwrap_or_else(|| Command::Study(arguments::Study::default()));
-        let found = match &command {
+    fn execute(&mut self, command: &Command) -> Result<(), Failure> {
+        let found = match command {
             Command::Study(arguments) => study::run(arguments, self),
             Command::Check(arguments) => check::run(arguments, self),
             Command::Calibrate(arguments) => calibrate::run(arguments, self),
@@ -225,12 +237,17 @@ impl Console<'_> {
             (self.out, self.terminals.out)
         };
         let text = error.render();
-        // There is no one left to tell that the message could not be shown.
-        let _ = if is_terminal {
-            write!(stream, "{}", text.ansi())
+        let mut text = if is_terminal {
+            text.ansi().to_string()
         } else {
-            write!(stream, "{text}")
+            text.to_string()
         };
+        if error.use_stderr() && error.kind() != ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand
+        {
+            text = Remark::new(files::USAGE, text).to_string();
+        }
+        // There is no one left to tell that the message could not be shown.
+        let _ = write!(stream, "{text}");
         u8::try_from(error.exit_code()).unwrap_or(BAD_INPUT)
     }
 
@@ -239,7 +256,7 @@ impl Console<'_> {
     }
 
     /// Prints a remark on standard error: in lines of its width where that is a terminal, as one line for programs.
-    fn remark(&mut self, remark: &str) {
+    fn remark(&mut self, remark: &Remark) {
         let note = format!("note: {remark}");
         if self.terminals.err {
             let note = report::terminal::sentence(&note, self.width);
@@ -257,7 +274,12 @@ impl Console<'_> {
             .and_then(|()| self.out.flush());
         written.map_err(|error| match error.kind() {
             io::ErrorKind::BrokenPipe => Failure::ReaderGone,
-            _ => InputError::whole("standard output", format!("cannot write: {error}")).into(),
+            _ => InputError::whole(
+                files::CANNOT_WRITE,
+                "standard output",
+                format!("cannot write: {error}"),
+            )
+            .into(),
         })
     }
 }

@@ -8,6 +8,7 @@ use tau::robot_file::RobotFile;
 use tau::weighing::{Loss, Treatment};
 use tau::{Files, Robot, Session};
 use tau_codegen::language;
+use tau_codes::files;
 use tau_robot::input_error::{both, quoted};
 
 use super::arguments;
@@ -99,7 +100,7 @@ fn unknown_robot(name: &Path) -> InputError {
         format!("did you mean `{}`? ", names[own])
     });
     let message = format!("found neither a file nor a standard robot `{name}`");
-    InputError::whole("--model", message).help(format!(
+    InputError::whole(files::NO_SUCH_ROBOT, "--model", message).help(format!(
         "{meant}standard robots are {}; descriptions are files such as `mine.tau`",
         quoted(names)
     ))
@@ -169,7 +170,7 @@ fn check_seed(input: &arguments::Input) -> Result<(), InputError> {
         ),
     };
     let message = format!("found the seed {seed} beside `--split {split}`, which {why}");
-    Err(InputError::whole("--seed", message).help(help))
+    Err(InputError::whole(files::OPTION_WITHOUT_USE, "--seed", message).help(help))
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! `tau sensitivity`.
 
+use tau_codes::Remark;
 use tau_report as report;
 use tau_robot::input_error::both;
 
@@ -23,10 +24,11 @@ pub(super) fn run(
     let session = session.comparing_poses()?;
     let found = session.sensitivity(&session.machine(variant)?, arguments.step)?;
     let failure = (found.disagreement > LARGEST_DISAGREEMENT).then(|| {
-        format!(
+        let text = format!(
             "steps and implicit differentiation differ by {:.0} %: neither is right; take another `--step`",
             100.0 * found.disagreement
-        )
+        );
+        Remark::new(tau_codes::fit::SENSITIVITIES_DIFFER, text)
     });
     Ok(Outcome {
         failure,

@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 use tau::Files;
 use tau::input_error::InputError;
 use tau::simulation::{Request, Simulation, Summary};
+use tau_codes::{Remark, files};
 use tau_report as report;
 use tau_robot::input_error::both;
 use tau_robot::measurements::FILES;
@@ -45,13 +46,15 @@ pub(super) fn run(arguments: &arguments::Simulate) -> Result<Outcome, Failure> {
         effects.join(", ")
     };
     let out_of_reach = (made.out_of_reach > 0).then(|| {
-        format!(
+        let text = format!(
             "{} points are out of reach and were left out",
             made.out_of_reach
-        )
+        );
+        Remark::new(files::LEFT_OUT, text)
     });
     let exact = made.drives_are_exact.then(|| {
-        "the drives read exactly, since nothing states their noise: `--noise-drives` states and applies it".to_owned()
+        let text = "the drives read exactly, since nothing states their noise: `--noise-drives` states and applies it";
+        Remark::new(tau_codes::fit::NOISE_UNSTATED, text)
     });
     Ok(Outcome {
         summary: format!(
@@ -170,5 +173,8 @@ fn apart(path: &Path, out: &Path) -> Result<(), InputError> {
         return Ok(());
     }
     let message = "two outputs are to be written to this file";
-    Err(InputError::whole(path.display().to_string(), message).help("name another with `--json`"))
+    Err(
+        InputError::whole(files::REPLACES_INPUT, path.display().to_string(), message)
+            .help("name another with `--json`"),
+    )
 }

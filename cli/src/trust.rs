@@ -5,6 +5,7 @@ use tau::input_error::InputError;
 use tau::trust::{Status, Verdict};
 use tau::weighing::Outlier;
 use tau::{Error, Session};
+use tau_codes::{Remark, fit};
 use tau_report as report;
 
 use super::deliver::{Outcome, Target};
@@ -30,7 +31,7 @@ impl Outcome {
                 .json
                 .filter(|(_, target)| *target == Target::StandardOutput);
             self.summary.clear();
-            self.failure = Some(verdict.line() + unsaid);
+            self.failure = Some(Remark::new(fit::REFUSED, verdict.line() + unsaid));
         } else if verdict.status != Status::Consistent
             || verdict.outliers.iter().any(Outlier::is_left_out)
         {
@@ -59,10 +60,10 @@ pub(super) fn explained(
         return misplaced(session, variant, &error).map_or_else(|| error.into(), Failure::Input);
     }
     let reason = first.map(|problem| format!("{}: {}", problem.source, problem.message));
-    let verdict = Verdict::without_fit(found, &reason.unwrap_or_else(|| error.to_string()));
+    let verdict = Verdict::without_fit(found, &reason.unwrap_or_else(|| error.text()));
     Failure::Explained(Box::new(Outcome {
         json: of_verdict(session, variant, &verdict, target),
-        failure: Some(verdict.line()),
+        failure: Some(Remark::new(fit::REFUSED, verdict.line())),
         ..Outcome::default()
     }))
 }

@@ -62,17 +62,17 @@ impl fmt::Debug for Code {
     }
 }
 
-/// A sentence for the user that is no error, with its code.
+/// A message for the user with its code.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Remark {
     /// Its code.
     pub code: Code,
-    /// The sentence, without the code.
+    /// The message, without the code.
     pub text: String,
 }
 
 impl Remark {
-    /// A sentence with its code.
+    /// A message with its code.
     pub fn new(code: Code, text: impl Into<String>) -> Self {
         Self {
             code,
@@ -81,10 +81,12 @@ impl Remark {
     }
 }
 
-/// The sentence, then the code in brackets.
+/// The message, with the code in brackets at the end of its first line.
 impl fmt::Display for Remark {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} [{}]", self.text, self.code)
+        let end = self.text.find('\n').unwrap_or(self.text.len());
+        let (first, rest) = self.text.split_at(end);
+        write!(f, "{first} [{}]{rest}", self.code)
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use tau_codes::{Remark, discovery, files};
 use tau_estimation::calibration::length_noise;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::distribution::chi2_survival;
@@ -140,11 +141,13 @@ impl Discovery {
             [_] => ("pose", "lies"),
             _ => ("poses", "lie"),
         };
-        self.remarks.push(format!(
+        let text = format!(
             "{poses} {} of those that took no part {lie} farther off than the largest of so many: the errors at the tool are \
              without",
             numbers.join(", ")
-        ));
+        );
+        self.remarks
+            .push(Remark::new(discovery::FAR_HELD_OUT, text));
         self.validation_outliers = outliers;
     }
 }
@@ -319,7 +322,7 @@ fn considered(search: &Search<'_>, found: &[Found]) -> Vec<Considered> {
 }
 
 /// Dimensions that come out further from the robot file than their tolerances let any of so many.
-fn far_from_drawing(fit: &Fit) -> Vec<(Pull, String)> {
+fn far_from_drawing(fit: &Fit) -> Vec<(Pull, Remark)> {
     let joint = &fit.joint;
     let dimensions: Vec<_> = joint
         .used
@@ -356,12 +359,12 @@ fn far_from_drawing(fit: &Fit) -> Vec<(Pull, String)> {
                 parameter: parameter.name.clone(),
                 tolerances: off / tolerance,
             };
-            (pull, remark)
+            (pull, Remark::new(discovery::FAR_FROM_DRAWING, remark))
         })
         .collect()
 }
 
-fn remarks(search: &Search<'_>, fit: &Fit, whiteness: Option<&Whiteness>) -> Vec<String> {
+fn remarks(search: &Search<'_>, fit: &Fit, whiteness: Option<&Whiteness>) -> Vec<Remark> {
     let mut remarks = Vec::new();
     // Without measured poses, no set of the tracker takes part.
     let Input {
@@ -387,16 +390,19 @@ fn remarks(search: &Search<'_>, fit: &Fit, whiteness: Option<&Whiteness>) -> Vec
             continue;
         }
         remarks.push(if is_measured {
-            format!("set {set} takes no part: nothing tells how its frame stands to that of set 1")
+            let text = format!(
+                "set {set} takes no part: nothing tells how its frame stands to that of set 1"
+            );
+            Remark::new(discovery::SET_LEFT_OUT, text)
         } else {
-            what.to_owned()
+            Remark::new(files::SET_MISSING, what)
         });
     }
     let stated = length_noise(robot, search.input.file);
     let allowed = |fit: &Fit| fit.joint.machine.surroundings.length_noise.clone();
     let (search_allows, allows_more) = (allowed(&search.state.fit), allowed(fit) != stated);
     if search_allows != stated {
-        remarks.push(format!(
+        let text = format!(
             "drives contradict each other by more than exact ones could, so that the search took links for as uncertain as \
              {:.2} µm: {}",
             1e6 * search_allows.links_m,
@@ -405,7 +411,8 @@ fn remarks(search: &Search<'_>, fit: &Fit, whiteness: Option<&Whiteness>) -> Vec
             } else {
                 "with what was found, they agree, and the values are those of exact drives"
             }
-        ));
+        );
+        remarks.push(Remark::new(discovery::DRIVES_CONTRADICT, text));
     }
     for scale in misfit::noise_scales(fit) {
         let is_usual = (0.85..1.15).contains(&scale.factor);
@@ -415,9 +422,8 @@ fn remarks(search: &Search<'_>, fit: &Fit, whiteness: Option<&Whiteness>) -> Vec
                 set => format!("set {set} ({})", scale.of),
             };
             let factor = scale.factor;
-            remarks.push(format!(
-                "the noise of {of} is {factor:.2} times the stated one"
-            ));
+            let text = format!("the noise of {of} is {factor:.2} times the stated one");
+            remarks.push(Remark::new(discovery::OTHER_NOISE, text));
         }
     }
     remarks.extend(far_from_drawing(fit).into_iter().map(|own| own.1));
@@ -431,17 +437,20 @@ fn remarks(search: &Search<'_>, fit: &Fit, whiteness: Option<&Whiteness>) -> Vec
 
 /// Remark on residuals that depend on each other in the order of measurement. What varies slowly makes neighbours alike: where
 /// they are opposed instead, sums over slow effects scatter less than those of independent noise.
-fn serial(lag1: f64) -> String {
-    let what_it_means = if lag1 > 0.0 {
-        "noise is serial, or something unknown varies slowly; either imitates effects of time and temperature, and makes \
-         p-values and standard deviations too small"
+fn serial(lag1: f64) -> Remark {
+    let (code, what_it_means) = if lag1 > 0.0 {
+        let what = "noise is serial, or something unknown varies slowly; either imitates effects of time and temperature, and makes \
+         p-values and standard deviations too small";
+        (discovery::SERIAL, what)
     } else {
-        "noise is serial, and p-values and standard deviations, which take it for independent, may be too small or too large"
+        let what = "noise is serial, and p-values and standard deviations, which take it for independent, may be too small or too large";
+        (discovery::OPPOSED, what)
     };
-    format!(
+    let text = format!(
         "the residuals of set 1 that are left depend on each other in the order of measurement (correlation of neighbours \
          {lag1:.2}): {what_it_means}"
-    )
+    );
+    Remark::new(code, text)
 }
 
 #[cfg(test)]
@@ -451,15 +460,9 @@ mod tests {
     /// Opposed neighbours are no sign of what varies slowly, nor of standard deviations that are too small.
     #[test]
     fn serial_residuals_are_told_by_their_sign() {
-        let alike = serial(0.3);
-        assert!(alike.contains("varies slowly"), "{alike}");
-        assert!(alike.ends_with("standard deviations too small"), "{alike}");
+        assert_eq!(serial(0.3).code, discovery::SERIAL);
         let opposed = serial(-0.119);
-        assert!(
-            opposed.contains("(correlation of neighbours -0.12)"),
-            "{opposed}"
-        );
-        assert!(!opposed.contains("slowly"), "{opposed}");
-        assert!(opposed.ends_with("too small or too large"), "{opposed}");
+        assert_eq!(opposed.code, discovery::OPPOSED);
+        assert!(opposed.text.contains("-0.12"), "{opposed}");
     }
 }

@@ -3,8 +3,9 @@
 //! Where poses were measured: the position error at the tool. Where they are unknown: what is left of a pose's
 //! measurements once the plate stands where they fit best.
 
+use tau_codes::Remark;
 use tau_estimation::calibration::length_noise;
-use tau_estimation::evaluation::{Summary, evaluate};
+use tau_estimation::evaluation::{NotPredicted, Summary, evaluate};
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::joint::unknown;
 use tau_estimation::numerics::spread::spread;
@@ -27,8 +28,8 @@ pub(super) struct HeldOut {
     pub(super) gap: Gap,
     /// The error that noise alone leaves there.
     pub(super) floor: Floor,
-    /// Poses there that the fit does not predict, in words.
-    pub(super) not_predicted: Vec<String>,
+    /// Poses there that the fit does not predict.
+    pub(super) not_predicted: Vec<Remark>,
     /// Single measurements that are left out there, where poses are unknown.
     pub(super) gross_rows: Vec<GrossRow>,
 }
@@ -52,7 +53,7 @@ impl HeldOut {
             gap: found.position_um.into(),
             floor: floor(input, fit)?,
             not_predicted: (found.not_predicted.iter())
-                .map(ToString::to_string)
+                .map(NotPredicted::remark)
                 .collect(),
             gross_rows: vec![],
         })

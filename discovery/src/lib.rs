@@ -46,6 +46,7 @@ use std::time::Instant;
 
 use nalgebra::DMatrix;
 use tau_codegen::language::{self, Model, effects_from_text};
+use tau_codes::{Remark, files};
 use tau_estimation::calibration::{Calibration, Prepared, Stated, check_poses};
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::joint::variant::PosesOf;
@@ -211,7 +212,11 @@ impl Outcome {
         folder: &Folder,
     ) -> Result<Calibration, Error> {
         let variant = robot.variant(DISCOVERED).ok_or_else(|| {
-            InputError::whole(&robot.name, format!("there is no variant `{DISCOVERED}`"))
+            InputError::whole(
+                files::NO_SUCH_VARIANT,
+                &robot.name,
+                format!("there is no variant `{DISCOVERED}`"),
+            )
         })?;
         let completed = file.completed(robot);
         let prepared = Prepared::new(robot, variant, &completed, Some(folder), &self.poses)?;
@@ -321,9 +326,11 @@ fn discovered(
     let variant = variant_of(robot, base)?;
     if robot.variant(text::DISCOVERED).is_some() {
         let problem = format!("there is a variant `{}` already", text::DISCOVERED);
-        return Err(InputError::whole(&robot.name, problem)
-            .help("rename it in the description: what is found gets this name")
-            .into());
+        return Err(
+            InputError::whole(tau_codes::discovery::RESERVED_NAME, &robot.name, problem)
+                .help("rename it in the description: what is found gets this name")
+                .into(),
+        );
     }
     let completed = file.completed(robot);
     let model = &*robot.model;
@@ -369,11 +376,12 @@ fn discovered(
     Ok(outcome)
 }
 
-fn remark_on_part(all: usize, taken: usize) -> String {
-    format!(
+fn remark_on_part(all: usize, taken: usize) -> Remark {
+    let text = format!(
         "of {all} poses that calibrate {taken}, evenly spread, took part in the search: more take memory, and an effect \
          that so many do not show is below an eighth of the noise"
-    )
+    );
+    Remark::new(tau_codes::discovery::PART, text)
 }
 
 fn variant_of<'r>(robot: &'r Robot, name: &str) -> Result<&'r Variant, InputError> {
@@ -383,7 +391,7 @@ fn variant_of<'r>(robot: &'r Robot, name: &str) -> Result<&'r Variant, InputErro
 
 fn not_described(robot: &Robot, name: &str) -> InputError {
     let problem = format!("robot `{}` has no variant `{name}`", robot.name);
-    InputError::whole(&robot.name, problem)
+    InputError::whole(files::NO_SUCH_VARIANT, &robot.name, problem)
 }
 
 /// The base fitted to all sets.
@@ -532,7 +540,9 @@ fn catalogue(
     if let Some(name) = names.find(|name| name.starts_with(UNNAMED)) {
         let problem = format!("there is an effect `{name}`");
         return Err(Error::Input(reserved(InputError::whole(
-            "effects", problem,
+            tau_codes::discovery::RESERVED_NAME,
+            "effects",
+            problem,
         ))));
     }
     let triangles = constants::count(options.constants.triangles).max(2);
@@ -542,5 +552,9 @@ fn catalogue(
 }
 
 fn not_sound(errors: &language::Errors) -> Error {
-    Error::Input(InputError::whole("effects", errors.to_string()))
+    Error::Input(InputError::whole(
+        tau_codes::discovery::NOT_SOUND,
+        "effects",
+        errors.to_string(),
+    ))
 }

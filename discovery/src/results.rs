@@ -7,6 +7,7 @@ use serde::{Serialize, Serializer};
 pub use tau_codegen::language::Model;
 pub use tau_codegen::language::model::{Readable, Target};
 pub use tau_codegen::language::units::Dimension;
+use tau_codes::Remark;
 use tau_estimation::evaluation::Summary;
 pub use tau_estimation::samples::Treatment;
 
@@ -87,11 +88,17 @@ pub struct Discovery {
     #[serde(skip)]
     pub model: Model,
     /// Remarks for the reader, in sentences.
-    pub remarks: Vec<String>,
+    #[serde(serialize_with = "texts")]
+    pub remarks: Vec<Remark>,
     /// Dimensions far from the robot file; the remarks say what that may mean.
     pub pulls: Vec<Pull>,
     /// Wall time (s).
     pub seconds: f64,
+}
+
+/// Remarks as sentences without their codes.
+fn texts<S: Serializer>(remarks: &[Remark], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_seq(remarks.iter().map(|remark| &remark.text))
 }
 
 /// The verdict.

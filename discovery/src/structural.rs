@@ -12,6 +12,7 @@ use std::collections::BTreeMap;
 use nalgebra::{Cholesky, DMatrix, DVector, Matrix3, RowDVector};
 use tau_codegen::language::Model;
 use tau_codegen::language::model::{Arm, TrackModel, Variant};
+use tau_codes::{Remark, discovery};
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::samples::Sample;
 use tau_kinematics::{Machine, nearest_rotation};
@@ -65,7 +66,7 @@ pub(super) fn search(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Resul
 }
 
 /// Advice where something has no name and effects took no part because the arm is reduced.
-fn remark_on_arm(found: &Discovery, robot: &Robot) -> Option<String> {
+fn remark_on_arm(found: &Discovery, robot: &Robot) -> Option<Remark> {
     let needs_full_arm = |unseen: &Unseen| unseen.why == Reason::Lacks(NEEDS_FULL_ARM);
     let has_unnamed = matches!(
         found.status,
@@ -77,10 +78,11 @@ fn remark_on_arm(found: &Discovery, robot: &Robot) -> Option<String> {
     let mut variants = robot.variants.iter();
     let full = variants.find(|variant| variant.arm == robot::Arm::Full);
     let such_as = full.map(|full| format!(", such as `{}`", full.name));
-    Some(format!(
+    let text = format!(
         "effects that need a full arm took no part, and may be what has no name: search from a variant that has one{}",
         such_as.unwrap_or_default()
-    ))
+    );
+    Some(Remark::new(discovery::REDUCED_ARM, text))
 }
 
 /// The robot with a variant that differs from one with a reduced arm by its full one, and the name of

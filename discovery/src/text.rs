@@ -21,7 +21,13 @@ pub(super) fn description(
     catalogues: &[String],
     variant: &Derived,
 ) -> Result<(String, Model), Error> {
-    let wrong = |errors: Errors| InputError::whole(&robot.name, errors.to_string());
+    let wrong = |errors: Errors| {
+        InputError::whole(
+            tau_codes::discovery::NOT_SOUND,
+            &robot.name,
+            errors.to_string(),
+        )
+    };
     let own = tokens(&robot.description).map_err(wrong)?;
     let mut text = String::new();
     let mut known: Vec<&str> = Vec::new();
@@ -52,9 +58,16 @@ pub(super) fn description(
 /// The description with further lines at the end of the robot, which may use what it lacks.
 pub(super) fn with_lines(robot: &Robot, docs: &str, lines: &str) -> Result<String, Error> {
     let own = &robot.description;
-    let items = tokens(own).map_err(|e| InputError::whole(&robot.name, e.to_string()))?;
-    let (_, end) = item(items, ["robot", &robot.name])
-        .ok_or_else(|| InputError::whole(&robot.name, "the description has no `robot { … }`"))?;
+    let items = tokens(own).map_err(|e| {
+        InputError::whole(tau_codes::discovery::NOT_SOUND, &robot.name, e.to_string())
+    })?;
+    let (_, end) = item(items, ["robot", &robot.name]).ok_or_else(|| {
+        InputError::whole(
+            tau_codes::discovery::NOT_SOUND,
+            &robot.name,
+            "the description has no `robot { … }`",
+        )
+    })?;
     let (before, after) = own.split_at(end);
     let mut text = format!(
         "{}\n    /// {docs}\n    {lines}\n{after}",

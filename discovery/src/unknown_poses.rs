@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
 use tau_codegen::language::Model;
+use tau_codes::{Remark, discovery};
 use tau_estimation::calibration;
 use tau_estimation::unknown_poses::{self, EstimatedPoses, RowDivision, UnknownPoses};
 use tau_kinematics::Statics;
@@ -131,13 +132,18 @@ pub(super) fn search(
         };
         let found = &mut outcome.discovery;
         found.remarks.extend(remark.into_iter().chain(part));
-        found
-            .remarks
-            .extend(of_base.one_left().map(|one| one.to_string()));
+        found.remarks.extend(
+            of_base
+                .one_left()
+                .map(|one| Remark::new(discovery::ROWS_LEFT_OUT, one.to_string())),
+        );
         let gross = match &fitted {
             Ok(fitted) => {
                 let told = fitted.gross_poses.iter();
-                let told = told.map(|pose| format!("Of the rows that were left out, {pose}."));
+                let told = told.map(|pose| {
+                    let text = format!("Of the rows that were left out, {pose}.");
+                    Remark::new(discovery::ROWS_LEFT_OUT, text)
+                });
                 found.remarks.extend(told);
                 gross_rows(fitted)
             }
@@ -170,9 +176,12 @@ fn gross_rows(fitted: &UnknownPoses) -> Vec<GrossRow> {
 }
 
 /// Remark where no calibration of the model that was found succeeds.
-fn not_calibrated(error: &Error) -> String {
+fn not_calibrated(error: &Error) -> Remark {
     let what = "what was found could not be calibrated anew";
-    format!("{what}, and the robot file holds the values at which the search ended: {error}")
+    let error = error.text();
+    let text =
+        format!("{what}, and the robot file holds the values at which the search ended: {error}");
+    Remark::new(discovery::NO_CALIBRATION, text)
 }
 
 /// The folder without rows that lack a tension which others have, where statics can't stand in for it; with a remark on
@@ -181,7 +190,7 @@ fn with_known_tensions(
     folder: &Folder,
     file: &RobotFile,
     robot: &Robot,
-) -> (Folder, Option<String>) {
+) -> (Folder, Option<Remark>) {
     let mut folder = folder.clone();
     if !folder.has_measured_tensions() || Statics::new(robot, file).is_some() {
         return (folder, None);
@@ -209,10 +218,11 @@ fn with_known_tensions(
     (folder.distances).retain(|row| row.poses.iter().all(|pose| poses.contains(pose)));
     let left = count - folder.plate_rows.len() - folder.tcp_poses.len();
     let remark = (left > 0).then(|| {
-        format!(
+        let text = format!(
             "{left} of {count} rows have no measured forces, and took no part: effects that follow tensions could not \
              be told apart there"
-        )
+        );
+        Remark::new(discovery::ROWS_LEFT_OUT, text)
     });
     (folder, remark)
 }

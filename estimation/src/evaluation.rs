@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use tau_codes::{Remark, fit};
 use tau_kinematics::{self as kinematics, Machine, Sample};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Folder, TCP_POSES, TcpPose};
@@ -65,6 +66,13 @@ pub struct NotPredicted {
     pub pose: u32,
     /// The reason.
     pub error: kinematics::Error,
+}
+
+impl NotPredicted {
+    /// What is said of it beside the errors.
+    pub fn remark(&self) -> Remark {
+        Remark::new(tau_codes::kinematics::NOT_PREDICTED, self.to_string())
+    }
 }
 
 impl fmt::Display for NotPredicted {
@@ -197,6 +205,7 @@ pub fn evaluate_knowing(
         folder.tcp_poses.get(pose).ok_or_else(|| {
             let count = folder.tcp_poses.len();
             InputError::whole(
+                fit::NO_POSES,
                 TCP_POSES,
                 format!("there is no pose {pose} among {count}, counted from 0"),
             )

@@ -98,6 +98,14 @@ pub enum Error {
     Target(&'static str),
 }
 
+// until kinematics::Error has a code for each kind
+impl Error {
+    /// Its code.
+    pub fn code(&self) -> tau_codes::Code {
+        tau_codes::kinematics::MISSING
+    }
+}
+
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

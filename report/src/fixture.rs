@@ -11,6 +11,7 @@ use tau::robot::{Architecture, Arm, Owner};
 use tau::sensitivity::{LinkSensitivity, ParameterSensitivity, Sensitivity, Turn};
 use tau::session::{Input, Record, Stamp};
 use tau::study::results::Study;
+use tau_codes::{Remark, files, fit};
 
 const LINKS: [&str; 6] = ["l1", "l2a", "l2b", "l3a", "l3b", "l3c"];
 const CLUSTERS: [&str; 3] = ["arm1", "arm2", "arm3"];
@@ -72,8 +73,14 @@ pub(super) fn study() -> Study {
         placed_m: vec![],
         layout: Some(layout()),
         remarks: vec![
-            "55 of 176 poses leave the range of set 2 and are dropped.".to_owned(),
-            "Column load_n is missing: effects of load cannot be seen.".to_owned(),
+            Remark::new(
+                fit::POSES_DROPPED,
+                "55 of 176 poses leave the range of set 2 and are dropped.",
+            ),
+            Remark::new(
+                files::COLUMNS_ABSENT,
+                "Column load_n is missing: effects of load cannot be seen.",
+            ),
         ],
     }
 }

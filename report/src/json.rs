@@ -20,6 +20,7 @@ use tau::sensitivity::{LinkSensitivity, ParameterSensitivity, Sensitivity, Turn}
 use tau::session::Basis;
 use tau::study::results::Study;
 use tau::trust::Verdict;
+use tau_codes::Remark;
 
 use super::discovery::findings::unconfirmed;
 use super::findings::held_out;
@@ -105,7 +106,8 @@ pub struct Results<'a> {
     noise: Value,
     of: &'a str,
     poses: Value,
-    remarks: &'a [String],
+    remark_codes: Vec<String>,
+    remarks: Vec<&'a str>,
     robot: &'a str,
     schema: u32,
     sensitivity: Option<Value>,
@@ -165,7 +167,8 @@ pub fn study(study: &Study) -> Results<'_> {
             "poses"
         },
         poses: poses(study.poses),
-        remarks: &study.remarks,
+        remark_codes: remark_codes(&study.remarks),
+        remarks: remark_texts(&study.remarks),
         robot: &study.robot,
         schema: SCHEMA,
         sensitivity: study.sensitivity.as_ref().map(sensitivity),
@@ -178,11 +181,29 @@ pub fn study(study: &Study) -> Results<'_> {
 
 /// The result of `tau discover`.
 pub fn discovery(discovery: &Discovery) -> Value {
-    let unconfirmed = unconfirmed(discovery).into_iter();
-    let remarks = unconfirmed.chain(discovery.remarks.iter().cloned());
+    let unconfirmed = unconfirmed(discovery)
+        .map(|text| Remark::new(tau_codes::discovery::UNCONFIRMED, text))
+        .into_iter();
+    let all: Vec<Remark> = unconfirmed
+        .chain(discovery.remarks.iter().cloned())
+        .collect();
     let mut own = json!(discovery);
-    own["remarks"] = remarks.collect();
+    remarks(&mut own, &all);
     own
+}
+
+/// Adds remarks to a result: `remarks`, the sentences, and `remark_codes`, the code of each.
+pub fn remarks(result: &mut Value, remarks: &[Remark]) {
+    result["remarks"] = json!(remark_texts(remarks));
+    result["remark_codes"] = json!(remark_codes(remarks));
+}
+
+fn remark_texts(remarks: &[Remark]) -> Vec<&str> {
+    remarks.iter().map(|remark| remark.text.as_str()).collect()
+}
+
+fn remark_codes(remarks: &[Remark]) -> Vec<String> {
+    (remarks.iter().map(|remark| remark.code.to_string())).collect()
 }
 
 /// Numbers of poses by the part that they took.

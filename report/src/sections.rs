@@ -108,7 +108,7 @@ fn errors(study: &Study, figures: &[Figure]) -> Markup {
         @if !study.remarks.is_empty() {
             aside.remarks {
                 h3 { "Remarks" }
-                ul { @for remark in &study.remarks { li { (remark) } } }
+                ul { @for remark in &study.remarks { li { (remark.to_string()) } } }
             }
         }
     }

@@ -8,6 +8,7 @@ use tau::session::Basis;
 use tau::study::results::Study;
 use tau::trust::Verdict;
 use tau::weighing::Outlier;
+use tau_codes::Remark;
 
 use super::discovery;
 use super::findings;
@@ -38,7 +39,7 @@ pub fn study(study: &Study, width: usize) -> String {
         screen.say(&findings::noise(study.noise, study.architecture));
     }
     for remark in &study.remarks {
-        screen.say(remark);
+        screen.say(&remark.to_string());
     }
     screen.gap();
     screen.table(&tables::errors(study));
@@ -144,8 +145,9 @@ fn discovered(screen: &mut Screen, found: &Discovery) {
     if outliers.is_some() || !found.remarks.is_empty() {
         screen.gap();
     }
-    for sentence in outliers.iter().chain(&found.remarks) {
-        screen.say(sentence);
+    let remarks = found.remarks.iter().map(Remark::to_string);
+    for sentence in outliers.into_iter().chain(remarks) {
+        screen.say(&sentence);
     }
 }
 

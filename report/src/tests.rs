@@ -212,7 +212,9 @@ fn names_cannot_break_out() {
     let mut study = fixture::study();
     HOSTILE.clone_into(&mut study.robot);
     HOSTILE.clone_into(&mut study.folder);
-    study.remarks.push(HOSTILE.to_owned());
+    study
+        .remarks
+        .push(tau_codes::Remark::new(tau_codes::files::TOML, HOSTILE));
     for variant in &mut study.variants {
         variant.name += HOSTILE;
         variant.termination += HOSTILE;

@@ -8,6 +8,7 @@ use std::path::Path;
 
 use annotate_snippets::renderer::DecorStyle;
 use annotate_snippets::{AnnotationKind, Group, Level, Origin, Renderer, Snippet};
+use tau_codes::{Code, Remark, files, language};
 
 /// One or more mistakes in the input.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -20,11 +21,13 @@ pub struct InputError {
 /// One mistake.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Problem {
+    /// Its code; a program that reads messages compares this.
+    pub code: Code,
     /// The file, as the user named it, or the option, such as `--split`.
     pub source: String,
     /// Place in the source; absent where the source as a whole is wrong.
     pub place: Option<Place>,
-    /// Found and expected, lower case, without a full stop.
+    /// Found and expected, lower case, without a full stop and without the code.
     pub message: String,
     /// The remedy.
     pub help: Option<String>,
@@ -120,8 +123,9 @@ impl InputError {
     const LISTED: usize = 60;
 
     /// A mistake of a source as a whole, such as a missing file.
-    pub fn whole(source: impl Into<String>, message: impl Into<String>) -> Self {
+    pub fn whole(code: Code, source: impl Into<String>, message: impl Into<String>) -> Self {
         Self::from(Problem {
+            code,
             source: source.into(),
             place: None,
             message: message.into(),
@@ -130,8 +134,14 @@ impl InputError {
     }
 
     /// A mistake at a byte range of a text.
-    pub fn at(source: Source<'_>, span: Range<usize>, message: impl Into<String>) -> Self {
+    pub fn at(
+        code: Code,
+        source: Source<'_>,
+        span: Range<usize>,
+        message: impl Into<String>,
+    ) -> Self {
         Self::from(Problem {
+            code,
             source: source.name.to_owned(),
             place: Some(source.locate(span)),
             message: message.into(),
@@ -147,19 +157,23 @@ impl InputError {
         for diagnostic in &errors.diagnostics {
             let Range { start, end } = diagnostic.byte_range();
             let place = start.saturating_sub(mark)..end.saturating_sub(mark);
-            mistakes.add(place, diagnostic.message.clone(), diagnostic.help.clone());
+            // until Diagnostic has a code
+            let code = language::SYNTAX;
+            let (message, help) = (diagnostic.message.clone(), diagnostic.help.clone());
+            mistakes.add(code, place, message, help);
         }
         mistakes.into_error()
     }
 
     /// A name that is none of those known, such as that of a variant, with the one probably meant.
     pub fn unknown_name<'a>(
+        code: Code,
         source: &str,
         what: &str,
         name: &str,
         known: impl IntoIterator<Item = &'a str> + Clone,
     ) -> Self {
-        Self::whole(source, format!("unknown {what} `{name}`")).help(suggestion(name, known))
+        Self::whole(code, source, format!("unknown {what} `{name}`")).help(suggestion(name, known))
     }
 
     /// Says how to mend the last mistake.
@@ -196,6 +210,18 @@ impl InputError {
         self
     }
 
+    /// One line a mistake without its code, for a sentence that carries [that code](Self::code): `file:line:column: message`.
+    pub fn text(&self) -> String {
+        let line = |problem: &Problem| problem.location() + &problem.message;
+        let lines: Vec<String> = self.problems.iter().map(line).collect();
+        lines.join("\n")
+    }
+
+    /// The code of the first mistake.
+    pub fn code(&self) -> Code {
+        (self.problems.first()).map_or(files::CANNOT_READ, |problem| problem.code)
+    }
+
     /// The mistakes, in order of place.
     pub fn problems(&self) -> &[Problem] {
         &self.problems
@@ -225,8 +251,21 @@ impl InputError {
 }
 
 impl Problem {
+    /// The message with its code at the end of the first line.
+    fn titled(&self) -> String {
+        Remark::new(self.code, self.message.as_str()).to_string()
+    }
+
+    /// `file:line:column: `, as much of it as is known.
+    fn location(&self) -> String {
+        match &self.place {
+            Some(place) => format!("{}:{}:{}: ", self.source, place.line, place.column),
+            None => format!("{}: ", self.source),
+        }
+    }
+
     fn group(&self) -> Group<'_> {
-        let title = Level::ERROR.primary_title(self.message.as_str());
+        let title = Level::ERROR.primary_title(self.titled());
         let group = match &self.place {
             Some(place) => title.element(
                 Snippet::source(place.excerpt.as_str())
@@ -253,19 +292,11 @@ impl From<Problem> for InputError {
 }
 
 impl fmt::Display for InputError {
-    /// One line a mistake: `file:line:column: message`.
+    /// One line a mistake: `file:line:column: message [T204]`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (index, problem) in self.problems.iter().enumerate() {
-            if index > 0 {
-                writeln!(f)?;
-            }
-            write!(f, "{}:", problem.source)?;
-            if let Some(place) = &problem.place {
-                write!(f, "{}:{}:", place.line, place.column)?;
-            }
-            write!(f, " {}", problem.message)?;
-        }
-        Ok(())
+        let line = |problem: &Problem| problem.location() + &problem.titled();
+        let lines: Vec<String> = self.problems.iter().map(line).collect();
+        f.write_str(&lines.join("\n"))
     }
 }
 
@@ -276,7 +307,7 @@ impl std::error::Error for InputError {}
 pub struct Mistakes<'a> {
     /// The text that is being read.
     pub source: Source<'a>,
-    found: Vec<(Range<usize>, String, Option<String>)>,
+    found: Vec<(Code, Range<usize>, String, Option<String>)>,
     unlisted: usize,
 }
 
@@ -296,23 +327,24 @@ impl<'a> Mistakes<'a> {
     }
 
     /// A mistake at a place of the text (bytes).
-    pub fn push(&mut self, span: Range<usize>, message: impl Into<String>) {
-        self.add(span, message.into(), None);
+    pub fn push(&mut self, code: Code, span: Range<usize>, message: impl Into<String>) {
+        self.add(code, span, message.into(), None);
     }
 
     pub(crate) fn push_with_help(
         &mut self,
+        code: Code,
         span: Range<usize>,
         message: impl Into<String>,
         help: impl Into<String>,
     ) {
-        self.add(span, message.into(), Some(help.into()));
+        self.add(code, span, message.into(), Some(help.into()));
     }
 
     /// A mistake at a place of the text (bytes), with a remedy where there is one.
-    pub fn add(&mut self, span: Range<usize>, message: String, help: Option<String>) {
+    pub fn add(&mut self, code: Code, span: Range<usize>, message: String, help: Option<String>) {
         if self.found.len() < Self::KEPT {
-            self.found.push((span, message, help));
+            self.found.push((code, span, message, help));
         } else {
             self.unlisted += 1;
         }
@@ -321,12 +353,13 @@ impl<'a> Mistakes<'a> {
     /// One mistake in the stead of all but the first ones.
     pub(crate) fn replace_from(
         &mut self,
+        code: Code,
         first: usize,
         (span, message, help): (Range<usize>, String, String),
     ) {
         self.found.truncate(first);
         self.unlisted = first - self.found.len();
-        self.add(span, message, Some(help));
+        self.add(code, span, message, Some(help));
     }
 
     /// Number of mistakes so far, listed or not.
@@ -355,13 +388,14 @@ impl<'a> Mistakes<'a> {
 
     /// The mistakes by place.
     pub fn into_error(mut self) -> InputError {
-        self.found.sort_by_key(|(span, ..)| span.start);
+        self.found.sort_by_key(|(_, span, ..)| span.start);
         let unlisted = self.unlisted + self.found.len().saturating_sub(Self::LISTED);
         let problems = self
             .found
             .into_iter()
             .take(Self::LISTED)
-            .map(|(span, message, help)| Problem {
+            .map(|(code, span, message, help)| Problem {
+                code,
                 source: self.source.name.to_owned(),
                 place: Some(self.source.locate(span)),
                 message,
@@ -380,13 +414,19 @@ pub fn read(path: &Path, expected: &str) -> Result<String, InputError> {
     let name = path.display().to_string();
     let bytes = fs::read(path).map_err(|error| match error.kind() {
         ErrorKind::NotFound => InputError::whole(
+            files::NO_SUCH_FILE,
             &name,
             format!("the file does not exist, expected {expected}"),
         ),
         _ if path.is_dir() => {
-            InputError::whole(&name, format!("this is a folder, expected {expected}"))
+            let message = format!("this is a folder, expected {expected}");
+            InputError::whole(files::IS_FOLDER, &name, message)
         }
-        _ => InputError::whole(&name, format!("cannot read the file: {error}")),
+        _ => InputError::whole(
+            files::CANNOT_READ,
+            &name,
+            format!("cannot read the file: {error}"),
+        ),
     })?;
     utf8(&name, bytes)
 }
@@ -397,10 +437,11 @@ pub fn utf8(name: &str, bytes: Vec<u8>) -> Result<String, InputError> {
         let valid = error.utf8_error().valid_up_to();
         let bytes = error.as_bytes();
         if bytes.starts_with(&[0xff, 0xfe]) || bytes.starts_with(&[0xfe, 0xff]) {
-            return InputError::whole(name, "the text is UTF-16, expected UTF-8");
+            return InputError::whole(files::NOT_UTF8, name, "the text is UTF-16, expected UTF-8");
         }
         let text = String::from_utf8_lossy(bytes);
         InputError::at(
+            files::NOT_UTF8,
             Source { name, text: &text },
             valid..valid + '\u{fffd}'.len_utf8(),
             format!("found byte 0x{:02x}, which is not UTF-8 text", bytes[valid]),
@@ -494,7 +535,7 @@ mod tests {
         assert_eq!(source.locate(1..90).span, 0..2);
         assert_eq!(source.locate(50..90).span, 2..2);
         assert_eq!(
-            InputError::at(source, 50..90, "end").problems()[0]
+            InputError::at(files::TOML, source, 50..90, "end").problems()[0]
                 .place
                 .as_ref()
                 .unwrap()
@@ -507,7 +548,13 @@ mod tests {
     fn unknown_names_come_with_the_one_meant() {
         let variants = ["Nominal", "Full", "FullPiecewise"];
         let help = |name| {
-            let error = InputError::unknown_name("--variant", "variant", name, variants);
+            let error = InputError::unknown_name(
+                files::NO_SUCH_VARIANT,
+                "--variant",
+                "variant",
+                name,
+                variants,
+            );
             error.problems()[0].help.clone().unwrap()
         };
         assert_eq!(help("Fulll"), "did you mean `Full`?");
@@ -519,7 +566,7 @@ mod tests {
 
     #[test]
     fn colours_are_for_terminals_only() {
-        let error = InputError::at(Source::new("t", "x"), 0..1, "wrong");
+        let error = InputError::at(files::TOML, Source::new("t", "x"), 0..1, "wrong");
         assert!(error.render(true).contains('\u{1b}'));
         assert!(!error.render(false).contains('\u{1b}'));
     }

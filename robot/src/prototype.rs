@@ -73,7 +73,7 @@ mod tests {
             folder.cart_positions.len(),
         ];
         assert_eq!(lengths, [176, 3 * 28, 3 * 150]);
-        assert_eq!(folder.remarks, Vec::<String>::new());
+        assert!(folder.remarks.is_empty(), "{:?}", folder.remarks);
         assert_eq!(robot.links.len(), 6);
         let in_range = folder.in_range(&robot, &shape());
         assert_eq!(in_range.len(), 121);

@@ -13,6 +13,7 @@ pub use tau_codegen::equations::Parameter;
 use tau_codegen::language;
 pub use tau_codegen::language::model::{CrankValue, Drive, Formula, Plate, Readable, Value};
 use tau_codegen::language::model::{EffectUse, Model, Place};
+use tau_codes::files;
 use tau_runtime as runtime;
 pub use tau_runtime::{Arm, Input, Owner, ResidualFamily, ResidualKind, TrackModel, TrackShape};
 
@@ -278,7 +279,9 @@ impl Robot {
     pub fn find(&self, name: &str, source: &str) -> Result<&Variant, InputError> {
         let known = self.variants.iter().map(|variant| variant.name.as_str());
         let variant = self.variant(name);
-        variant.ok_or_else(|| InputError::unknown_name(source, "variant", name, known))
+        variant.ok_or_else(|| {
+            InputError::unknown_name(files::NO_SUCH_VARIANT, source, "variant", name, known)
+        })
     }
 
     /// A variant without the effects of the tracker: those on `tcp`, which are errors of the measurement and none of the

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 use tau_codegen::language::model::{CrankValue, Formula, Held, Link, Model, Value as Geometry};
+use tau_codes::files;
 use tau_robot::input_error::{Errors, InputError, quoted};
 use tau_robot::robot::{LinkKey, Robot};
 use tau_robot::robot_file::keys::crank_key;
@@ -54,7 +55,11 @@ impl<'a> Drawing<'a> {
         let mut errors = Errors::default();
         let mut lacks = |what: String| {
             let message = format!("the virtual robot needs {what}");
-            errors.add(InputError::whole(&file.source, message));
+            errors.add(InputError::whole(
+                files::UNKNOWN_VALUES,
+                &file.source,
+                message,
+            ));
         };
         if let Some(pulls) = unknown_pulls(robot) {
             lacks(pulls);
@@ -223,7 +228,7 @@ pub(super) fn refuse_not_finite(
     let message = format!("`{value}` of link `{}` is not a finite number", link.name);
     let help = "compare its formula with the values of the parameters in it, and their tolerances: the root of a negative \
          number or a division by zero has no value";
-    Err(InputError::whole(source, message).help(help))
+    Err(InputError::whole(files::FORMULA_VALUE, source, message).help(help))
 }
 
 /// A component of a parameter of the whole machine.

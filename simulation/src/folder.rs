@@ -1,5 +1,6 @@
 //! Results of a simulation: a measurement folder, and the truth behind it.
 
+use tau_codes::Remark;
 use tau_robot::measurements::{Folder, Shape};
 use tau_robot::robot_file::RobotFile;
 
@@ -50,5 +51,5 @@ pub struct Truth {
     /// Points that were out of reach and left out of sets 1 and 3.
     pub out_of_reach: usize,
     /// Remarks on what was asked for and not had, or says nothing.
-    pub remarks: Vec<String>,
+    pub remarks: Vec<Remark>,
 }

@@ -1,5 +1,6 @@
 //! Measured forces: tensions of the links that drives lengthen, as load cells or motor currents give them.
 
+use tau_codes::files;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::Shape;
 
@@ -14,12 +15,15 @@ pub(super) fn check(machine: &Machine) -> Result<(), InputError> {
     if !machine.rods.iter().any(|rod| rod.actuated_by.is_some()) {
         let message =
             "found no link that a drive lengthens, expected some, of which tensions are measured";
-        return Err(InputError::whole(OPTION, message).help("leave the option out"));
+        return Err(
+            InputError::whole(files::OPTION_WITHOUT_USE, OPTION, message)
+                .help("leave the option out"),
+        );
     }
     if !machine.is_loaded() {
         let message =
             "found neither `[payload]` nor a link that is pulled, expected forces in the arm";
-        return Err(InputError::whole(OPTION, message)
+        return Err(InputError::whole(files::NO_FORCES, OPTION, message)
             .help("add `[payload]` to the robot file, or give its mass with `--payload`"));
     }
     Ok(())

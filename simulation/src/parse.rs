@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use std::ops::Range;
 
 use tau_codegen::language::model::Place;
+use tau_codes::{Code, files};
 use tau_robot::input_error::{InputError, Source, quoted, suggestion};
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::Value;
@@ -121,8 +122,8 @@ impl Part<'_> {
 }
 
 impl Text<'_> {
-    fn error(&self, part: Part<'_>, message: impl Into<String>) -> InputError {
-        InputError::at(self.source, part.range(), message)
+    fn error(&self, code: Code, part: Part<'_>, message: impl Into<String>) -> InputError {
+        InputError::at(code, self.source, part.range(), message)
     }
 
     fn effect(&self, robot: &Robot) -> Result<Effect, InputError> {
@@ -138,7 +139,9 @@ impl Text<'_> {
         };
         let Some((name, rest)) = head.split_once('(') else {
             let message = "expected an effect with its place and parameters";
-            return Err(self.error(head, message).help(EXAMPLE));
+            return Err(self
+                .error(files::EFFECT_SYNTAX, head, message)
+                .help(EXAMPLE));
         };
         let Some(listed) = LISTED.iter().find(|listed| listed.name == name.text) else {
             let known = LISTED.iter().map(|listed| listed.name);
@@ -150,18 +153,28 @@ impl Text<'_> {
                     name.text
                 );
                 let known: Vec<&str> = known.collect();
-                return Err(self.error(name, message).help(format!(
-                    "its physics is written out for those of the catalogue: {}",
-                    quoted(known)
-                )));
+                return Err(self
+                    .error(files::NO_SUCH_EFFECT, name, message)
+                    .help(format!(
+                        "its physics is written out for those of the catalogue: {}",
+                        quoted(known)
+                    )));
             }
             return Err(self
-                .error(name, format!("unknown effect `{}`", name.text))
+                .error(
+                    files::NO_SUCH_EFFECT,
+                    name,
+                    format!("unknown effect `{}`", name.text),
+                )
                 .help(suggestion(name.text, known)));
         };
         let Some(places) = rest.text.strip_suffix(')') else {
             return Err(self
-                .error(head, "the parenthesis about the place is not closed")
+                .error(
+                    files::EFFECT_SYNTAX,
+                    head,
+                    "the parenthesis about the place is not closed",
+                )
                 .help(EXAMPLE));
         };
         let places = Part {
@@ -173,7 +186,11 @@ impl Text<'_> {
         let Some(tail) = tail.filter(|tail| !tail.text.is_empty()) else {
             let names: Vec<String> = listed.parameters.iter().map(in_units).collect();
             return Err(self
-                .error(whole, format!("`{}` has no parameters here", listed.name))
+                .error(
+                    files::EFFECT_PARAMETER,
+                    whole,
+                    format!("`{}` has no parameters here", listed.name),
+                )
                 .help(format!("add them after a colon: {}", names.join(", "))));
         };
         let parameters = self.parameters(listed, tail)?;
@@ -214,7 +231,7 @@ impl Text<'_> {
                 }
                 _ => "name one place for each `--effect`",
             };
-            return Err(self.error(part, message).help(help));
+            return Err(self.error(files::EFFECT_PLACE, part, message).help(help));
         }
         let guideways = robot.tracks.iter().enumerate();
         let guideways = guideways.filter(|(track, _)| !robot.is_crank(*track));
@@ -229,7 +246,7 @@ impl Text<'_> {
                 listed.name
             );
             return Err(self
-                .error(part, message)
+                .error(files::EFFECT_PLACE, part, message)
                 .help("choose an effect on a link or on `tcp`"));
         }
         let is_admitted = |own: &usize| acts_on(listed.subject, robot, *own);
@@ -247,12 +264,12 @@ impl Text<'_> {
                 Some(_) => format!("expected one of {}", quoted(others)),
                 None => "the robot has none: choose another effect".to_owned(),
             };
-            return Err(self.error(part, message).help(help));
+            return Err(self.error(files::EFFECT_PLACE, part, message).help(help));
         }
         if listed.name == JOINT_PLACEMENT && robot.plate.is_point() {
             let message = "links that meet in a point have no plate joints to move";
             return Err(self
-                .error(part, message)
+                .error(files::EFFECT_PLACE, part, message)
                 .help("choose another effect on a link"));
         }
         let links = || robot.links.iter().map(|link| link.name.as_str());
@@ -261,7 +278,8 @@ impl Text<'_> {
                 "`{}` acts on a {what}, and `{}` is none",
                 listed.name, part.text
             );
-            self.error(part, message).help(suggestion(part.text, known))
+            self.error(files::EFFECT_PLACE, part, message)
+                .help(suggestion(part.text, known))
         };
         let track = |part: Part<'_>| {
             let found = guideways.iter().find(|(_, name)| *name == part.text);
@@ -278,7 +296,11 @@ impl Text<'_> {
             (Subject::CartFromSource, _) => {
                 let (moved, source) = (track(places[0])?, track(places[1])?);
                 if moved == source {
-                    return Err(self.error(places[1], "a cart is not its own source"));
+                    return Err(self.error(
+                        files::EFFECT_PLACE,
+                        places[1],
+                        "a cart is not its own source",
+                    ));
                 }
                 Place::Cart {
                     track: moved,
@@ -288,7 +310,9 @@ impl Text<'_> {
             (Subject::Tcp, "tcp") => Place::Tcp,
             (Subject::Tcp, _) => {
                 let message = format!("`{}` acts on the tracker's target", listed.name);
-                return Err(self.error(places[0], message).help("its place is `tcp`"));
+                return Err(self
+                    .error(files::EFFECT_PLACE, places[0], message)
+                    .help("its place is `tcp`"));
             }
             (_, "all") => Place::AllLinks,
             (_, name) => match links().position(|link| link == name) {
@@ -306,15 +330,21 @@ impl Text<'_> {
         let mut given: Vec<Option<Vec<f64>>> = vec![None; listed.parameters.len()];
         for part in tail.list() {
             let Some((name, value)) = part.split_once('=') else {
-                return Err(self.error(part, "expected `parameter=value`"));
+                return Err(self.error(files::EFFECT_SYNTAX, part, "expected `parameter=value`"));
             };
             let Some(index) = listed.parameters.iter().position(|p| p.name == name.text) else {
                 let known = listed.parameters.iter().map(|p| p.name);
                 let message = format!("`{}` has no parameter `{}`", listed.name, name.text);
-                return Err(self.error(name, message).help(suggestion(name.text, known)));
+                return Err(self
+                    .error(files::EFFECT_PARAMETER, name, message)
+                    .help(suggestion(name.text, known)));
             };
             if given[index].is_some() {
-                return Err(self.error(name, format!("`{}` is given twice", name.text)));
+                return Err(self.error(
+                    files::EFFECT_PARAMETER,
+                    name,
+                    format!("`{}` is given twice", name.text),
+                ));
             }
             given[index] = Some(self.value(&listed.parameters[index], value)?);
         }
@@ -324,7 +354,7 @@ impl Text<'_> {
             if parameter.required && !given.as_ref().is_some_and(|v| v.iter().all(|&v| v > 0.0)) {
                 let message = format!("`{}` needs a {} above zero", listed.name, parameter.name);
                 return Err(self
-                    .error(tail, message)
+                    .error(files::EFFECT_PARAMETER, tail, message)
                     .help(format!("add `{}=…`", parameter.name)));
             }
             let values = given.unwrap_or_else(|| vec![0.0; parameter.components]);
@@ -336,7 +366,7 @@ impl Text<'_> {
                 "all amplitudes of `{}` are zero, so that it does nothing",
                 listed.name
             );
-            return Err(self.error(tail, message));
+            return Err(self.error(files::EFFECT_PARAMETER, tail, message));
         }
         Ok(parameters)
     }
@@ -359,7 +389,7 @@ impl Text<'_> {
                 numbers.len()
             );
             return Err(self
-                .error(part, message)
+                .error(files::EFFECT_PARAMETER, part, message)
                 .help(format!("write {}", in_units(parameter))));
         }
         numbers
@@ -367,7 +397,11 @@ impl Text<'_> {
             .map(|number| match number.text.parse::<f64>() {
                 Ok(value) if value.is_finite() => Ok(value),
                 _ => Err(self
-                    .error(number, format!("`{}` is not a number", number.text))
+                    .error(
+                        files::NOT_A_NUMBER,
+                        number,
+                        format!("`{}` is not a number", number.text),
+                    )
                     .help(format!("write {}", in_units(parameter)))),
             })
             .collect()

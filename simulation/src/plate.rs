@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::str::FromStr;
 
 use nalgebra::Vector3;
+use tau_codes::files;
 use tau_robot::input_error::{InputError, quoted};
 use tau_robot::measurements::{Conditions, Distance, PlateKind, PlateRow, Shape};
 use tau_robot::robot_file::{RobotFile, StatedNoise, Value};
@@ -46,7 +47,7 @@ impl FromStr for Measure {
         known.map(|(_, measure)| *measure).ok_or_else(|| {
             let names = quoted(Self::ALL.iter().map(|(name, _)| *name));
             let message = format!("found `{text}`, expected some of {names}, separated by commas");
-            InputError::whole("--measure", message)
+            InputError::whole(files::OPTION_VALUE, "--measure", message)
         })
     }
 }

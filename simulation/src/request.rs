@@ -3,6 +3,7 @@
 use std::fmt::Debug;
 use std::path::{Path, PathBuf};
 
+use tau_codes::{Remark, files, fit};
 use tau_robot::input_error::{Errors, InputError};
 use tau_robot::measurements::{DISTANCES, PlateKind, plausible};
 use tau_robot::prototype;
@@ -144,7 +145,7 @@ pub struct Summary {
     /// True if readings of redundant drives, which are measurements, have no noise.
     pub drives_are_exact: bool,
     /// Remarks on what was asked for and not had, or says nothing.
-    pub remarks: Vec<String>,
+    pub remarks: Vec<Remark>,
 }
 
 impl Request {
@@ -187,6 +188,7 @@ impl Request {
         {
             let known: Vec<&str> = robot.variants.iter().map(|v| v.name.as_str()).collect();
             errors.add(InputError::unknown_name(
+                files::NO_SUCH_VARIANT,
                 "--variant",
                 "variant",
                 name,
@@ -203,6 +205,7 @@ impl Request {
                 errors.add(error);
                 errors.finish()?;
                 return Err(InputError::whole(
+                    files::CANNOT_READ,
                     "robot.toml",
                     "the robot file can't be used",
                 ));
@@ -225,7 +228,7 @@ impl Request {
             let help = format!(
                 "state it there or with {option}, or say with --measure what is measured in place of poses"
             );
-            return Err(InputError::whole(*option, message).help(help));
+            return Err(InputError::whole(fit::NOISE_UNSTATED, *option, message).help(help));
         }
         if let Some(mass_kg) = self.payload_mass_kg {
             file.payload = Some(match file.payload {
@@ -303,7 +306,7 @@ impl Request {
         let mut refuse = |fine: bool, option: &str, found: &dyn Debug, expected: &str| {
             if !fine {
                 let message = format!("found {found:?}, expected {expected}");
-                errors.add(InputError::whole(option, message));
+                errors.add(InputError::whole(files::OPTION_VALUE, option, message));
             }
         };
         let positive = |value: f64| value.is_finite() && value > 0.0;

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use tau_codes::{Remark, files};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{CART_POSITIONS, Folder, PlateKind, Shape};
 use tau_robot::number::shortest;
@@ -35,11 +36,14 @@ pub fn simulate(simulation: &Simulation) -> Result<SimulatedFolder, InputError> 
 }
 
 /// A remark on what would be within reach, where points of a grid are not.
-pub(super) fn within_reach(simulation: &Simulation) -> Option<String> {
+pub(super) fn within_reach(simulation: &Simulation) -> Option<Remark> {
     let session = Session::new(simulation).ok()?;
     let is_grid = matches!(simulation.poses, Poses::Grid { .. });
     let places_tcp = session.home.places_tcp(&session.nominal);
-    (is_grid && places_tcp).then(|| format!("to stay within reach, {}", session.advice()))
+    (is_grid && places_tcp).then(|| {
+        let text = format!("to stay within reach, {}", session.advice());
+        Remark::new(files::LEFT_OUT, text)
+    })
 }
 
 /// Stream of the random numbers of set 1.
@@ -61,7 +65,12 @@ impl<'a> Session<'a> {
         // Another assembly would be another machine, of which no variant of the robot file is true.
         let Some(reference) = file.completed(robot).reference else {
             let message = "found no `[reference]`, expected the pose at which the machine stands at some commands";
-            return Err(InputError::whole(&file.source, message).help(file.reference_advice(robot)));
+            return Err(InputError::whole(
+                tau_codes::kinematics::NO_REFERENCE,
+                &file.source,
+                message,
+            )
+            .help(file.reference_advice(robot)));
         };
         let mut drawing = Drawing::new(robot, file, &reference)?;
         drawing::refuse_not_finite(&drawing.nominal, robot, &file.source)?;
@@ -70,14 +79,14 @@ impl<'a> Session<'a> {
                 let message = format!(
                     "the machine is singular at its `[reference]`: the plate is free to {free}"
                 );
-                return Err(InputError::whole(&file.source, message).help(
+                return Err(InputError::whole(tau_codes::kinematics::REFERENCE_SINGULAR, &file.source, message).help(
                     "links whose lines meet, are parallel or lie in one plane hold the plate too loosely: compare joints and \
                      the reference with the drawing",
                 ));
             }
             let message =
                 "the arm can't be assembled near `[reference]` so that the links hold the plate";
-            return Err(InputError::whole(&file.source, message).help(
+            return Err(InputError::whole(tau_codes::kinematics::REFERENCE_UNASSEMBLED, &file.source, message).help(
                 "compare lengths, joints and the reference with the drawing: in metres, and of the assembly that was built",
             ));
         };
@@ -113,7 +122,7 @@ impl<'a> Session<'a> {
                 "found no `[payload]`, expected one: `{}` follows the forces in the arm",
                 effect.name
             );
-            return Err(InputError::whole(&file.source, message)
+            return Err(InputError::whole(files::NO_FORCES, &file.source, message)
                 .help("add `[payload]` to the robot file, or give its mass with `--payload`"));
         }
         if simulation.noise_force_n.is_some() {
@@ -145,11 +154,9 @@ impl<'a> Session<'a> {
         let planned = set1.stops.len();
         let mut remarks = Vec::new();
         if !self.home.places_tcp(&self.nominal) {
-            remarks.push(
-                "the drives move the TCP about the reference only with large turns of the plate, or not along each \
-                 axis: poses are at random commands, and no grid"
-                    .to_owned(),
-            );
+            let text = "the drives move the TCP about the reference only with large turns of the plate, or not along each \
+                        axis: poses are at random commands, and no grid";
+            remarks.push(Remark::new(files::LEFT_OUT, text));
         }
         // Carts are measured where the poses need them.
         if let (None, false) = (simulation.file.range_m, is_random)
@@ -199,10 +206,11 @@ impl<'a> Session<'a> {
         let (mut set3, mut states3) = self.reached(set3);
         // A single pose says nothing of how carts move, and readers refuse it.
         if set3.stops.len() == 1 {
-            remarks.push(format!(
+            let text = format!(
                 "{CART_POSITIONS} is left out: of {} random poses one is within reach",
                 simulation.random_poses
-            ));
+            );
+            remarks.push(Remark::new(files::LEFT_OUT, text));
             (set3.stops, states3) = (vec![], vec![]);
         }
         let points =
@@ -275,7 +283,10 @@ impl<'a> Session<'a> {
         if self.simulation.tilt_rad > 0.0 && !self.home.turns_plate(&self.nominal) {
             let message = "the drives can't turn the plate where it is: its orientation follows from its position, or it \
                            has none";
-            return Err(InputError::whole("--tilt", message).help("leave the option out"));
+            return Err(
+                InputError::whole(tau_codes::kinematics::NO_TURN, "--tilt", message)
+                    .help("leave the option out"),
+            );
         }
         Ok(())
     }
@@ -358,23 +369,34 @@ impl<'a> Session<'a> {
                 "fewer than two poses are within reach of the machine that was drawn from the tolerances, with its \
                  effects; {planned} are of that of the drawings"
             );
-            return InputError::whole("poses", message).help(
+            return InputError::whole(
+                tau_codes::kinematics::TOO_FEW_WITHIN_REACH,
+                "poses",
+                message,
+            )
+            .help(
                 "give smaller tolerances, or smaller effects, or take the drawings with --exact",
             );
         }
-        InputError::whole("poses", "fewer than two poses are within reach").help(self.advice())
+        InputError::whole(
+            tau_codes::kinematics::TOO_FEW_WITHIN_REACH,
+            "poses",
+            "fewer than two poses are within reach",
+        )
+        .help(self.advice())
     }
 
     /// Remarks on what says nothing: measurements that no pose changes, effects of forces where none act, and of a tracker without one.
-    fn remarks_on_measures(&self, states: &[State]) -> Vec<String> {
+    fn remarks_on_measures(&self, states: &[State]) -> Vec<Remark> {
         let Simulation { measures, .. } = self.simulation;
         let mut remarks = Vec::new();
+        let mut says_nothing = |text: String| remarks.push(Remark::new(files::SAYS_NOTHING, text));
         let surfaces = self.simulation.file.measuring.surfaces.is_empty();
         if self.nominal.plate.is_in_plane()
             && surfaces
             && measures.contains(&Measure::Rows(PlateKind::Height))
         {
-            remarks.push(
+            says_nothing(
                 "heights over the plane in which the plate stays say nothing of it: place `[surfaces]` across it in \
                  the robot file"
                     .to_owned(),
@@ -384,7 +406,7 @@ impl<'a> Session<'a> {
             .iter()
             .all(|kind| *kind == Measure::Rows(PlateKind::Reading));
         if is_alone && !self.nominal.is_redundant() {
-            remarks.push(
+            says_nothing(
                 "readings alone say nothing of the machine: it has no more drives than its plate has freedoms; measure \
                  something of the plate, too"
                     .to_owned(),
@@ -402,7 +424,7 @@ impl<'a> Session<'a> {
         let following = self.machine.effects.iter();
         let following = following.filter(|effect| effect::LOADED.contains(&effect.name.as_str()));
         for effect in following.filter(|_| largest < NO_FORCE_N) {
-            remarks.push(format!(
+            says_nothing(format!(
                 "`{}` does nothing: no forces act in the arm at these poses",
                 effect.name
             ));
@@ -411,7 +433,7 @@ impl<'a> Session<'a> {
         if !of_tracker.iter().any(|kind| measures.contains(kind)) {
             let effects = self.machine.effects.iter();
             for effect in effects.filter(|effect| effect.on_tcp().is_some()) {
-                remarks.push(format!(
+                says_nothing(format!(
                     "`{}` does nothing: no tracker measures poses or positions of the plate",
                     effect.name
                 ));

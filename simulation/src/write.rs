@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::Vector3;
 use serde_json::{Map, Value, json};
 use tau_codegen::language::model::Place;
+use tau_codes::files;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::set::{ANGLES, POSITION};
 use tau_robot::measurements::{
@@ -124,18 +125,30 @@ impl SimulatedFolder {
     pub fn write(&self, folder: &Path) -> Result<(), InputError> {
         let shown = folder.display().to_string();
         let failed = |error: &std::io::Error| {
-            InputError::whole(&shown, format!("cannot write the folder: {error}"))
+            InputError::whole(
+                files::CANNOT_WRITE,
+                &shown,
+                format!("cannot write the folder: {error}"),
+            )
         };
         let occupied = match fs::read_dir(folder) {
             Ok(mut entries) => entries.next().is_some(),
             Err(_) => folder.symlink_metadata().is_ok(),
         };
         if occupied {
-            return Err(InputError::whole(&shown, "something is there already")
-                .help("name a folder that does not exist or is empty"));
+            return Err(InputError::whole(
+                files::ALREADY_THERE,
+                &shown,
+                "something is there already",
+            )
+            .help("name a folder that does not exist or is empty"));
         }
         let Some(name) = folder.file_name() else {
-            return Err(InputError::whole(&shown, "this does not name a folder"));
+            return Err(InputError::whole(
+                files::CANNOT_WRITE,
+                &shown,
+                "this does not name a folder",
+            ));
         };
         let mut partial_name = OsString::from(".");
         partial_name.push(name);

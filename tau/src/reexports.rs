@@ -2,6 +2,7 @@
 //! this workspace are left out.
 
 pub use nalgebra;
+pub use tau_codes as codes;
 pub use tau_estimation::{Setup, assumptions, evaluation, expected, sensitivity, uncertainty};
 pub use tau_robot::{InputError, Robot, prototype, robot};
 

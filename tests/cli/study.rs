@@ -82,12 +82,11 @@ fn without_set_2_the_piecewise_variants_are_left_out() {
         .map(|variant| variant.name.as_str())
         .collect();
     assert_eq!(names, ["Nominal", "Full"]);
-    assert!(
-        study
-            .remarks
-            .iter()
-            .any(|remark| remark.contains("Piecewise, FullPiecewise, BestPerLink"))
-    );
+    assert!(study.remarks.iter().any(|remark| {
+        remark
+            .text
+            .contains("Piecewise, FullPiecewise, BestPerLink")
+    }));
     assert!(study.assumptions.linearity.is_empty() && study.assumptions.sets.is_empty());
 }
 
@@ -108,7 +107,7 @@ fn variants_that_too_few_poses_calibrate_are_left_out() {
     let study = study::run(&session, &mut |_| {}).unwrap();
     assert_eq!(study.variants.len(), 1);
     assert_eq!(study.variants[0].name, "Nominal");
-    let left_out = |remark: &String| remark.starts_with("left out: `Full`: ");
+    let left_out = |remark: &tau::codes::Remark| remark.text.starts_with("left out: `Full`: ");
     assert!(study.remarks.iter().any(left_out), "{:?}", study.remarks);
     // At a tenth of the noise, nothing that could be calibrated fits.
     let fit = study.variants[0].fit.as_ref().unwrap();

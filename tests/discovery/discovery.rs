@@ -168,7 +168,7 @@ fn what_needs_a_full_arm_is_found_from_the_variant_that_is_advised() {
     assert_eq!(from_reduced.status, Status::UnnamedStructure);
     let advice = "search from a variant that has one, such as `Full`";
     let mut remarks = from_reduced.remarks.iter();
-    assert!(remarks.any(|remark| remark.contains(advice)));
+    assert!(remarks.any(|remark| remark.text.contains(advice)));
     assert_eq!(names(&found("Full")), ["link_compliance(l1)"]);
 }
 
@@ -357,7 +357,7 @@ fn a_part_of_many_poses_is_searched() {
     let of_all = "of 61 poses that calibrate 50";
     let remarks = &found.discovery.remarks;
     assert!(
-        remarks.iter().any(|remark| remark.starts_with(of_all)),
+        remarks.iter().any(|remark| remark.text.starts_with(of_all)),
         "{remarks:?}"
     );
 }
@@ -370,7 +370,12 @@ fn sets_that_are_missing_are_missed_in_words() {
     let found = search(&folder, &file, &Options::default());
     assert_eq!(names(&found), ["link_thermal(all)"]);
     for set in ["set 2", "set 3"] {
-        assert!(found.remarks.iter().any(|remark| remark.starts_with(set)));
+        assert!(
+            found
+                .remarks
+                .iter()
+                .any(|remark| remark.text.starts_with(set))
+        );
     }
 }
 

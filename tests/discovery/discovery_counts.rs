@@ -389,7 +389,8 @@ fn a_part_of_many_unknown_poses_is_searched() {
     options.constants.most_poses = 60.0;
     let found = found_by_heights_and_distances(500, &["backlash(a): gap=2e-4"], &options);
     let remarks = &found.discovery.remarks;
-    let of_all = |remark: &String| remark.starts_with("of 80 poses that calibrate");
+    let of_all =
+        |remark: &tau::codes::Remark| remark.text.starts_with("of 80 poses that calibrate");
     assert!(remarks.iter().any(of_all), "{remarks:?}");
     let names: Vec<String> = (found.discovery.effects.iter())
         .map(|effect| format!("{}({})", effect.name, effect.place))

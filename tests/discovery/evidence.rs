@@ -117,7 +117,7 @@ fn serial_noise_is_told_from_white_noise() {
         found
             .remarks
             .iter()
-            .any(|remark| remark.contains("depend on each other"))
+            .any(|remark| remark.text.contains("depend on each other"))
     };
     let serial = simulated(&[], 0.7);
     let found = serial.whiteness.as_ref().unwrap();

@@ -198,7 +198,7 @@ fn valid_input_is_accepted() {
         read.cart_positions.len(),
     );
     assert_eq!(lengths, (4, 4, 3));
-    assert_eq!(read.remarks, Vec::<String>::new());
+    assert_eq!(read.remarks, []);
     assert_eq!(folder.read_robot().unwrap().links.len(), 2);
 }
 
@@ -252,7 +252,10 @@ fn missing_sets_and_columns_are_remarked() {
     folder.write("tcp_poses.csv", with_note.join("\n"));
     let read = folder.read().unwrap();
     assert_eq!(read.tcp_poses[0].directions, None);
-    insta::assert_snapshot!(read.remarks.join("\n"));
+    let remarks: Vec<&str> = (read.remarks.iter())
+        .map(|remark| remark.text.as_str())
+        .collect();
+    insta::assert_snapshot!(remarks.join("\n"));
 }
 
 #[test]

@@ -8,6 +8,7 @@ use tau::kinematics::{self, Machine, Pose, Sample};
 use tau::measurements::Folder;
 use tau::robot::{Robot, Variant};
 use tau::robot_file::{Reference as Stated, RobotFile};
+use tau_codes::Remark;
 use tau_robot::measurements::plausible::LARGEST_ANGLE_RAD;
 use tau_robot::measurements::{Actuator, Shape};
 use tau_robot::number::shortest;
@@ -44,7 +45,7 @@ fn of_reference(
         _ => return None,
     };
     let source = source_of_reference(file, &machine.robot);
-    Some(InputError::whole(source, error.to_string()).help(help))
+    Some(InputError::whole(error.code(), source, error.to_string()).help(help))
 }
 
 /// Name of what a machine's reference is from: the robot file or the description.
@@ -99,20 +100,21 @@ impl Setup<'_> {
             shortest(self.known_turn(k))
         );
         let help = "are these degrees? multiply by pi/180";
-        Err(InputError::whole(&row.source, message).help(help))
+        Err(InputError::whole(tau_codes::kinematics::TURNS, &row.source, message).help(help))
     }
 
     /// A remark where a crank turns by more than half a turn from where the machine is known to stand, as degrees do.
-    pub(super) fn half_turns(&self, rows: &[Row]) -> Option<String> {
+    pub(super) fn half_turns(&self, rows: &[Row]) -> Option<Remark> {
         let (row, k) = self.turned_by(rows, PI)?;
-        Some(format!(
+        let text = format!(
             "{} of pose {} is {} rad, more than half a turn from {} rad, where the machine is known to stand: if these are \
              degrees, multiply by pi/180",
             self.machine.robot.command_columns()[k],
             row.pose,
             row.commands_m[k],
             shortest(self.known_turn(k))
-        ))
+        );
+        Some(Remark::new(tau_codes::kinematics::TURNS, text))
     }
 
     /// The first command of a crank that is farther than an angle (rad) from where the machine is known to stand.
@@ -153,7 +155,13 @@ impl Setup<'_> {
         if let Some(error) = of_reference(error, &self.machine, &self.file) {
             return error.into();
         }
-        let of_input = || InputError::whole(&row.source, format!("pose {}: {error}", row.pose));
+        let of_input = || {
+            InputError::whole(
+                error.code(),
+                &row.source,
+                format!("pose {}: {error}", row.pose),
+            )
+        };
         match error {
             Missing { what, .. } if what.is_column() => {
                 let is_option = row.source.starts_with("--");
@@ -168,17 +176,21 @@ impl Setup<'_> {
             NoReference => {
                 let message = "found no `[reference]`, expected the pose at which the machine stands at some \
                                commands: an arm can be assembled in several ways, and nothing says in which";
-                InputError::whole(&self.file.source, message)
-                    .help(format!(
-                        "{}, or name a measurement FOLDER{}",
-                        self.file.reference_advice(&self.machine.robot),
-                        if row.commands_m.is_empty() {
-                            ""
-                        } else {
-                            ", or give a pose nearby with `--start`"
-                        }
-                    ))
-                    .into()
+                InputError::whole(
+                    tau_codes::kinematics::NO_REFERENCE,
+                    &self.file.source,
+                    message,
+                )
+                .help(format!(
+                    "{}, or name a measurement FOLDER{}",
+                    self.file.reference_advice(&self.machine.robot),
+                    if row.commands_m.is_empty() {
+                        ""
+                    } else {
+                        ", or give a pose nearby with `--start`"
+                    }
+                ))
+                .into()
             }
             Missing { .. } | Commands { .. } | Partial { .. } | Target(_) => of_input().into(),
             error => {
@@ -187,7 +199,8 @@ impl Setup<'_> {
                     .unwrap_or_else(|| Pose::from_zyz(row.position_m, [0.0; 3]));
                 let sample = row.sample(&row.commands_m, pose);
                 let error = self.machine.explained(error.clone(), &sample);
-                Failure::Failed(format!("{}: pose {}: {error}", row.source, row.pose))
+                let text = format!("{}: pose {}: {error}", row.source, row.pose);
+                Failure::Failed(Remark::new(error.code(), text))
             }
         }
     }

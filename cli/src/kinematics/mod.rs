@@ -15,6 +15,7 @@ use tau::prototype;
 use tau::robot::Arm;
 use tau::robot_file::{RobotFile, StatedNoise};
 use tau::uncertainty::PoseUncertainty;
+use tau_codes::{Remark, kinematics as codes};
 use tau_report as report;
 use tau_robot::input_error::{both, quoted};
 use tau_robot::number::shortest;
@@ -99,7 +100,7 @@ struct Setup<'a> {
     left_out: Vec<String>,
     json: Option<Target>,
     out: Option<&'a Path>,
-    remarks: Vec<String>,
+    remarks: Vec<Remark>,
 }
 
 impl<'a> Setup<'a> {
@@ -160,11 +161,12 @@ impl<'a> Setup<'a> {
         let certainty = Certainty::new(&prepared, &file);
         let machine = prepared.noisy_machine(&file);
         let of_tracker = (!left_out.is_empty()).then(|| {
-            format!(
+            let text = format!(
                 "{} of `{}` are errors of the tracker, not of the machine, and are left out",
                 quoted(left_out.iter().map(String::as_str)),
                 variant.name
-            )
+            );
+            Remark::new(codes::TRACKER_LEFT_OUT, text)
         });
         let region = file.calibration.as_ref();
         let range_m = region.map_or(range_m, |region| {
@@ -343,7 +345,7 @@ impl<'a> Setup<'a> {
     }
 
     /// A remark where commands lie outside the measured range: there, paths and effects are extrapolated.
-    fn beyond_range(&self, rows: &[Row], reached: &[Reached]) -> Option<String> {
+    fn beyond_range(&self, rows: &[Row], reached: &[Reached]) -> Option<Remark> {
         let is_beyond = |reached: &Reached| {
             let mut pairs = reached.commands_m.iter().zip(&self.range_m);
             pairs.any(|(q, range)| range.is_some_and(|(low, high)| *q < low || *q > high))
@@ -354,20 +356,19 @@ impl<'a> Setup<'a> {
             .filter(|(_, reached)| is_beyond(reached))
             .map(|(row, _)| row.pose)
             .collect();
-        match &beyond[..] {
-            [] => None,
-            [pose] => Some(format!(
-                "commands of pose {pose} lie outside the measured range"
-            )),
-            [pose, others @ ..] => Some(format!(
+        let text = match &beyond[..] {
+            [] => return None,
+            [pose] => format!("commands of pose {pose} lie outside the measured range"),
+            [pose, others @ ..] => format!(
                 "commands of pose {pose} and {} more lie outside the measured range",
                 others.len()
-            )),
-        }
+            ),
+        };
+        Some(Remark::new(codes::BEYOND_RANGE, text))
     }
 
     /// A remark where the position is less well known than at any pose that calibrated.
-    fn beyond_knowledge(rows: &[Row], known: &[trust::Known]) -> Option<String> {
+    fn beyond_knowledge(rows: &[Row], known: &[trust::Known]) -> Option<Remark> {
         let pairs = rows.iter().zip(known);
         let mut beyond = pairs.filter(|(_, known)| known.is_uncertain);
         let (row, first) = beyond.next()?;
@@ -376,10 +377,11 @@ impl<'a> Setup<'a> {
             more => format!(", as do {more} more"),
         };
         let why = first.outside.last()?;
-        Some(format!(
+        let text = format!(
             "pose {} lies outside the region of calibration{more}: {why}",
             row.pose
-        ))
+        );
+        Some(Remark::new(codes::BEYOND_KNOWLEDGE, text))
     }
 
     fn outcome(
@@ -485,23 +487,24 @@ struct Known {
 }
 
 /// A remark on poses that are only the best of all, because the links can't all have their lengths.
-fn misfits(rows: &[Row], reached: &[Reached]) -> Option<String> {
+fn misfits(rows: &[Row], reached: &[Reached]) -> Option<Remark> {
     let allowed_m = InverseOptions::default().allowed_mismatch_m;
     let (row, worst) = rows
         .iter()
         .zip(reached)
         .max_by(|(_, a), (_, b)| a.mismatch_m.total_cmp(&b.mismatch_m))
         .filter(|(_, reached)| reached.mismatch_m > allowed_m)?;
-    Some(format!(
+    let text = format!(
         "the links can't all have their lengths at these commands, and poses are those of least squares: \
          they differ by {:.1} µm at pose {}, where it is most",
         worst.mismatch_m * 1e6,
         row.pose
-    ))
+    );
+    Some(Remark::new(codes::COMPROMISE, text))
 }
 
 /// A remark on poses that the drives can't give, in place of which the nearest ones were taken.
-fn misses(machine: &Machine, rows: &[Row], reached: &[Reached]) -> Option<String> {
+fn misses(machine: &Machine, rows: &[Row], reached: &[Reached]) -> Option<Remark> {
     let freedoms = machine.partial_freedoms()?;
     let off = rows.iter().zip(reached).filter_map(|(row, reached)| {
         let asked = row.start?;
@@ -510,29 +513,30 @@ fn misses(machine: &Machine, rows: &[Row], reached: &[Reached]) -> Option<String
         (off_m > SMALLEST_MISS || off_rad > SMALLEST_MISS).then_some((row.pose, off_m, off_rad))
     });
     let (pose, off_m, off_rad) = off.max_by(|a, b| (a.1 + a.2).total_cmp(&(b.1 + b.2)))?;
-    Some(format!(
+    let text = format!(
         "the plate has {freedoms} freedoms and can't take all poses that were asked for: the nearest ones were taken, at \
          pose {pose}, where most is missed, {:.3} mm and {off_rad:.6} rad away",
         1e3 * off_m
-    ))
+    );
+    Some(Remark::new(codes::NEAREST_POSE, text))
 }
 
 /// A remark where noise of drives or links is in the measurements, and nothing says how large it is.
-fn noise_left_out(file: &RobotFile) -> Option<String> {
+fn noise_left_out(file: &RobotFile) -> Option<Remark> {
     let stated = file.measuring.drives.iter().copied();
     let is_open = (stated.chain(file.noise_of_links())).any(|own| own == StatedNoise::Estimate);
     let record = file.calibration.as_ref();
     let is_found = record.is_some_and(|record| record.length_noise.is_some());
     (is_open && !is_found).then(|| {
-        "the noise of drives or links is to be estimated, and the robot file does not say what a calibration found: \
-         standard deviations are without it"
-            .to_owned()
+        let text = "the noise of drives or links is to be estimated, and the robot file does not say what a calibration \
+                    found: standard deviations are without it";
+        Remark::new(codes::NOISE_UNKNOWN, text)
     })
 }
 
 /// A reduced arm whose robot file gives links, without measured poses.
 fn no_orientation(variant: &str, file: &Path) -> InputError {
-    InputError::whole(
+    InputError::whole(codes::NO_ORIENTATION,
         file.display().to_string(),
         format!(
             "`{variant}` has a reduced arm, whose track offsets hold the plate joints in the mean measured \

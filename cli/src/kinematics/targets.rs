@@ -5,6 +5,7 @@ use std::path::Path;
 
 use tau::kinematics::{Machine, Pose, Sample};
 use tau::robot::{Plate, Robot};
+use tau_codes::{Remark, files};
 use tau_robot::input_error::{InputError, Mistakes, Source, quoted, read, utf8};
 use tau_robot::measurements::set::{
     ANGLES, ConditionColumns, DirectionColumns, ForceColumns, NO_MOTION, POSITION, Set,
@@ -151,7 +152,8 @@ fn pose_of_option(
             Plate::PointInPlane => "x and y",
             _ => "x, y and z",
         };
-        return Err(InputError::whole(option, message).help(format!("give {motions} alone")));
+        return Err(InputError::whole(files::IDLE_MOTION, option, message)
+            .help(format!("give {motions} alone")));
     }
     let kept = |names: [&str; 3], values: [f64; 3]| {
         [0, 1, 2].map(|k| {
@@ -172,6 +174,7 @@ fn check_count(option: &str, numbers: &[f64], expected: &[usize]) -> Result<(), 
     }
     let expected: Vec<String> = expected.iter().map(ToString::to_string).collect();
     Err(InputError::whole(
+        files::COUNT,
         option,
         format!(
             "found {} numbers, expected {}",
@@ -187,13 +190,15 @@ fn check_angles(option: &str, angles_rad: &[f64]) -> Result<(), InputError> {
         .find(|angle| angle.abs() > plausible::LARGEST_ANGLE_RAD);
     beyond.map_or(Ok(()), |angle| {
         let message = format!("found the angle {angle}, expected radians between -2*pi and 2*pi");
-        Err(InputError::whole(option, message).help("are these degrees? multiply by pi/180"))
+        Err(InputError::whole(files::NOT_RADIANS, option, message)
+            .help("are these degrees? multiply by pi/180"))
     })
 }
 
 /// The mistake of an option whose lengths are too large for metres.
 fn in_millimetres(option: &str, message: String) -> InputError {
-    InputError::whole(option, message).help("these look like millimetres: divide by 1000")
+    InputError::whole(files::NOT_METRES, option, message)
+        .help("these look like millimetres: divide by 1000")
 }
 
 /// Kind of targets in a CSV.
@@ -210,7 +215,7 @@ pub(super) fn of_file(
     path: &Path,
     asked: Asked,
     machine: &Machine,
-) -> Result<(Vec<Row>, Vec<String>), InputError> {
+) -> Result<(Vec<Row>, Vec<Remark>), InputError> {
     let (name, text) = text_of(path)?;
     let shape = Shape::from(&machine.robot);
     // Columns of motions that the plate lacks may be left out.
@@ -263,10 +268,10 @@ pub(super) fn of_file(
         let of_pose = position.iter().chain(&angles).flatten();
         refuse_motions_that_the_plate_lacks(&table, &shape, of_pose, &mut mistakes);
     }
-    let mut remarks: Vec<String> = unknown.into_iter().collect();
+    let mut remarks: Vec<Remark> = unknown.into_iter().collect();
     let of_pose = position.iter_mut().chain(&mut angles).flatten();
-    let idle = drop_idle(&table, &shape, of_pose).filter(|_| asked == Asked::Poses);
-    remarks.extend(idle.map(|idle| format!("{name}: {idle}")));
+    let idle = drop_idle(&table, &shape, &name, of_pose);
+    remarks.extend(idle.filter(|_| asked == Asked::Poses));
     let conditions = ConditionColumns::read(&table, &mut mistakes);
     let forces = ForceColumns::read(&table, &shape, &mut mistakes);
     let directions = DirectionColumns::read(&table, &shape, &mut mistakes);
@@ -338,7 +343,7 @@ fn refuse_motions_that_the_plate_lacks<'a>(
             let message = format!("found {found} in column `{title}`: {}", stays(shape.plate));
             let help = "leave the column out, or ask for poses that the plate can take";
             let place = table.place(row, column.index);
-            mistakes.add(place, message, Some(help.to_owned()));
+            mistakes.add(files::IDLE_MOTION, place, message, Some(help.to_owned()));
         }
     }
 }
@@ -351,7 +356,9 @@ fn text_of(path: &Path) -> Result<(String, String), InputError> {
     let name = "standard input".to_owned();
     let mut bytes = Vec::new();
     let read = io::stdin().lock().read_to_end(&mut bytes);
-    read.map_err(|error| InputError::whole(&name, format!("cannot read: {error}")))?;
+    read.map_err(|error| {
+        InputError::whole(files::CANNOT_READ, &name, format!("cannot read: {error}"))
+    })?;
     let text = utf8(&name, bytes)?;
     Ok((name, text))
 }
@@ -369,6 +376,10 @@ fn all_or_none(table: &Table<'_>, names: &[&str], mistakes: &mut Mistakes<'_>) {
             quoted(there),
             quoted(missing)
         );
-        mistakes.push(table.name_place(first), message);
+        mistakes.push(
+            tau_codes::kinematics::HALF_OF_POSE,
+            table.name_place(first),
+            message,
+        );
     }
 }

@@ -6,6 +6,7 @@ use tau::calibration::Prepared;
 use tau::kinematics::{Machine, Reached};
 use tau::robot_file::{Provenance, RobotFile};
 use tau::uncertainty::{PoseUncertainty, Uncertainty};
+use tau_codes::Remark;
 
 use super::targets::Row;
 
@@ -50,12 +51,12 @@ impl Certainty {
     }
 
     /// A remark where a calibrated file does not say how its values go together.
-    pub(super) fn remark(&self) -> Option<String> {
+    pub(super) fn remark(&self) -> Option<Remark> {
         let is_lost = self.record.is_some() && self.uncertainty.is_none();
         is_lost.then(|| {
-            "the robot file holds no covariance of the variant's parameters, so that poses have no standard \
-             deviations: calibrate it again"
-                .to_owned()
+            let text = "the robot file holds no covariance of the variant's parameters, so that poses have no standard \
+                        deviations: calibrate it again";
+            Remark::new(tau_codes::kinematics::NO_COVARIANCE, text)
         })
     }
 

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use tau_codes::{Code, fit};
 use tau_kinematics as kinematics;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::TCP_POSES;
@@ -51,40 +52,61 @@ impl Error {
         let place = row.map_or(TCP_POSES.to_owned(), |(file, line)| {
             format!("{file}:{line}")
         });
-        Self::Input(InputError::whole(place, format!("pose {pose}: {error}")))
+        let code = error.code();
+        Self::Input(InputError::whole(
+            code,
+            place,
+            format!("pose {pose}: {error}"),
+        ))
     }
 }
 
-impl fmt::Display for Error {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+impl Error {
+    /// Its code; of several mistakes of the input, that of the first.
+    pub fn code(&self) -> Code {
+        match self {
+            Self::Input(error) => error.code(),
+            Self::NotConverged { .. } => fit::NOT_CONVERGED,
+            Self::Kinematics { error, .. } => error.code(),
+        }
+    }
+
+    /// What went wrong and where, without the code.
+    pub fn text(&self) -> String {
         use kinematics::Error::{Reference, Unassembled};
         match self {
-            Self::Input(error) => error.fmt(f),
+            Self::Input(error) => error.text(),
             Self::NotConverged { variant, why } => {
-                write!(f, "the calibration of `{variant}` did not converge: {why}")
+                format!("the calibration of `{variant}` did not converge: {why}")
             }
             // No row is to blame, whose way begins at the reference.
             Self::Kinematics {
                 error: error @ (Reference { .. } | Unassembled { .. }),
                 ..
-            } => write!(
-                f,
-                "{error}; compare lengths, joints and `[reference]` with the drawing"
-            ),
+            } => format!("{error}; compare lengths, joints and `[reference]` with the drawing"),
             Self::Kinematics {
                 pose,
                 error,
                 row: None,
-            } => write!(f, "pose {pose}: {error}"),
+            } => format!("pose {pose}: {error}"),
             Self::Kinematics {
                 pose,
                 error,
                 row: Some((file, line)),
-            } => write!(
-                f,
+            } => format!(
                 "{file}:{line}: pose {pose}: {error}; compare its commands, and the order and signs of those of all rows, \
                  with the record of the measurement, or remove the row"
             ),
+        }
+    }
+}
+
+impl fmt::Display for Error {
+    /// The text with the code in brackets; of mistakes of the input, each with its own.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Input(error) => error.fmt(f),
+            other => write!(f, "{} [{}]", other.text(), other.code()),
         }
     }
 }
@@ -109,8 +131,12 @@ mod tests {
             what: kinematics::Missing::Temperature,
         };
         let file = PlateKind::Reading.file();
-        let said = Error::at_row((file, 7), 6, lacks).to_string();
-        assert!(said.contains("readings.csv:7"), "{said}");
-        assert!(!said.contains(TCP_POSES), "{said}");
+        let code = lacks.code();
+        let Error::Input(error) = Error::at_row((file, 7), 6, lacks) else {
+            panic!("no error of the input");
+        };
+        let problem = &error.problems()[0];
+        assert_eq!(problem.source, "readings.csv:7");
+        assert_eq!(problem.code, code);
     }
 }

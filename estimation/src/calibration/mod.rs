@@ -17,6 +17,7 @@ pub(crate) mod track_scale;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
+use tau_codes::fit;
 use tau_kinematics::{Machine, Statics};
 use tau_robot::fingerprint::of_numbers;
 use tau_robot::input_error::InputError;
@@ -142,7 +143,7 @@ impl Calibration {
         let made_of = self.made_of.as_deref();
         if made_of.is_some_and(|made_of| made_of != fingerprint(folder, poses)) {
             let message = "the calibration was made of other poses than these";
-            return Err(InputError::whole(&folder.name, message).help(
+            return Err(InputError::whole(fit::OTHER_CALIBRATION, &folder.name, message).help(
                 "ask for the verdict of the session that calibrated; others have `verdict_on_prediction`",
             ));
         }
@@ -260,7 +261,7 @@ fn from_prepared(
     if start.len() != variant.parameters.len() {
         let (given, expected) = (start.len(), variant.parameters.len());
         let what = format!("{given} start values, expected {expected}");
-        return Err(InputError::whole(&folder.name, what).into());
+        return Err(InputError::whole(fit::START_VALUES, &folder.name, what).into());
     }
     let machine = &prepared.machine;
     let samples = Sample::all(robot, folder, poses, &Frames::default());
@@ -285,7 +286,7 @@ fn from_prepared(
     let (mut weighing, judged) = weighed_poses?;
     let left: Vec<usize> = weighing.taking_part(poses).collect();
     if let Err(error) = check_places(Setup::new(robot, variant, file, folder), &left) {
-        weighing = weighing.keeping_outliers(Kept::Needed(error.to_string()));
+        weighing = weighing.keeping_outliers(Kept::Needed(error.text()));
     }
     let (inverse, factor) = if weighing.is_even() {
         (inverse, of_even)
@@ -464,6 +465,7 @@ fn check_places(setup: Setup<'_>, poses: &[usize]) -> Result<(), InputError> {
     };
     if poses.len() > 1 && !poses.iter().any(moves) {
         return Err(InputError::whole(
+            fit::SAME_POSES,
             &folder.name,
             format!(
                 "all {} calibration poses are the same, expected them spread out",

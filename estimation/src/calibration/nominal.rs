@@ -1,6 +1,7 @@
 //! Values and tolerances of a variant's parameters before calibration.
 
 use nalgebra::{Rotation3, Vector3};
+use tau_codes::fit;
 use tau_kinematics::{xyz, xyz_angles};
 use tau_robot::input_error::InputError;
 use tau_robot::robot::{LinkKey, Owner, Parameter, Robot, Value as Geometry, Variant};
@@ -113,6 +114,7 @@ impl<'a> Sources<'a> {
             .filter(|nominal| nominal.value.is_finite())
             .ok_or_else(|| {
                 InputError::whole(
+                    fit::NO_VALUE,
                     &self.file.source,
                     format!(
                         "nothing gives a value for `{}` of variant `{}`",

@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
+use tau_codes::fit;
 use tau_kinematics::Path;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{CartPose, Conditions, Folder};
@@ -39,7 +40,7 @@ pub(super) fn registered(
                          variant, or choose one with linear tracks"
                     }
                 };
-                return Err(InputError::whole(
+                return Err(InputError::whole(fit::NO_PATH,
                     measured.unwrap_or(own),
                     format!(
                         "variant `{}` needs the path of cart {} (track `{}`): at least two points of set 2 at \

@@ -14,6 +14,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use nalgebra::DMatrix;
+use tau_codes::fit;
 use tau_kinematics::{Machine, POSE_COLUMNS};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::TCP_POSES;
@@ -324,7 +325,7 @@ impl Part {
                     return Error::at_pose(pose, machine.explained(error, &view));
                 }
                 let why = format!("pose {pose}: the closures do not depend on the pose");
-                InputError::whole(TCP_POSES, why).into()
+                InputError::whole(fit::NO_DEPENDENCE, TCP_POSES, why).into()
             })?;
             part.data.extend(factor);
         }

@@ -307,7 +307,7 @@ impl Sample {
             Missing::Pull(pull) => format!("pose {} needs {pull}", self.number),
             missing => format!("sample {}: {}", self.number, in_words(missing)),
         };
-        InputError::whole(file, what).into()
+        InputError::whole(tau_codes::kinematics::MISSING, file, what).into()
     }
 
     /// The same measurement under other conditions, to see what it would tell.

@@ -356,7 +356,7 @@ fn checked(setup: Setup<'_>, poses: &[usize], rows: Option<&RowDivision>) -> Che
     if let Err(error) = found {
         checked.why_not = Some(match error {
             Error::Input(error) => error.with_help(),
-            error => error.to_string(),
+            error => error.text(),
         });
     }
     checked

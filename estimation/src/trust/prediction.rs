@@ -4,6 +4,7 @@
 use std::collections::BTreeSet;
 
 use nalgebra::DMatrix;
+use tau_codes::fit;
 use tau_kinematics::Machine;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Division, Folder};
@@ -59,7 +60,7 @@ pub fn of_prediction(
             .then(|| "there is no pose to predict".to_owned()),
     };
     if let Some(problem) = problem {
-        return Err(InputError::whole(&folder.name, problem).into());
+        return Err(InputError::whole(fit::NO_POSES, &folder.name, problem).into());
     }
     let setup = Setup::new(robot, variant, file, folder);
     let all = case(setup, &division.validation).thinned(MOST_POSES);

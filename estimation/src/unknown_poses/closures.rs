@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::{Cholesky, DMatrix};
+use tau_codes::fit;
 use tau_kinematics::{Closures, Machine};
 use tau_robot::input_error::InputError;
 use tau_runtime::ResidualFamily;
@@ -145,7 +146,7 @@ fn factor(closures: &Closures, pose: u32, sigmas: &[f64]) -> Result<Vec<f64>, Er
         lower.and_then(|lower| lower.solve_lower_triangular(&DMatrix::identity(count, count)));
     let inverse = inverse.ok_or_else(|| {
         let message = format!("pose {pose}: the closures do not depend on the drives");
-        InputError::whole("readings.csv", message)
+        InputError::whole(fit::NO_DEPENDENCE, "readings.csv", message)
     })?;
     let scaled = DMatrix::from_fn(count, count, |row, column| {
         inverse[(row, column)] / closures.slopes[column]

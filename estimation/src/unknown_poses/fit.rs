@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use nalgebra::{DMatrix, DVector, Vector3};
+use tau_codes::fit;
 use tau_kinematics::{Machine, Statics};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::Folder;
@@ -121,14 +122,18 @@ impl<'a> Fit<'a> {
             Error::Kinematics {
                 error: error @ tau_kinematics::Error::NoReference,
                 ..
-            } => InputError::whole(&file.source, error.to_string())
-                .help(file.reference_advice(&machine.robot))
-                .into(),
+            } => InputError::whole(
+                tau_codes::kinematics::NO_REFERENCE,
+                &file.source,
+                error.to_string(),
+            )
+            .help(file.reference_advice(&machine.robot))
+            .into(),
             error => error,
         })?;
         if assembly.poses.is_empty() {
             let message = "no pose of the plate is left to calibrate";
-            return Err(InputError::whole(&folder.name, message).into());
+            return Err(InputError::whole(fit::NO_POSES, &folder.name, message).into());
         }
         let mut blocks = match closures {
             Some(closures) => assembly.beside(closures, &machine, &used, &chosen)?,

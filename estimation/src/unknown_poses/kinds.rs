@@ -1,5 +1,6 @@
 //! Kinds of residuals with their noise, as the robot file states it.
 
+use tau_codes::{Code, fit};
 use tau_kinematics::{Machine, Sample};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Folder, PlateKind};
@@ -103,12 +104,18 @@ fn of_rows_that_state(kind: &Kind, folder: &Folder) -> Option<Kind> {
 struct Stated<'a>(&'a RobotFile);
 
 impl Stated<'_> {
-    fn refused(&self, message: impl Into<String>, help: impl Into<String>) -> InputError {
-        InputError::whole(&self.0.source, message).help(help)
+    fn refused(
+        &self,
+        code: Code,
+        message: impl Into<String>,
+        help: impl Into<String>,
+    ) -> InputError {
+        InputError::whole(code, &self.0.source, message).help(help)
     }
 
     fn unstated(&self, of: Measurand, key: &str) -> InputError {
         self.refused(
+            fit::NOISE_UNSTATED,
             format!("nothing states the noise of {}", of.file()),
             format!("add {key}, or \"estimate\""),
         )
@@ -179,6 +186,7 @@ impl Stated<'_> {
         if let Some(stated) = self.0.noise_of_links() {
             if !are_exact {
                 return Err(self.refused(
+                    fit::NOISE_TWICE,
                     "both `[drives]` and `[noise.links]` state the noise of a link's length",
                     "keep the one that scatters more",
                 ));
@@ -187,6 +195,7 @@ impl Stated<'_> {
         }
         if others.is_empty() && are_exact {
             return Err(self.refused(
+                fit::NOISE_UNSTATED,
                 "nothing states the noise of the drives, and nothing else was measured",
                 "add `[drives]` with `noise_m`",
             ));

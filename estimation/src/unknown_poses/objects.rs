@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
+use tau_codes::files;
 use tau_robot::input_error::{InputError, suggestion};
 use tau_robot::measurements::{Folder, ObjectKind, PlateKind};
 use tau_robot::robot_file::{Measuring, Value};
@@ -99,7 +100,9 @@ fn refuse_unknown_names(folder: &Folder, measuring: &Measuring) -> Result<(), In
         let place = format!("{}/{}:{}", folder.name, row.kind.file(), row.line);
         let (column, section) = (object.column(), object.section());
         let message = format!("{column} `{name}` is in no `[{section}.NAME]` of the robot file");
-        return Err(InputError::whole(place, message).help(suggestion(name, known)));
+        return Err(
+            InputError::whole(files::UNKNOWN_NAME, place, message).help(suggestion(name, known))
+        );
     }
     Ok(())
 }

@@ -1,5 +1,6 @@
 //! Refusals before a fit.
 
+use tau_codes::fit;
 use tau_kinematics::{Machine, Sample};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Folder, SAME_POSE};
@@ -31,15 +32,19 @@ impl Fit<'_> {
         else {
             return Ok(());
         };
-        let help = if !rank.is_seen {
-            "measure something else: `tau robots` lists what tells of the standard robots"
-                .to_owned()
+        let (code, help) = if !rank.is_seen {
+            let help =
+                "measure something else: `tau robots` lists what tells of the standard robots";
+            (fit::NOTHING_SEEN, help.to_owned())
         } else if rank.is_saturated() {
-            self.more_poses(rank.poses_needed())
+            (fit::RANK, self.more_poses(rank.poses_needed()))
         } else {
-            "measure a distance, or take a variant that holds what lengths are counted by, such as radii of drums; `--free-scale` fits it all the same, with the size of the tolerances".to_owned()
+            let help = "measure a distance, or take a variant that holds what lengths are counted by, such as radii of drums; `--free-scale` fits it all the same, with the size of the tolerances";
+            (fit::NO_SCALE, help.to_owned())
         };
-        Err(InputError::whole(&self.folder.name, why).help(help).into())
+        Err(InputError::whole(code, &self.folder.name, why)
+            .help(help)
+            .into())
     }
 
     /// Refuses a treatment of gross measurements where none can be told to be one, so that it would change nothing.
@@ -52,7 +57,11 @@ impl Fit<'_> {
                    measured";
         let help = "state what links scatter by under `[noise.links]`, or leave out `--loss` and `--keep-outliers`, which would \
                     change nothing";
-        Err(InputError::whole(&self.folder.name, why).help(help).into())
+        Err(
+            InputError::whole(fit::NO_SINGLE_READING, &self.folder.name, why)
+                .help(help)
+                .into(),
+        )
     }
 
     /// Remedy where so many poses would have to calibrate.
@@ -109,9 +118,11 @@ impl Fit<'_> {
                 let message = format!(
                     "the lengths are {as_is:.3} m off what the machine would have them, {as_unit:.3} m if {what}"
                 );
-                return Err(InputError::whole(rows.label.clone(), message)
-                    .help(mend)
-                    .into());
+                return Err(
+                    InputError::whole(fit::LENGTH_UNIT, rows.label.clone(), message)
+                        .help(mend)
+                        .into(),
+                );
             }
         }
         Ok(())
@@ -157,7 +168,7 @@ pub(super) fn refuse_commands(machine: &Machine, folder: &Folder) -> Result<(), 
         "at the commands of pose {pose} links are {:.1} m long in the mean, at those of the reference {usual_m:.1} m",
         length_m(commands_m).unwrap_or_default(),
     );
-    let error = InputError::whole(&folder.name, message);
+    let error = InputError::whole(fit::COMMAND_UNIT, &folder.name, message);
     Err(error
         .help("the commands look like degrees: multiply by pi/180")
         .into())
@@ -200,7 +211,9 @@ pub(super) fn refuse_contradictions(fit: &Fit<'_>) -> Result<(), Error> {
             );
             let help = "correct it, give the row a pose of its own, or state the noise of the drives in `[drives]`";
             let source = format!("{}:{}", place.file, place.line);
-            return Err(InputError::whole(source, message).help(help).into());
+            return Err(InputError::whole(fit::CONTRADICTION, source, message)
+                .help(help)
+                .into());
         }
     }
     Ok(())

@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
+use tau_codes::{files, fit};
 use tau_kinematics::{Machine, Missing, Pose};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{PlateRow, TcpPose};
@@ -38,14 +39,16 @@ pub(super) fn of_true_poses(setup: Setup<'_>) -> Result<Cow<'_, Variant>, Error>
             variant.name
         );
         let help = "take a variant without it, or add positions or poses that a tracker measured";
-        return Err(InputError::whole(&folder.name, message).help(help).into());
+        return Err(InputError::whole(fit::NO_TRACKER, &folder.name, message)
+            .help(help)
+            .into());
     }
     let mut variants = robot.model.variants.iter();
     let index = variants.position(|own| own.name == variant.name);
     let known = index.map(|index| at_true_poses(&robot.model, index, variant));
     let unknown = || {
         let message = format!("variant `{}` is not in its description", variant.name);
-        InputError::whole(&robot.name, message).into()
+        InputError::whole(files::NO_SUCH_VARIANT, &robot.name, message).into()
     };
     known.map(Cow::Owned).ok_or_else(unknown)
 }

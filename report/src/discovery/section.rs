@@ -80,7 +80,7 @@ pub(crate) fn sentences(found: &Discovery) -> Markup {
         @if !found.remarks.is_empty() {
             aside.remarks {
                 h3 { "Remarks" }
-                ul { @for remark in &found.remarks { li { (remark) } } }
+                ul { @for remark in &found.remarks { li { (remark.to_string()) } } }
             }
         }
     }

@@ -9,6 +9,7 @@ use tau::discovery::results::{
 use tau::measurements::PoseCounts;
 use tau::robot::Architecture;
 use tau_codegen::language::check_text;
+use tau_codes::Remark;
 
 use super::method::Setting;
 use super::words::{part, title, variant};
@@ -196,7 +197,10 @@ fn found() -> Discovery {
         ],
         model_text: MACHINE.to_owned(),
         model: check_text(MACHINE).unwrap(),
-        remarks: vec!["set 2 & set 3 disagree".to_owned()],
+        remarks: vec![Remark::new(
+            tau_codes::discovery::SET_LEFT_OUT,
+            "set 2 & set 3 disagree",
+        )],
         seconds: 0.5,
     }
 }

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use super::include;
 use super::syntax::{self, Block, Item, Parsed, Setting};
 use crate::input_error::{self, Errors, InputError, Source};
+use tau_codes::{Code, Remark, files};
 
 /// Text that a file is expected to hold.
 const EXPECTED: &str = "the configuration of a printer";
@@ -121,7 +122,12 @@ impl Config {
         for path in found {
             if fs::canonicalize(&path).is_ok_and(|own| open.contains(&own)) {
                 let message = format!("{} includes itself", path.display());
-                let error = InputError::at(self.source(file), place.clone(), message);
+                let error = InputError::at(
+                    files::INCLUDE_LOOP,
+                    self.source(file),
+                    place.clone(),
+                    message,
+                );
                 return Err(error.help("the firmware refuses this: remove the include"));
             }
             self.read_file(&path, open)?;
@@ -132,6 +138,14 @@ impl Config {
     /// The files that were read, the configuration first.
     pub fn paths(&self) -> impl Iterator<Item = &PathBuf> {
         self.files.iter().map(|file| &file.path)
+    }
+
+    /// Remarks on included files that were not found.
+    pub fn unread_includes(&self) -> impl Iterator<Item = Remark> {
+        self.missing_includes().map(|name| {
+            let text = format!("{name} is included, but was not read");
+            Remark::new(files::INCLUDE_UNREAD, text)
+        })
     }
 
     /// Included files that were not found, each with the place that includes it, such as `printer.cfg:3: macros.cfg`.
@@ -188,7 +202,7 @@ impl Config {
         }
         let message = format!("found kinematics `{found}`, expected `delta`");
         Err(self
-            .wrong(entry, message)
+            .wrong(files::FIRMWARE_OPTION_VALUE, entry, message)
             .help("name the configuration of a delta printer"))
     }
 
@@ -200,16 +214,21 @@ impl Config {
     }
 
     /// A mistake at the value of an option.
-    pub(super) fn wrong(&self, entry: &Entry, message: impl Into<String>) -> InputError {
+    pub(super) fn wrong(
+        &self,
+        code: Code,
+        entry: &Entry,
+        message: impl Into<String>,
+    ) -> InputError {
         let place = entry.setting.place.clone();
-        InputError::at(self.source(entry.file), place, message)
+        InputError::at(code, self.source(entry.file), place, message)
     }
 
     /// An option that is missing in the whole, and what to write.
     pub(super) fn lacks(&self, section: &str, key: &str, write: &str) -> InputError {
         let name = self.files.first().map_or("printer.cfg", |own| &own.name);
         let message = format!("`{key}` of section `[{section}]` is missing");
-        let error = InputError::whole(name, message);
+        let error = InputError::whole(files::FIRMWARE_OPTION_MISSING, name, message);
         let missing: Vec<String> = self.missing_includes().collect();
         if missing.is_empty() {
             error.help(format!("write {write} in `[{section}]`"))

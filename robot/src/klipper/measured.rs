@@ -1,6 +1,7 @@
 //! Measurements of the firmware's delta calibration, as the configuration keeps them.
 
 use nalgebra::Vector3;
+use tau_codes::{Remark, files};
 
 use super::config::{Config, Entry};
 use super::numbers::{Kind, finite, optional, unexpected};
@@ -64,7 +65,11 @@ pub(super) fn distances(config: &Config) -> Result<Vec<Measured>, InputError> {
         {
             let message = format!("found a distance of {distance_mm} mm, expected one above 0");
             let help = "a distance is that over all less the width of a pillar: these two fields were exchanged";
-            errors.add(config.wrong(entry, message).help(help));
+            errors.add(
+                config
+                    .wrong(files::FIRMWARE_OPTION_VALUE, entry, message)
+                    .help(help),
+            );
         }
         let mut at = |place: &str| errors.keep(steps(config, &format!("{key}_{place}")));
         found.push(Measured {
@@ -94,7 +99,7 @@ fn steps(config: &Config, key: &str) -> Result<[f64; 3], InputError> {
 }
 
 /// Measurements that the firmware does not read because a number before theirs is missing, in words.
-pub(super) fn unread(config: &Config) -> Vec<String> {
+pub(super) fn unread(config: &Config) -> Vec<Remark> {
     let of_section = |entry: &&Entry| entry.setting.section == SECTION;
     let remark = |name: &str| {
         let next = number_of(config, name);
@@ -112,11 +117,12 @@ pub(super) fn unread(config: &Config) -> Vec<String> {
         unread.dedup_by_key(|own| own.0);
         let keys = unread.iter().map(|(number, _)| format!("`{name}{number}`"));
         let keys: Vec<String> = keys.collect();
-        Some(format!(
+        let text = format!(
             "{}: without a value of `{name}{next}` the firmware does not read {}, which took no part",
             config.place(first),
             keys.join(", "),
-        ))
+        );
+        Some(Remark::new(files::FIRMWARE_UNMEASURED, text))
     };
     NAMES.into_iter().filter_map(remark).collect()
 }
@@ -150,7 +156,11 @@ fn check_reach(
                 entry.setting.value
             );
             let help = "radius, angles, rods, endstops and step lengths must be those with which it was measured";
-            errors.add(config.wrong(entry, message).help(help));
+            errors.add(
+                config
+                    .wrong(files::FIRMWARE_CONTRADICTION, entry, message)
+                    .help(help),
+            );
         }
     };
     let manual = heights.iter().filter(|own| own.is_manual).count();
@@ -200,6 +210,6 @@ fn check_unit(
         entry.setting.value
     );
     Err(config
-        .wrong(entry, message)
+        .wrong(files::FIRMWARE_CONTRADICTION, entry, message)
         .help(format!("multiply all distances by {unit_mm}")))
 }

@@ -2,6 +2,7 @@
 
 use super::config::{Config, Entry};
 use crate::input_error::InputError;
+use tau_codes::files;
 
 /// Numbers that an option takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -75,7 +76,7 @@ pub(super) fn unexpected(config: &Config, entry: &Entry, expected: &str) -> Inpu
         "found `{value}` for `{}`, expected {expected}",
         entry.setting.key
     );
-    config.wrong(entry, message)
+    config.wrong(files::FIRMWARE_OPTION_VALUE, entry, message)
 }
 
 /// Way of a carriage for one step (mm): by the turn of the motor, which counts where both are stated, or by itself in old

@@ -1,6 +1,7 @@
 //! From a configuration to the printer: parameters, and what its calibration measured.
 
 use nalgebra::Vector3;
+use tau_codes::{Remark, files};
 
 use super::TOWERS;
 use super::config::Config;
@@ -50,7 +51,7 @@ pub struct Printer {
     /// Distances.
     pub distances: Vec<Measured>,
     /// Measurements that took no part, in words.
-    pub unread: Vec<String>,
+    pub unread: Vec<Remark>,
 }
 
 impl Parameters {
@@ -66,7 +67,7 @@ impl Parameters {
             let own = of_file.or_else(|| described.find(|own| own.name == name)?.nominal.as_ref());
             own.and_then(|value| value.first()).copied().ok_or_else(|| {
                 let message = format!("the robot has no parameter `{name}` as the firmware has");
-                InputError::whole(&file.robot, message)
+                InputError::whole(files::UNKNOWN_NAME, &file.robot, message)
                     .help("a description in the firmware's parameters is what `tau import klipper` writes")
             })
         };
@@ -86,7 +87,7 @@ impl Parameters {
         own.mistake().map_or(Ok(own), |(name, why)| {
             let message = format!("found parameter `{name}` {why}");
             let help = "the firmware refuses this printer: calibrate it anew";
-            Err(InputError::whole(&file.source, message).help(help))
+            Err(InputError::whole(files::FIRMWARE_REFUSES, &file.source, message).help(help))
         })
     }
 
@@ -178,7 +179,11 @@ impl Printer {
                     tower.arm_mm
                 );
                 let help = "measure radius and rods from joint to joint: the firmware refuses this printer";
-                errors.add(config.wrong(entry, message).help(help));
+                errors.add(
+                    config
+                        .wrong(files::FIRMWARE_REFUSES, entry, message)
+                        .help(help),
+                );
             }
         }
         errors.finish()
@@ -198,7 +203,9 @@ impl Printer {
                     "towers {one} and {other} stand at one angle, expected three directions"
                 );
                 let help = "angles are degrees about the middle: by default 210, 330 and 90";
-                return Err(config.wrong(entry, message).help(help));
+                return Err(config
+                    .wrong(files::FIRMWARE_REFUSES, entry, message)
+                    .help(help));
             }
         }
         Ok(())

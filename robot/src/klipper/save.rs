@@ -7,6 +7,7 @@ use super::config::{Config, Entry};
 use super::printer::Parameters;
 use super::syntax::{Block, FIRST_LINES, Item, SAVED};
 use crate::input_error::{Errors, InputError};
+use tau_codes::files;
 
 /// A section: its name, and its lines without their marks.
 type Section = (String, Vec<String>);
@@ -102,7 +103,11 @@ fn check_included(config: &Config, ours: &[&Entry]) -> Result<(), InputError> {
             entry.setting.key, entry.setting.section
         );
         let help = "remove it there, or make it a comment";
-        errors.add(config.wrong(entry, message).help(help));
+        errors.add(
+            config
+                .wrong(files::FIRMWARE_OPTION_VALUE, entry, message)
+                .help(help),
+        );
     }
     errors.finish()
 }

@@ -4,6 +4,7 @@
 use std::ops::Range;
 
 use crate::input_error::{InputError, Mistakes, Source};
+use tau_codes::files;
 
 /// Mark of each line of the saved block.
 pub(super) const SAVED: &str = "#*#";
@@ -117,7 +118,12 @@ fn find_block(
                 ),
             ),
         };
-        mistakes.add(line.clone(), message.to_owned(), Some(help));
+        mistakes.add(
+            files::SAVED_BLOCK,
+            line.clone(),
+            message.to_owned(),
+            Some(help),
+        );
     }
     let first = first?;
     let mut own = &lines[first + FIRST_LINES.len()..];
@@ -142,6 +148,7 @@ fn find_block(
         let message = "found a second saved block: the firmware reads neither of them";
         let help = "keep one of both";
         mistakes.add(
+            files::SAVED_BLOCK,
             own[index].clone(),
             message.to_owned(),
             Some(help.to_owned()),
@@ -154,7 +161,12 @@ fn find_block(
         let message = "found a line in or below the saved block that has not its mark, `#*#`: the firmware does not read \
                        the block of such a file";
         let help = "move it above the saved block";
-        mistakes.add(line.clone(), message.to_owned(), Some(help.to_owned()));
+        mistakes.add(
+            files::SAVED_BLOCK,
+            line.clone(),
+            message.to_owned(),
+            Some(help.to_owned()),
+        );
     }
     let without_mark = |line: &Range<usize>| (line.start + SAVED.len() + 1).min(line.end)..line.end;
     let own = own.iter().filter(|line| is_of_block(line));
@@ -252,13 +264,23 @@ impl Reader<'_, '_> {
         else {
             let message = format!("found `{text}`, expected `[section]` or `option: value`");
             let help = "begin a comment with `#`, a line that goes on with an option deeper than the option";
-            self.mistakes.add(place, message, Some(help.to_owned()));
+            self.mistakes.add(
+                files::FIRMWARE_SYNTAX,
+                place,
+                message,
+                Some(help.to_owned()),
+            );
             return;
         };
         let Some(section) = &self.section else {
             let message = format!("found the option `{}` in no section", key.trim());
             let help = "write `[section]` above it: an include ends the section before it";
-            self.mistakes.add(place, message, Some(help.to_owned()));
+            self.mistakes.add(
+                files::FIRMWARE_SYNTAX,
+                place,
+                message,
+                Some(help.to_owned()),
+            );
             return;
         };
         let start = place.start + key.len() + 1 + (value.len() - value.trim_start().len());
@@ -363,7 +385,12 @@ mod tests {
         };
         assert_eq!((pattern.as_str(), place.clone()), ("conf/*.cfg", 0..20));
         let error = parse(Source::new("t", "[a]\n[include b]\nx: 1\n"), true).unwrap_err();
-        assert!(error.to_string().starts_with("t:3:1: "), "{error}");
+        let problem = &error.problems()[0];
+        let place = problem.place.as_ref().unwrap();
+        assert_eq!(
+            (problem.code, place.line, place.column),
+            (files::FIRMWARE_SYNTAX, 3, 1)
+        );
         assert!(parse(Source::new("t", "[a]\nword\n"), true).is_err());
         assert!(parse(Source::new("t", "[a]\n= 1\n"), true).is_err());
     }

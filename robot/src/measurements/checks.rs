@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use nalgebra::{Rotation3, Vector3};
+use tau_codes::fit;
 
 use super::{Folder, TcpPose, plausible};
 use crate::input_error::{Errors, InputError};
@@ -29,7 +30,7 @@ impl Folder {
         if calibration_poses > parameters {
             return Ok(());
         }
-        Err(InputError::whole(
+        Err(InputError::whole(fit::TOO_FEW_POSES,
             self.tcp_poses_name(),
             format!(
                 "{calibration_poses} of {} poses calibrate, expected at least {}: as many as {of} has parameters, and one by \
@@ -76,7 +77,7 @@ impl Folder {
                     pose.pose,
                     reach.describe(pose)
                 );
-                errors.add(InputError::whole(self.tcp_poses_name(), message).help(
+                errors.add(InputError::whole(tau_codes::kinematics::OUT_OF_REACH, self.tcp_poses_name(), message).help(
                     "compare its commands and position with the record of the measurement, or remove its row",
                 ));
             }
@@ -86,6 +87,7 @@ impl Folder {
 
     fn most_beyond(&self, reach: &Reach<'_>, poses: &[&TcpPose]) -> InputError {
         let error = InputError::whole(
+            tau_codes::kinematics::MOST_OUT_OF_REACH,
             self.tcp_poses_name(),
             format!(
                 "{} of {} poses are out of reach: {} at pose {}",
@@ -237,6 +239,8 @@ fn rotation(pose: &TcpPose) -> Rotation3<f64> {
 
 #[cfg(test)]
 mod tests {
+    use tau_codes::kinematics::MOST_OUT_OF_REACH;
+
     use super::*;
     use crate::prototype;
     use crate::robot::{Cluster, Link};
@@ -290,28 +294,25 @@ mod tests {
         })
         .unwrap_err();
         assert_eq!(error.problems().len(), 1);
-        assert!(
-            error.problems()[0]
-                .message
-                .starts_with("pose 17 is out of reach: link `l1`")
-        );
+        let problem = &error.problems()[0];
+        assert_eq!(problem.code, tau_codes::kinematics::OUT_OF_REACH);
+        assert!(problem.message.contains("17") && problem.message.contains("`l1`"));
     }
 
     #[test]
     fn commands_out_of_every_reach_are_explained() {
         let millimetres = check(|pose| pose.commands_m.iter_mut().for_each(|q| *q *= 1000.0));
-        let help = millimetres.unwrap_err().problems()[0].help.clone().unwrap();
-        assert!(help.contains("millimetres"), "{help}");
+        let millimetres = millimetres.unwrap_err();
         let mirrored = check(|pose| pose.commands_m[0] = -3.0).unwrap_err();
-        let help = mirrored.problems()[0].help.clone().unwrap();
-        assert!(help.contains("opposite sign"), "{help}");
+        let [millimetres, mirrored] = [&millimetres, &mirrored].map(|error| &error.problems()[0]);
+        assert_eq!(millimetres.code, MOST_OUT_OF_REACH);
+        assert_eq!(mirrored.code, MOST_OUT_OF_REACH);
+        assert_ne!(millimetres.help, mirrored.help);
         let shifted = check(|pose| pose.commands_m[2] += 40.0).unwrap_err();
         assert_eq!(shifted.problems().len(), 3, "the links of cart 3");
-        assert!(
-            shifted.problems()[0]
-                .message
-                .starts_with("176 of 176 poses are out of reach: link `l3a`")
-        );
+        let first = &shifted.problems()[0];
+        assert_eq!(first.code, MOST_OUT_OF_REACH);
+        assert!(first.message.starts_with("176 of 176 ") && first.message.contains("`l3a`"));
     }
 
     #[test]

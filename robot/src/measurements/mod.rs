@@ -21,6 +21,8 @@ pub use shape::{Actuator, Shape, force_name};
 pub use texts::{CART_POSES, CART_POSITIONS, FILES, TCP_POSES, Texts};
 pub use visits::visits;
 
+use tau_codes::Remark;
+
 /// Content of a measurement folder, SI units.
 #[derive(Debug, Clone, Default)]
 pub struct Folder {
@@ -41,7 +43,7 @@ pub struct Folder {
     /// [Fingerprint](crate::fingerprint::fingerprint) of the files' texts; empty for measurements that were in no file.
     pub fingerprint: String,
     /// Remarks of the reader: optional columns missing, unknown columns ignored, sets missing.
-    pub remarks: Vec<String>,
+    pub remarks: Vec<Remark>,
 }
 
 /// When and how warm, where the file says so.

@@ -4,6 +4,7 @@ use std::fs;
 use std::ops::Range;
 use std::path::Path;
 
+use tau_codes::{Remark, files};
 use tau_model_dsl::nearest;
 
 use super::plate::{DISTANCES, PlateKind};
@@ -18,7 +19,7 @@ const POSE: &str = "pose";
 
 /// Refuses tables of measurements: those that have the columns of a kind, a column `pose`, or the commands with more than
 /// goes with a path of them. A calibration would silently lack them. Returns remarks on tables that nearly have the name of a file of measurements.
-pub(super) fn refuse_measurements(folder: &Path, shape: &Shape) -> Result<Vec<String>, InputError> {
+pub(super) fn refuse_measurements(folder: &Path, shape: &Shape) -> Result<Vec<Remark>, InputError> {
     let (mut errors, mut remarks) = (Errors::default(), Vec::new());
     for name in other_names(folder)
         .into_iter()
@@ -31,9 +32,8 @@ pub(super) fn refuse_measurements(folder: &Path, shape: &Shape) -> Result<Vec<St
         if let Some(error) = refusal(Source::new(&path, &text), folder, shape) {
             errors.add(error);
         } else if let Some(meant) = nearest(&name, FILES) {
-            remarks.push(format!(
-                "{name} is not read: a file of measurements is called `{meant}`"
-            ));
+            let text = format!("{name} is not read: a file of measurements is called `{meant}`");
+            remarks.push(Remark::new(files::MISNAMED_TABLE, text));
         }
     }
     errors.finish().map(|()| remarks)
@@ -61,7 +61,7 @@ pub(super) fn is_table(name: &str) -> bool {
 /// The error that a table is, if it holds measurements.
 fn refusal(table: Source<'_>, folder: &Path, shape: &Shape) -> Option<InputError> {
     let (place, header) = Header::find(table)?;
-    let error = |message: &str| InputError::at(table, place, message);
+    let error = |message: &str| InputError::at(files::MISNAMED_TABLE, table, place, message);
     match header.file(shape) {
         Some(file) if folder.join(file).exists() => Some(
             error("measurements under a name that is not read").help(format!(

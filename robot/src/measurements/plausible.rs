@@ -8,6 +8,7 @@ pub use tau_model_dsl::plausible::{FARTHEST_M, LARGEST_ANGLE_RAD, LONGEST_M};
 use super::shape::{Actuator, Shape};
 use super::table::{Column, Table};
 use crate::input_error::Mistakes;
+use tau_codes::files;
 
 /// Beyond this (m or rad) a measurement says nothing of a machine.
 pub const LARGEST_NOISE: f64 = 0.1;
@@ -140,7 +141,11 @@ pub(crate) fn positive(table: &Table<'_>, column: &Column, mistakes: &mut Mistak
                 table.text(row, column.index),
                 table.name(column.index)
             );
-            mistakes.push(table.place(row, column.index), message);
+            mistakes.push(
+                files::OUT_OF_BOUNDS,
+                table.place(row, column.index),
+                message,
+            );
         }
     }
 }
@@ -157,7 +162,12 @@ pub(crate) fn deviations(table: &Table<'_>, column: &Column, mistakes: &mut Mist
             );
             let help =
                 (*value > LARGEST_NOISE).then(|| "are these millimetres, or degrees".to_owned());
-            mistakes.add(table.place(row, column.index), message, help);
+            mistakes.add(
+                files::OUT_OF_BOUNDS,
+                table.place(row, column.index),
+                message,
+                help,
+            );
         }
     }
 }
@@ -171,7 +181,11 @@ pub(crate) fn forces(table: &Table<'_>, column: &Column, mistakes: &mut Mistakes
                 table.text(row, column.index),
                 table.name(column.index)
             );
-            mistakes.push(table.place(row, column.index), message);
+            mistakes.push(
+                files::OUT_OF_BOUNDS,
+                table.place(row, column.index),
+                message,
+            );
         }
     }
 }
@@ -195,6 +209,7 @@ fn no_metres(
         .max_by(|a, b| a.2.total_cmp(&b.2));
     if let Some((row, column, _)) = largest {
         mistakes.push_with_help(
+            files::NOT_METRES,
             table.place(row, column),
             format!(
                 "column `{}` reaches {}, expected metres",
@@ -212,7 +227,7 @@ fn strays(table: &Table<'_>, columns: &[&Column], mistakes: &mut Mistakes<'_>) {
         let median = Quantiles::of(&column.values).median;
         for (row, value) in column.values.iter().enumerate() {
             if (value - median).abs() > LONGEST_M {
-                mistakes.push(
+                mistakes.push(files::FAR_FROM_OTHERS,
                     table.place(row, column.index),
                     format!(
                         "found {} in column `{}`, expected metres near {median:.3} as in the other rows",
@@ -242,6 +257,7 @@ pub fn angles<'a>(
             &beyond[..]
         } {
             mistakes.push_with_help(
+                files::NOT_RADIANS,
                 table.place(row, column.index),
                 format!(
                     "found {} in column `{}`, expected radians between -2*pi and 2*pi",
@@ -263,6 +279,7 @@ pub(crate) fn temperatures(table: &Table<'_>, column: &Column, mistakes: &mut Mi
     for (row, value) in column.values.iter().enumerate() {
         if !value.is_nan() && !TEMPERATURES_C.contains(value) {
             mistakes.push(
+                files::OUT_OF_BOUNDS,
                 table.place(row, column.index),
                 format!(
                     "found {} in column `{}`, expected degrees Celsius between {} and {}",
@@ -282,6 +299,7 @@ pub fn directions(table: &Table<'_>, column: &Column, mistakes: &mut Mistakes<'_
     for (row, value) in column.values.iter().enumerate() {
         if !value.is_nan() && ![-1.0, 1.0].contains(value) {
             mistakes.push(
+                files::OUT_OF_BOUNDS,
                 table.place(row, column.index),
                 format!(
                     "found direction {}, expected 1 or -1, the sign of the drive's last move",
@@ -305,14 +323,18 @@ pub fn carts(
         .collect();
     if carts.is_empty() {
         let message = "found a table of carts, but this robot has none";
-        mistakes.push(table.place(0, column.index), message.to_owned());
+        mistakes.push(
+            files::NO_SUCH_CART,
+            table.place(0, column.index),
+            message.to_owned(),
+        );
         return;
     }
     let carts = carts.join(", ");
     let is_cart = |cart: u32| cart > 0 && shape.has_cart(cart as usize - 1);
     for (row, cart) in column.values.iter().enumerate() {
         if cart.is_some_and(|cart| !is_cart(cart)) {
-            mistakes.push(
+            mistakes.push(files::NO_SUCH_CART,
                 table.place(row, column.index),
                 format!(
                     "found cart {}, expected one of {carts}: carts are counted from 1 in the order of \
@@ -341,6 +363,7 @@ pub fn distinct_keys<const N: usize>(
         let first = *first_rows.entry(numbers).or_insert(row);
         if first != row {
             mistakes.push_with_help(
+                files::ROW_TWICE,
                 table.place(row, key[0].index),
                 format!(
                     "{} is given twice, first on line {}",
@@ -367,6 +390,7 @@ pub fn spread(table: &Table<'_>, what: &str, columns: &[Column], mistakes: &mut 
     if table.rows() > 1 && columns.iter().all(is_constant) {
         let place = table.name_place(first.index).start..table.name_place(last.index).end;
         mistakes.push(
+            files::NO_SPREAD,
             place,
             format!(
                 "all {} rows have the same {what}, expected them spread out",

@@ -16,6 +16,7 @@ use super::{
     CartPose, CartPosition, DISTANCES, Folder, PlateKind, PoseSigmas, TcpPose, plausible,
     read_plate,
 };
+use tau_codes::{Code, Remark, files};
 use tau_model_dsl::nearest;
 
 use crate::input_error::{self, Errors, InputError, Source, both, quoted};
@@ -32,15 +33,24 @@ impl Folder {
     /// # Errors
     /// It is missing, can't be opened, or is a file.
     pub fn find(path: &Path) -> Result<(), InputError> {
-        let wrong = |message: &str| InputError::whole(path.display().to_string(), message);
+        let wrong = |code: Code, message: &str| {
+            InputError::whole(code, path.display().to_string(), message)
+        };
         match fs::metadata(path) {
             Ok(metadata) if metadata.is_dir() => Ok(()),
-            Ok(_) => Err(wrong("this is a file, expected a measurement folder")
-                .help(format!("name the folder that holds `{TCP_POSES}`"))),
-            Err(error) if error.kind() == ErrorKind::NotFound => Err(wrong(&format!(
-                "the folder does not exist, expected one that holds `{TCP_POSES}`"
-            ))),
-            Err(error) => Err(wrong(&format!("cannot open the folder: {error}"))),
+            Ok(_) => Err(wrong(
+                files::IS_FILE,
+                "this is a file, expected a measurement folder",
+            )
+            .help(format!("name the folder that holds `{TCP_POSES}`"))),
+            Err(error) if error.kind() == ErrorKind::NotFound => Err(wrong(
+                files::NO_SUCH_FOLDER,
+                &format!("the folder does not exist, expected one that holds `{TCP_POSES}`"),
+            )),
+            Err(error) => Err(wrong(
+                files::CANNOT_READ,
+                &format!("cannot open the folder: {error}"),
+            )),
         }
     }
 
@@ -131,17 +141,19 @@ impl Folder {
         // Without tracks there are no carts to measure.
         let lacks_carts = shape.has_carts() && texts.tcp_poses.is_some();
         if lacks_carts && texts.cart_poses.is_none() {
-            remarks.push(format!(
+            let text = format!(
                 "{CART_POSES} (set 2) is missing: piecewise tracks can't be calibrated, and the \
                  measured range of the commands is not known"
-            ));
+            );
+            remarks.push(Remark::new(files::SET_MISSING, text));
         }
         let cart_positions = cart_positions.kept(&mut errors, &mut remarks);
         if lacks_carts && texts.cart_positions.is_none() {
-            remarks.push(format!(
+            let text = format!(
                 "{CART_POSITIONS} (set 3) is missing: the motion of the carts can't be compared \
                  between set 2 and the TCP poses"
-            ));
+            );
+            remarks.push(Remark::new(files::SET_MISSING, text));
         }
         let mut files = Vec::new();
         for kind in PlateKind::ALL {
@@ -199,11 +211,11 @@ impl Folder {
 /// Rows of a set, and remarks on them.
 struct ReadSet<T> {
     rows: Result<Vec<T>, InputError>,
-    remarks: Vec<String>,
+    remarks: Vec<Remark>,
 }
 
 /// Reader of a set: the name of its file, the text, the robot's shape, and where remarks go.
-type Reader<T> = fn(&str, &str, &Shape, &mut Vec<String>) -> Result<Vec<T>, InputError>;
+type Reader<T> = fn(&str, &str, &Shape, &mut Vec<Remark>) -> Result<Vec<T>, InputError>;
 
 /// Reads a set that is there; else it has no rows.
 fn read_set<T>(read: Reader<T>, name: &str, text: Option<&str>, shape: &Shape) -> ReadSet<T> {
@@ -213,7 +225,7 @@ fn read_set<T>(read: Reader<T>, name: &str, text: Option<&str>, shape: &Shape) -
 }
 
 impl<T> ReadSet<T> {
-    fn kept(self, errors: &mut Errors, remarks: &mut Vec<String>) -> Vec<T> {
+    fn kept(self, errors: &mut Errors, remarks: &mut Vec<Remark>) -> Vec<T> {
         remarks.extend(self.remarks);
         errors.keep(self.rows)
     }
@@ -225,6 +237,7 @@ fn read_text(path: &Path) -> Result<Option<String>, InputError> {
         Ok(bytes) => input_error::utf8(&path.display().to_string(), bytes).map(Some),
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
         Err(error) => Err(InputError::whole(
+            files::CANNOT_READ,
             path.display().to_string(),
             format!("cannot read the file: {error}"),
         )),
@@ -234,6 +247,7 @@ fn read_text(path: &Path) -> Result<Option<String>, InputError> {
 fn missing_tcp_poses(folder: &Path) -> InputError {
     let names = other_names(folder);
     let error = InputError::whole(
+        files::NO_SUCH_FILE,
         folder.join(TCP_POSES).display().to_string(),
         "the file does not exist, expected the TCP poses (set 1)",
     );
@@ -254,7 +268,7 @@ fn read_tcp_poses(
     name: &str,
     text: &str,
     shape: &Shape,
-    remarks: &mut Vec<String>,
+    remarks: &mut Vec<Remark>,
 ) -> Result<Vec<TcpPose>, InputError> {
     let optional = [
         &[TIME.to_owned(), TEMPERATURE.to_owned()],
@@ -286,8 +300,8 @@ fn read_tcp_poses(
         |names: [&str; 3]| names.map(|name| table.numbers_or_zero(name, &mut mistakes));
     let (mut position, mut angles) = (columns(POSITION), columns(ANGLES));
     let of_pose = position.iter_mut().chain(&mut angles);
-    let idle = drop_idle(&table, shape, of_pose);
-    remarks.extend(idle.map(|idle| format!("{}: {idle}", file_name(name))));
+    let idle = drop_idle(&table, shape, file_name(name), of_pose);
+    remarks.extend(idle);
     let conditions = ConditionColumns::read(&table, &mut mistakes);
     let directions = DirectionColumns::read(&table, shape, &mut mistakes);
 
@@ -338,7 +352,7 @@ fn read_cart_poses(
     name: &str,
     text: &str,
     shape: &Shape,
-    remarks: &mut Vec<String>,
+    remarks: &mut Vec<Remark>,
 ) -> Result<Vec<CartPose>, InputError> {
     let [x, y, z] = POSITION;
     let [alpha, beta, gamma] = ANGLES;
@@ -408,10 +422,11 @@ fn read_cart_poses(
         .filter(|&track| shape.has_cart(track))
         .filter(|&track| poses.iter().all(|p| p.track != track))
     {
-        remarks.push(format!(
+        let text = format!(
             "{CART_POSES} (set 2) has no points of cart {}: its track can't be piecewise",
             unmeasured + 1
-        ));
+        );
+        remarks.push(Remark::new(files::CART_UNMEASURED, text));
     }
     Ok(poses)
 }
@@ -420,7 +435,7 @@ fn read_cart_positions(
     name: &str,
     text: &str,
     shape: &Shape,
-    remarks: &mut Vec<String>,
+    remarks: &mut Vec<Remark>,
 ) -> Result<Vec<CartPosition>, InputError> {
     let [x, y, z] = POSITION;
     let names = ["pose", "cart", x, y, z];
@@ -480,7 +495,7 @@ fn open<'a, const N: usize>(
     names: [&str; N],
     commands: &[String],
     optional: &[String],
-    remarks: &mut Vec<String>,
+    remarks: &mut Vec<Remark>,
 ) -> Result<Set<'a, N>, InputError> {
     let set = Set::open(source, names, commands, optional)?;
     remark(&set, source.name, optional, remarks);
@@ -492,11 +507,13 @@ fn remark<const N: usize>(
     set: &Set<'_, N>,
     name: &str,
     optional: &[String],
-    remarks: &mut Vec<String>,
+    remarks: &mut Vec<Remark>,
 ) {
     let absent = set.absent(optional).map(|columns| {
         let file = file_name(name);
-        format!("{file} has no {columns}: effects that need them can't be seen in this set")
+        let text =
+            format!("{file} has no {columns}: effects that need them can't be seen in this set");
+        Remark::new(files::COLUMNS_ABSENT, text)
     });
     remarks.extend(absent.into_iter().chain(set.unknown.clone()));
 }

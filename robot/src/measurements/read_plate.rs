@@ -12,6 +12,7 @@ use super::table::{Column, Table};
 use super::texts::TCP_POSES;
 use super::{TcpPose, plausible};
 use crate::input_error::{Errors, InputError, Mistakes, Source, quoted};
+use tau_codes::{Remark, files};
 
 /// Rows of one pose may differ in their commands by this share of the range of the command, and in one command by any
 /// amount: what drives read scatters, and one may read grossly, while numbers that are used twice mean places anywhere.
@@ -26,7 +27,7 @@ pub(super) fn read_rows(
     name: &str,
     text: &str,
     shape: &Shape,
-    remarks: &mut Vec<String>,
+    remarks: &mut Vec<Remark>,
 ) -> Result<Vec<Placed<PlateRow>>, InputError> {
     let sigma_names: Vec<String> = kind.columns().iter().map(|c| sigma_name(c)).collect();
     let object = kind.object().map(|object| object.column().to_owned());
@@ -94,6 +95,7 @@ pub(super) fn read_rows(
                     quoted(kind.columns().iter().copied())
                 );
                 mistakes.push_with_help(
+                    files::NOTHING_MEASURED,
                     place,
                     message,
                     "what the drives alone say belongs in `readings.csv`",
@@ -105,8 +107,8 @@ pub(super) fn read_rows(
     mistakes.finish()?;
     // Places of targets on the plate have three coordinates, whatever it does.
     if kind == PlateKind::Position && object.is_none() {
-        let idle = drop_idle(&table, shape, values.iter_mut().flatten());
-        remarks.extend(idle.map(|idle| format!("{}: {idle}", kind.file())));
+        let idle = drop_idle(&table, shape, kind.file(), values.iter_mut().flatten());
+        remarks.extend(idle);
         for (k, column) in kind.columns().iter().enumerate() {
             if shape.idle_names().contains(column) {
                 (values[k], sigmas[k]) = (None, None);
@@ -184,14 +186,14 @@ fn measured_columns(kind: PlateKind, table: &Table<'_>, mistakes: &mut Mistakes<
         "the columns fit no measurement: found none of {}",
         quoted(expected.iter().copied())
     );
-    mistakes.push_with_help(table.header_place(), message, help);
+    mistakes.push_with_help(files::NOTHING_MEASURED, table.header_place(), message, help);
 }
 
 /// Reads `distances.csv`.
 pub(super) fn read_distances(
     name: &str,
     text: &str,
-    remarks: &mut Vec<String>,
+    remarks: &mut Vec<Remark>,
 ) -> Result<Vec<Placed<Distance>>, InputError> {
     let sigma = sigma_name("distance_m");
     let names = ["pose_a", "pose_b", "distance_m"];
@@ -224,7 +226,7 @@ pub(super) fn read_distances(
                 "found pose {} twice, expected two poses",
                 table.text(row, a.index)
             );
-            mistakes.push(table.place(row, b.index), message);
+            mistakes.push(files::UNKNOWN_POSE, table.place(row, b.index), message);
         }
     }
     mistakes.finish()?;
@@ -292,7 +294,7 @@ pub(super) fn same_commands(
             if differ(commands, &row.commands_m) {
                 let message = format!("pose {} stands at other commands than in {at}", row.pose);
                 let help = "one number is one pose in all files of the plate: number them on from file to file";
-                mistakes.push_with_help(place.clone(), message, help);
+                mistakes.push_with_help(files::OTHER_COMMANDS, place.clone(), message, help);
             }
         }
         if let Err(error) = mistakes.finish() {
@@ -315,7 +317,7 @@ pub(super) fn known_poses(
             if !known.contains(&pose) {
                 let message = format!("found no commands for pose {pose} in any other file");
                 let help = "give its commands in `readings.csv`, or in the file of what else was measured there";
-                mistakes.push_with_help(place.clone(), message, help);
+                mistakes.push_with_help(files::UNKNOWN_POSE, place.clone(), message, help);
             }
         }
     }
@@ -324,37 +326,33 @@ pub(super) fn known_poses(
 
 #[cfg(test)]
 mod tests {
+    use tau_codes::Code;
+
     use super::*;
 
-    /// The errors of heights under a header.
-    fn said(header: &str) -> String {
+    /// Code, line and column of the first error of heights under a header.
+    fn found(header: &str) -> Option<(Code, usize, usize)> {
         let text = format!("{header}\n1,0.1,0.2,1e-4\n2,0.3,0.4,1e-4\n");
         let shape = Shape::of_carts(1);
         let read = read_rows(PlateKind::Height, "heights.csv", &text, &shape, &mut vec![]);
-        let with_help = |error: InputError| {
-            let help = error.problems()[0].help.as_deref();
-            format!("{error}; {}", help.unwrap_or_default())
-        };
-        read.map_or_else(with_help, |_| String::new())
+        let error = read.err()?;
+        let problem = &error.problems()[0];
+        let place = problem.place.as_ref()?;
+        Some((problem.code, place.line, place.column))
     }
 
     #[test]
     fn columns_of_noise_are_refused_however_they_are_spelt() {
-        assert_eq!(said("pose,q1_m,height_m,sigma_height_m"), "");
+        assert_eq!(found("pose,q1_m,height_m,sigma_height_m"), None);
         for name in ["Sigma_height_m", "sigma height_m", "SIGMA-Height_m"] {
-            let error = said(&format!("pose,q1_m,height_m,{name}"));
-            assert!(error.contains("heights.csv:1:20"), "{error}");
-            assert!(error.contains("did you mean `sigma_height_m`?"), "{error}");
+            let error = found(&format!("pose,q1_m,height_m,{name}"));
+            assert_eq!(error, Some((files::UNKNOWN_NOISE_COLUMN, 1, 20)));
         }
     }
 
     #[test]
     fn measured_columns_that_are_spelt_otherwise_are_told() {
-        let error = said("pose,q1_m,Height_m,sigma_height_m");
-        assert!(
-            error.contains("column `height_m` is missing, found `Height_m`"),
-            "{error}"
-        );
-        assert!(error.contains("heights.csv:1:11"), "{error}");
+        let error = found("pose,q1_m,Height_m,sigma_height_m");
+        assert_eq!(error, Some((files::COLUMN_MISSING, 1, 11)));
     }
 }

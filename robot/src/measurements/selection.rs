@@ -9,6 +9,7 @@ use super::{Folder, visits};
 use crate::input_error::{InputError, Source};
 use crate::robot::Robot;
 use crate::robot_file::RobotFile;
+use tau_codes::{files, fit};
 
 impl Folder {
     /// Lowest and highest measured value (m) of each command, where known: for a cart's command the
@@ -177,6 +178,7 @@ impl FromStr for Split {
     fn from_str(text: &str) -> Result<Self, InputError> {
         let wrong = |found: &str, expected: &str| {
             InputError::at(
+                files::OPTION_VALUE,
                 Source {
                     name: "--split",
                     text,
@@ -258,11 +260,12 @@ impl Poses {
         };
         if folder.tcp_poses.is_empty() {
             let message = "found no poses of the plate, which this command compares: `tcp_poses.csv` is missing";
-            return Err(InputError::whole(&folder.name, message)
+            return Err(InputError::whole(fit::NO_POSES, &folder.name, message)
                 .help("`tau check` and `tau calibrate` take other measurements of the plate"));
         }
         if in_range.is_empty() {
             return Err(InputError::whole(
+                fit::NONE_IN_RANGE,
                 &folder.name,
                 format!(
                     "none of the {} poses has all its commands in the range that {} covers",
@@ -282,6 +285,7 @@ impl Poses {
         }
         if division.calibration.is_empty() || division.validation.is_empty() {
             return Err(InputError::whole(
+                fit::EMPTY_SPLIT,
                 &folder.name,
                 format!(
                     "of {} poses {} calibrate and {} validate, expected some of each",

@@ -7,6 +7,7 @@ use super::shape::{Shape, force_name};
 use super::table::{Column, Table, spelt};
 use super::{Conditions, plausible};
 use crate::input_error::{InputError, Mistakes, Source, quoted, suggestion};
+use tau_codes::{Remark, files};
 use tau_model_dsl::model::Plate;
 
 /// Column of the time since the start.
@@ -31,7 +32,7 @@ pub struct Set<'a, const N: usize> {
     /// Index of each column of commands.
     pub commands: Vec<usize>,
     /// A remark on the columns that nobody knows.
-    pub unknown: Option<String>,
+    pub unknown: Option<Remark>,
 }
 
 impl<'a, const N: usize> Set<'a, N> {
@@ -67,10 +68,9 @@ impl<'a, const N: usize> Set<'a, N> {
         }
         let unknown = (!unknown.is_empty()).then(|| {
             let file = file_name(source.name);
-            format!(
-                "{file}: unknown columns are ignored: {}",
-                unknown.join(", ")
-            )
+            let columns = unknown.join(", ");
+            let text = format!("{file}: unknown columns are ignored: {columns}");
+            Remark::new(files::COLUMNS_IGNORED, text)
         });
         Ok(Self {
             table,
@@ -94,7 +94,8 @@ impl<'a, const N: usize> Set<'a, N> {
                 known => suggestion(&spelt(name), known.iter().map(String::as_str)),
             };
             let place = self.table.name_place(index);
-            self.mistakes.push_with_help(place, message, help);
+            self.mistakes
+                .push_with_help(files::UNKNOWN_NOISE_COLUMN, place, message, help);
         }
     }
 
@@ -109,12 +110,13 @@ impl<'a, const N: usize> Set<'a, N> {
     }
 }
 
-/// Sets to zero what columns of a pose say of motions that the plate lacks; a remark names the largest.
+/// Sets to zero what columns of a pose say of motions that the plate lacks; the remark on `source` names the largest.
 pub fn drop_idle<'c>(
     table: &Table<'_>,
     shape: &Shape,
+    source: &str,
     columns: impl Iterator<Item = &'c mut Column>,
-) -> Option<String> {
+) -> Option<Remark> {
     let mut idle = Vec::new();
     for column in columns {
         let name = table.name(column.index);
@@ -129,7 +131,8 @@ pub fn drop_idle<'c>(
     }
     (!idle.is_empty()).then(|| {
         let (names, why) = (idle.join(" and "), stays(shape.plate));
-        format!("what was measured as {names} takes no part: {why}")
+        let text = format!("{source}: what was measured as {names} takes no part: {why}");
+        Remark::new(files::MOTIONS_IGNORED, text)
     })
 }
 

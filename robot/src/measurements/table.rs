@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use tau_codes::{Code, files};
 use tau_model_dsl::nearest;
 
 use crate::input_error::{Mistakes, Source, quoted};
@@ -39,6 +40,7 @@ impl<'a> Table<'a> {
             .filter(|(_, line)| !is_blank(line));
         let Some((_, header_line)) = numbered.next() else {
             mistakes.push(
+                files::EMPTY_TABLE,
                 0..0,
                 "the file is empty, expected a header line and rows of numbers",
             );
@@ -48,6 +50,7 @@ impl<'a> Table<'a> {
         if let Some((separator, name)) = foreign_separator(header_text) {
             let start = header_line.start + header_text.find(separator).unwrap_or(0);
             mistakes.push_with_help(
+                files::SEPARATOR,
                 start..start + separator.len_utf8(),
                 format!("columns are separated by {name}, expected commas"),
                 "export with commas between columns and points in decimals",
@@ -60,6 +63,7 @@ impl<'a> Table<'a> {
             .all(|field| source.text[field.clone()].parse::<f64>().is_ok())
         {
             mistakes.push(
+                files::NO_HEADER,
                 header_line,
                 "the first line holds numbers, expected a header with the names of the columns",
             );
@@ -89,7 +93,7 @@ impl<'a> Table<'a> {
         }
         if table.lines.is_empty() && ragged.is_empty() {
             let message = "nothing follows the header, expected rows of numbers";
-            mistakes.push(table.header_line.clone(), message);
+            mistakes.push(files::EMPTY_TABLE, table.header_line.clone(), message);
             return None;
         }
         // Where no row fits the header, one example is enough.
@@ -115,7 +119,7 @@ impl<'a> Table<'a> {
         let beyond = row.get(expected).map_or(line.end, |field| field.start);
         let has_decimal_commas = found > expected + 1;
         let help = has_decimal_commas.then(|| "write decimals with points, not commas".to_owned());
-        mistakes.add(beyond..line.end, message, help);
+        mistakes.add(files::RAGGED_ROW, beyond..line.end, message, help);
     }
 
     /// Indices of the columns that must be there. Missing ones are reported, all at once.
@@ -136,6 +140,7 @@ impl<'a> Table<'a> {
         for (index, name) in self.names().enumerate().filter(|(_, name)| is_known(name)) {
             if let Some(first) = self.column(name).filter(|&first| first < index) {
                 mistakes.push_with_help(
+                    files::COLUMN_TWICE,
                     self.header[index].clone(),
                     format!(
                         "column `{name}` is given twice, first as column {}",
@@ -154,6 +159,7 @@ impl<'a> Table<'a> {
         for name in required().filter(|name| self.column(name).is_none()) {
             match alike(name, &strangers) {
                 Some((index, found)) => mistakes.push_with_help(
+                    files::COLUMN_MISSING,
                     self.header[index].clone(),
                     format!("column `{name}` is missing, found `{found}`"),
                     unit_advice(name, found),
@@ -163,6 +169,7 @@ impl<'a> Table<'a> {
         }
         if !missing.is_empty() {
             mistakes.push_with_help(
+                files::COLUMN_MISSING,
                 self.header_line.clone(),
                 format!(
                     "{} {} missing from the header",
@@ -235,7 +242,11 @@ impl<'a> Table<'a> {
     pub fn numbers(&self, index: usize, mistakes: &mut Mistakes<'_>) -> Column {
         let parse = |text: &str| match text.parse::<f64>() {
             Ok(number) if number.is_finite() => Ok(number),
-            Ok(_) => Err((format!("found `{text}`, expected a finite number"), None)),
+            Ok(_) => Err((
+                files::NOT_A_NUMBER,
+                format!("found `{text}`, expected a finite number"),
+                None,
+            )),
             Err(_) => Err(not_a_number(text)),
         };
         self.parse_column(index, f64::NAN, mistakes, parse)
@@ -246,7 +257,11 @@ impl<'a> Table<'a> {
         let parse = |text: &str| match text.parse::<f64>() {
             _ if text.is_empty() => Ok(f64::NAN),
             Ok(number) if number.is_finite() => Ok(number),
-            Ok(_) => Err((format!("found `{text}`, expected a finite number"), None)),
+            Ok(_) => Err((
+                files::NOT_A_NUMBER,
+                format!("found `{text}`, expected a finite number"),
+                None,
+            )),
             Err(_) => Err(not_a_number(text)),
         };
         self.parse_column(index, f64::NAN, mistakes, parse)
@@ -262,6 +277,7 @@ impl<'a> Table<'a> {
             if unit.is_some_and(|(_, unit)| ["mm", "cm", "um", "in"].contains(&unit)) {
                 let message = format!("found column `{found}`, expected `{name}`");
                 mistakes.push_with_help(
+                    files::COLUMN_UNIT,
                     self.header[index].clone(),
                     message,
                     unit_advice(name, found),
@@ -278,6 +294,7 @@ impl<'a> Table<'a> {
                 .find(|&&name| found != name && spelt(found) == name)
             {
                 mistakes.push_with_help(
+                    files::COLUMN_MISSING,
                     self.header[index].clone(),
                     format!("column `{name}` is missing, found `{found}`"),
                     unit_advice(name, found),
@@ -311,6 +328,7 @@ impl<'a> Table<'a> {
         let parse = |text: &str| match text.parse::<f64>() {
             Ok(number) => whole(number).map(Some).ok_or_else(|| {
                 (
+                    files::NOT_WHOLE,
                     format!("found `{text}`, expected a whole number from 0"),
                     None,
                 )
@@ -325,12 +343,17 @@ impl<'a> Table<'a> {
         index: usize,
         otherwise: T,
         mistakes: &mut Mistakes<'_>,
-        parse: impl Fn(&str) -> Result<T, (String, Option<&'static str>)>,
+        parse: impl Fn(&str) -> Result<T, Misread>,
     ) -> Column<T> {
         let values = (0..self.rows())
             .map(|row| {
-                parse(self.text(row, index)).unwrap_or_else(|(message, help)| {
-                    mistakes.add(self.place(row, index), message, help.map(str::to_owned));
+                parse(self.text(row, index)).unwrap_or_else(|(code, message, help)| {
+                    mistakes.add(
+                        code,
+                        self.place(row, index),
+                        message,
+                        help.map(str::to_owned),
+                    );
                     otherwise
                 })
             })
@@ -349,9 +372,14 @@ fn whole(number: f64) -> Option<u32> {
         .then_some(number as u32)
 }
 
-fn not_a_number(text: &str) -> (String, Option<&'static str>) {
+/// Why a field is not what is expected: code, message and remedy.
+type Misread = (Code, String, Option<&'static str>);
+
+fn not_a_number(text: &str) -> Misread {
+    let code = files::NOT_A_NUMBER;
     if text.is_empty() {
-        return ("the field is empty, expected a number".to_owned(), None);
+        let message = "the field is empty, expected a number";
+        return (code, message.to_owned(), None);
     }
     let help = if text.replace(',', ".").parse::<f64>().is_ok() {
         Some("write decimals with points, not commas")
@@ -360,7 +388,7 @@ fn not_a_number(text: &str) -> (String, Option<&'static str>) {
     } else {
         None
     };
-    (format!("found `{text}`, expected a number"), help)
+    (code, format!("found `{text}`, expected a number"), help)
 }
 
 /// Separator of a header's columns, where it is no comma.

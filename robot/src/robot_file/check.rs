@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use tau_codegen::language::model::{Formula, Value as Geometry};
+use tau_codes::{Code, files};
 use tau_model_dsl::nearest;
 use tau_model_dsl::units::Dimension;
 use toml::Spanned;
@@ -48,7 +49,7 @@ pub(super) fn names<'r>(
             meant.extend(nearest);
             let help = suggestion(name, known.iter().copied());
             let message = format!("robot `{}` has no {what} `{name}`", robot.name);
-            mistakes.push_with_help(key.span(), message, help);
+            mistakes.push_with_help(files::UNKNOWN_NAME, key.span(), message, help);
         }
     }
     reference(mistakes, root, file, robot);
@@ -62,6 +63,7 @@ pub(super) fn names<'r>(
             .and_then(|form| form.split_once('('));
         let Some((name, at)) = form else {
             mistakes.push_with_help(
+                files::EFFECT_KEY,
                 key.span(),
                 format!(
                     "found effect `{}`, expected its name and place",
@@ -77,6 +79,7 @@ pub(super) fn names<'r>(
             .filter(|place| !places.contains(place))
         {
             mistakes.push_with_help(
+                files::UNKNOWN_NAME,
                 key.span(),
                 format!("robot `{}` has no place `{place}`", robot.name),
                 format!("expected one of {}", quoted(places.iter().copied())),
@@ -96,6 +99,7 @@ fn reference(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, file: &RobotFile, 
     {
         let (found, expected) = (reference.commands_m.len(), robot.commands);
         mistakes.push(
+            files::COUNT,
             given.span(),
             format!(
                 "found {found} commands, expected {expected}, as robot `{}` has",
@@ -119,7 +123,12 @@ fn reference(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, file: &RobotFile, 
                 "the reference does not fit the plate: {}",
                 stays(robot.plate)
             );
-            mistakes.push_with_help(given.span(), message, "write zeros there");
+            mistakes.push_with_help(
+                files::IDLE_MOTION,
+                given.span(),
+                message,
+                "write zeros there",
+            );
         }
     }
 }
@@ -149,7 +158,7 @@ fn turns(
                 "found the command {command} of a crank, expected radians between -2*pi and 2*pi"
             );
             let help = "are these degrees? multiply by pi/180, and leave out whole turns";
-            mistakes.push_with_help(place.span(), message, help);
+            mistakes.push_with_help(files::NOT_RADIANS, place.span(), message, help);
         }
     }
 }
@@ -168,7 +177,7 @@ fn drives(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, robot: &Robot) {
             robot.commands,
             robot.name
         );
-        mistakes.push(given.span(), message);
+        mistakes.push(files::COUNT, given.span(), message);
     }
 }
 
@@ -185,7 +194,7 @@ fn pulls(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, robot: &Robot) {
             let name = name.get_ref();
             let message = format!("link `{name}` is not pulled to a tension with a tolerance");
             let help = "leave `pull_N` out, or write `pulled = … N tol … N;` in the description";
-            mistakes.push_with_help(key.span(), message, help);
+            mistakes.push_with_help(files::NOT_PULLED, key.span(), message, help);
         }
     }
 }
@@ -219,6 +228,7 @@ fn effect_values(
         let quantity = parameter.get_ref().as_ref();
         let Some(&expected) = components.get(quantity) else {
             mistakes.push_with_help(
+                files::UNKNOWN_NAME,
                 parameter.span(),
                 format!("effect `{name}` has no parameter `{quantity}`"),
                 suggestion(quantity, components.keys().copied()),
@@ -234,7 +244,7 @@ fn effect_values(
                 "three numbers"
             };
             let message = format!("expected {expected} as the value of `{quantity}`");
-            mistakes.push(value.span(), message);
+            mistakes.push(files::COUNT, value.span(), message);
         }
     }
 }
@@ -289,12 +299,12 @@ pub(super) fn complete(
         }
         let key = keys_of(root, "links").find(|key| key.get_ref().as_ref() == link.name);
         match key {
-            Some(key) => mistakes.push_with_help(
+            Some(key) => mistakes.push_with_help(files::KEY_MISSING,
                 key.span(),
                 format!("link `{}` lacks {}", link.name, quoted(missing)),
                 "a length is given as `{ value = 2.0, tol = 3e-4 }`, the others as `{ value = [0.1, 0.2, 0.3], tol = 3e-4 }`",
             ),
-            None => mistakes.push(
+            None => mistakes.push(files::KEY_MISSING,
                 key_place(root, "links"),
                 format!(
                     "`[links.{}]` is missing, expected {}",
@@ -321,7 +331,7 @@ fn of_machine(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, robot: &Robot, mi
                 let message = format!("parameter `{name}` is missing in `[parameters]`");
                 let unit = parameter.dimension.si_unit();
                 let help = format!("write `{name} = {{ value = …, tol = … }}`, in {unit}");
-                mistakes.push_with_help(place, message, help);
+                mistakes.push_with_help(files::KEY_MISSING, place, message, help);
             }
             continue;
         };
@@ -334,7 +344,7 @@ fn of_machine(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, robot: &Robot, mi
                 "three numbers"
             };
             let message = format!("expected {expected} as the value of `{name}`");
-            mistakes.push(given.span(), message);
+            mistakes.push(files::COUNT, given.span(), message);
         }
         if parameter.dimension == Dimension::ANGLE && !winds(robot, name) {
             angles(mistakes, &given, name);
@@ -349,7 +359,7 @@ fn of_machine(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, robot: &Robot, mi
         let is_given = given.is_some_and(|given| given.get_ref().get(value.key).is_some());
         if !is_given && value.quantity.value.is_none() {
             let message = format!("`{}` is missing in `[cranks.{crank}]`", value.key);
-            mistakes.push(key_place(root, "cranks"), message);
+            mistakes.push(files::KEY_MISSING, key_place(root, "cranks"), message);
         }
     }
 }
@@ -380,7 +390,7 @@ fn angles(mistakes: &mut Mistakes<'_>, given: &Spanned<DeValue<'_>>, name: &str)
         given,
         &format!("`{name}`, an angle"),
         bounds,
-        help,
+        (files::NOT_RADIANS, help),
     );
 }
 
@@ -394,7 +404,7 @@ fn lengths(mistakes: &mut Mistakes<'_>, given: &Spanned<DeValue<'_>>, name: &str
         given,
         &format!("`{name}`, a length"),
         bounds,
-        help,
+        (files::NOT_METRES, help),
     );
 }
 
@@ -404,7 +414,7 @@ fn within(
     given: &Spanned<DeValue<'_>>,
     what: &str,
     bounds: [(f64, String); 2],
-    help: &str,
+    (code, help): (Code, &str),
 ) {
     for (key, (largest, expected)) in ["value", "tol"].into_iter().zip(bounds) {
         let Some(stated) = given.get_ref().get(key) else {
@@ -419,7 +429,7 @@ fn within(
             if let Some(found) = found {
                 let message =
                     format!("found {found} as the `{key}` of {what}, expected {expected}");
-                mistakes.push_with_help(number.span(), message, help);
+                mistakes.push_with_help(code, number.span(), message, help);
             }
         }
     }

@@ -2,6 +2,7 @@
 
 use std::fmt::{self, Write};
 
+use tau_codes::files;
 use toml::de::{DeTable, DeValue};
 
 use super::document::Document;
@@ -69,7 +70,7 @@ impl Document<'_> {
         if array.len() != parameters.len() {
             let (found, expected) = (array.len(), parameters.len());
             let message = format!("found {found} rows, expected {expected}, one per parameter");
-            self.mistakes.push(rows.span(), message);
+            self.mistakes.push(files::COUNT, rows.span(), message);
         }
         let mut factor = Vec::new();
         for (index, row) in array.iter().enumerate() {
@@ -78,7 +79,7 @@ impl Document<'_> {
             if found != expected && row.get_ref().is_array() {
                 let message =
                     format!("found {found} numbers, expected {expected}: a lower triangle");
-                self.mistakes.push(row.span(), message);
+                self.mistakes.push(files::COUNT, row.span(), message);
             }
             factor.push(numbers);
         }

@@ -3,6 +3,7 @@
 use std::fmt::{self, Write};
 
 use tau_codegen::language::model::Value as Geometry;
+use tau_codes::fit;
 
 use super::keys::{crank_values, described_links, described_reference, machine_parameters};
 use super::write::{key, string};
@@ -53,9 +54,11 @@ impl RobotFile {
         let lacks: Vec<String> = of_links.chain(of_machine).collect();
         if !lacks.is_empty() {
             let message = format!("nothing gives a value for {}", lacks.join(", "));
-            return Err(InputError::whole(&robot.source, message).help(
-                "`tau init F.tau` writes a robot.toml to fill in, to be named with `--robot`",
-            ));
+            return Err(
+                InputError::whole(fit::NO_VALUE, &robot.source, message).help(
+                    "`tau init F.tau` writes a robot.toml to fill in, to be named with `--robot`",
+                ),
+            );
         }
         Ok(Self {
             source: Origin(robot.source.clone()),

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
+use tau_codes::files;
 use tau_model_dsl::plausible::{SMALLEST_OF_PARAMETER, WIDE};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -105,7 +106,8 @@ impl Document<'_> {
                 let message =
                     format!("found a tolerance of {found:?}, expected metres, at most {widest}");
                 let help = "a tolerance is one standard deviation";
-                self.mistakes.push_with_help(tol.span(), message, help);
+                self.mistakes
+                    .push_with_help(files::NOT_METRES, tol.span(), message, help);
             }
             Some(found)
         });
@@ -116,6 +118,7 @@ impl Document<'_> {
             && (sigma.len() != components.len() || sigma.iter().any(|&sigma| sigma < 0.0))
         {
             self.mistakes.push(
+                files::OUT_OF_BOUNDS,
                 place.span(),
                 "expected one standard deviation, at least 0, per component of the value",
             );
@@ -143,6 +146,7 @@ impl Document<'_> {
     pub(super) fn check_value(&mut self, place: Range<usize>, components: &[f64], kind: Kind) {
         match kind {
             Kind::Length if components[0] <= 0.0 => self.mistakes.push(
+                files::OUT_OF_BOUNDS,
                 place,
                 format!(
                     "found a length of {}, expected metres above 0",
@@ -152,14 +156,17 @@ impl Document<'_> {
             Kind::Force if components[0] <= 0.0 => {
                 let found = components[0];
                 let message = format!("found a tension of {found}, expected newtons above 0");
-                self.mistakes.push(place, message);
+                self.mistakes.push(files::OUT_OF_BOUNDS, place, message);
             }
             Kind::Length | Kind::Coordinate | Kind::Point(_) => {
                 self.metres(place, components, kind.largest_m());
             }
             Kind::Direction if components.iter().all(|&component| component == 0.0) => {
-                self.mistakes
-                    .push(place, "found a direction of length 0, expected about 1");
+                self.mistakes.push(
+                    files::OUT_OF_BOUNDS,
+                    place,
+                    "found a direction of length 0, expected about 1",
+                );
             }
             Kind::Angles
                 if components
@@ -167,6 +174,7 @@ impl Document<'_> {
                     .any(|angle| angle.abs() > LARGEST_ANGLE_RAD) =>
             {
                 self.mistakes.push_with_help(
+                    files::NOT_RADIANS,
                     place,
                     "found an angle beyond 2*pi, expected radians",
                     "this looks like degrees: multiply by pi/180",
@@ -179,6 +187,7 @@ impl Document<'_> {
     pub(super) fn metres(&mut self, place: Range<usize>, values: &[f64], largest: f64) {
         if let Some(value) = values.iter().find(|value| value.abs() > largest) {
             self.mistakes.push_with_help(
+                files::NOT_METRES,
                 place,
                 format!("found {value}, expected metres, at most {largest}"),
                 "this looks like millimetres: divide by 1000",
@@ -202,7 +211,8 @@ impl Document<'_> {
             "more than 0".to_owned()
         };
         let message = format!("found a {what} of {number:?}, expected {expected}");
-        self.mistakes.push(value.span(), message);
+        self.mistakes
+            .push(files::OUT_OF_BOUNDS, value.span(), message);
         None
     }
 
@@ -217,7 +227,8 @@ impl Document<'_> {
             let message =
                 format!("found a noise of {noise}, expected {unit}, at most {LARGEST_NOISE}");
             let help = format!("are these {other}");
-            self.mistakes.push_with_help(place, message, help);
+            self.mistakes
+                .push_with_help(files::OUT_OF_BOUNDS, place, message, help);
         }
     }
 
@@ -229,6 +240,7 @@ impl Document<'_> {
             && array.len() != N
         {
             self.mistakes.push(
+                files::COUNT,
                 value.span(),
                 format!("found {} components, expected {N}", array.len()),
             );
@@ -257,6 +269,7 @@ impl Document<'_> {
             DeValue::Integer(integer) if integer.radix() == 10 => integer.as_str().parse().ok(),
             DeValue::String(text) if text == PLACEHOLDER => {
                 self.mistakes.push_with_help(
+                    files::PLACEHOLDER,
                     value.span(),
                     "found a placeholder, expected a number",
                     "fill in what the drawing or the maker of the tracker says; SI units",
@@ -266,7 +279,8 @@ impl Document<'_> {
             DeValue::Integer(_) => {
                 let found = &self.mistakes.source.text[value.span()];
                 let message = format!("found `{found}`, expected a decimal number");
-                self.mistakes.push(value.span(), message);
+                self.mistakes
+                    .push(files::NOT_A_NUMBER, value.span(), message);
                 return None;
             }
             other => {
@@ -278,6 +292,7 @@ impl Document<'_> {
         if number.is_none() {
             let found = &self.mistakes.source.text[value.span()];
             self.mistakes.push(
+                files::NOT_A_NUMBER,
                 value.span(),
                 format!("found `{found}`, expected a finite number"),
             );
@@ -307,8 +322,12 @@ impl Document<'_> {
         let value = table.get(key);
         if value.is_none() {
             let help = format!("add `{key} = …`, or `[{key}]` if it is a section");
-            self.mistakes
-                .push_with_help(place.clone(), format!("key `{key}` is missing"), help);
+            self.mistakes.push_with_help(
+                files::KEY_MISSING,
+                place.clone(),
+                format!("key `{key}` is missing"),
+                help,
+            );
         }
         value
     }
@@ -320,8 +339,12 @@ impl Document<'_> {
         {
             let name = key.get_ref().as_ref();
             let help = suggestion(name, known.iter().copied());
-            self.mistakes
-                .push_with_help(key.span(), format!("unknown key `{name}`"), help);
+            self.mistakes.push_with_help(
+                files::UNKNOWN_KEY,
+                key.span(),
+                format!("unknown key `{name}`"),
+                help,
+            );
         }
     }
 
@@ -334,7 +357,10 @@ impl Document<'_> {
             DeValue::Array(_) => "an array",
             DeValue::Table(_) => "a table",
         };
-        self.mistakes
-            .push(place, format!("found {found}, expected {expected}"));
+        self.mistakes.push(
+            files::WRONG_TYPE,
+            place,
+            format!("found {found}, expected {expected}"),
+        );
     }
 }

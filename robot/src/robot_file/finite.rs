@@ -1,6 +1,7 @@
 //! Formulas of a description that have no value at the numbers of a `robot.toml`.
 
 use tau_codegen::language::model::{Formula, Model, Value};
+use tau_codes::files;
 use toml::de::DeTable;
 
 use super::keys::key_place;
@@ -47,7 +48,12 @@ pub(super) fn values(
             );
             let help = "compare them with the drawing, in metres and radians: the root of a negative number or a division \
                         by zero has no value";
-            mistakes.push_with_help(key_place(root, "parameters"), message, help);
+            mistakes.push_with_help(
+                files::FORMULA_VALUE,
+                key_place(root, "parameters"),
+                message,
+                help,
+            );
             return;
         }
     }
@@ -78,40 +84,36 @@ fn parameters<'m>(formula: &Formula, model: &'m Model, link: usize, names: &mut 
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::input_error::InputError;
+    use tau_codes::Code;
 
-    /// The errors of a file of a linear delta with these parameters.
-    fn said(parameters: &str) -> String {
+    use super::*;
+
+    /// Code, line and column of the first error of a file of a linear delta with these parameters, and its message.
+    fn found(parameters: &str) -> Option<((Code, usize, usize), String)> {
         let robot = Robot::from(&tau_generated::linear_delta::ROBOT);
         let text = format!(
             "robot = \"LinearDelta\"\n[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n[parameters]\n{parameters}\n"
         );
-        let read = RobotFile::parse_for(&text, "robot.toml", &robot);
-        let with_help = |error: InputError| {
-            let help = error.problems()[0].help.as_deref();
-            format!("{error}; {}", help.unwrap_or_default())
-        };
-        read.map_or_else(with_help, |_| String::new())
+        let error = RobotFile::parse_for(&text, "robot.toml", &robot).err()?;
+        let problem = &error.problems()[0];
+        let place = problem.place.as_ref()?;
+        let at = (problem.code, place.line, place.column);
+        Some((at, problem.message.clone()))
     }
 
     #[test]
     fn millimetres_are_told_at_their_line() {
-        let error = said("radius = { value = 140, tol = 1e-3 }");
-        assert!(error.contains("robot.toml:6:20"), "{error}");
-        assert!(error.contains("expected metres, at most 50"), "{error}");
-        assert!(error.contains("these look like millimetres"), "{error}");
+        let (at, _) = found("radius = { value = 140, tol = 1e-3 }").unwrap();
+        assert_eq!(at, (files::NOT_METRES, 6, 20));
     }
 
     #[test]
     fn parameters_of_a_formula_without_a_value_are_named() {
-        assert_eq!(said("radius = { value = 0.15, tol = 1e-3 }"), "");
-        let error = said("radius = { value = 14, tol = 1e-3 }");
-        assert!(error.contains("robot.toml:5"), "{error}");
-        assert!(
-            error.contains("`track_offset` of link `rods_a` is not a finite number"),
-            "{error}"
-        );
-        assert!(error.contains("`endstop_a`, `arm_a`, `radius`"), "{error}");
+        assert_eq!(found("radius = { value = 0.15, tol = 1e-3 }"), None);
+        let (at, message) = found("radius = { value = 14, tol = 1e-3 }").unwrap();
+        assert_eq!(at, (files::FORMULA_VALUE, 5, 2));
+        for name in ["track_offset", "rods_a", "endstop_a", "arm_a", "radius"] {
+            assert!(message.contains(&format!("`{name}`")), "{message}");
+        }
     }
 }

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::{self, Write};
 
+use tau_codes::{Remark, files};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
@@ -107,7 +108,7 @@ impl RobotFile {
     }
 
     /// A remark on targets, surfaces and balls that no row of a folder names: their places say nothing of its rows.
-    pub fn unused_places(&self, folder: &Folder) -> Option<String> {
+    pub fn unused_places(&self, folder: &Folder) -> Option<Remark> {
         let own = &self.measuring;
         let sections: [(PlateKind, Vec<&String>); 3] = [
             (PlateKind::Position, own.targets.keys().collect()),
@@ -125,10 +126,11 @@ impl RobotFile {
             unused.extend(others.map(|name| format!("[{section}.{}]", key(name))));
         }
         (!unused.is_empty()).then(|| {
-            format!(
+            let text = format!(
                 "robot.toml has {}, which no row of the folder names in a column `target`, `surface` or `ball`",
                 quoted(unused.iter().map(String::as_str))
-            )
+            );
+            Remark::new(files::UNUSED_VALUES, text)
         })
     }
 }
@@ -238,7 +240,8 @@ impl Document<'_> {
             "write a number here; \"{ESTIMATE}\" may be {}, and `noise_m` of `[drives]`",
             places.join(", ")
         );
-        self.mistakes.push_with_help(value.span(), message, help);
+        self.mistakes
+            .push_with_help(files::NO_ESTIMATE, value.span(), message, help);
         true
     }
 
@@ -256,7 +259,7 @@ impl Document<'_> {
             }
             let message =
                 format!("found \"{text}\", expected a standard deviation or \"{ESTIMATE}\"");
-            self.mistakes.push(value.span(), message);
+            self.mistakes.push(files::WRONG_TYPE, value.span(), message);
             return None;
         }
         let found = self.deviation(value, "standard deviation", SMALLEST_DEVIATION)?;

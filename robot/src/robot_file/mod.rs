@@ -25,6 +25,7 @@ pub use dimensions::Dimensions;
 use keys::effect_key;
 pub use measuring::{Measuring, StatedNoise, Surface};
 pub use provenance::{MeasuredPath, Provenance};
+use tau_codes::{Remark, files};
 
 /// Name of the text that a file was read from. What it says is the same under any name, so that all names are equal.
 #[derive(Debug, Clone, Default)]
@@ -102,23 +103,24 @@ impl RobotFile {
     }
 
     /// A remark where the file is for another robot than a description.
-    pub fn other_robot(&self, robot: &Robot) -> Option<String> {
+    pub fn other_robot(&self, robot: &Robot) -> Option<Remark> {
         (self.robot != robot.name).then(|| {
-            format!(
+            let text = format!(
                 "robot.toml is for robot `{}`, the description is of `{}`",
                 self.robot, robot.name
-            )
+            );
+            Remark::new(files::OTHER_ROBOT, text)
         })
     }
 
     /// A remark where it was calibrated with another description: constants, formulas and the order of tracks may be others.
-    pub fn other_description(&self, robot: &Robot) -> Option<String> {
+    pub fn other_description(&self, robot: &Robot) -> Option<Remark> {
         let known = &self.calibration.as_ref()?.description;
         let is_other = self.robot == robot.name && *known != of_description(&robot.description);
         (!known.is_empty() && is_other).then(|| {
-            "robot.toml was calibrated with another text of the description: its values hold for the constants, formulas and \
-             order of tracks and links of that one"
-                .to_owned()
+            let text = "robot.toml was calibrated with another text of the description: its values hold for the constants, formulas and \
+             order of tracks and links of that one";
+            Remark::new(files::OTHER_DESCRIPTION, text)
         })
     }
 
@@ -144,28 +146,30 @@ impl RobotFile {
     }
 
     /// A remark where another variant was calibrated, of which this one lacks parameters.
-    pub fn other_variant(&self, variant: &Variant) -> Option<String> {
+    pub fn other_variant(&self, variant: &Variant) -> Option<Remark> {
         let other = self.calibrated_otherwise(variant)?;
         let calibrated = self.calibration.as_ref().map(|own| own.variant.as_str());
-        Some(format!(
+        let text = format!(
             "robot.toml was calibrated as `{}`, with `{other}`, which `{}` does not calibrate: nothing says how well \
              other values are known without it",
             calibrated.unwrap_or("another variant"),
             variant.name
-        ))
+        );
+        Some(Remark::new(files::OTHER_DESCRIPTION, text))
     }
 
     /// A remark on the effects of the file that a variant does not have: their values mean nothing to it.
-    pub fn unused_effects(&self, variant: &Variant) -> Option<String> {
+    pub fn unused_effects(&self, variant: &Variant) -> Option<Remark> {
         let used: Vec<&str> = variant.parameters.iter().filter_map(effect_key).collect();
         let unused = self.effects.keys().map(String::as_str);
         let unused: Vec<&str> = unused.filter(|key| !used.contains(key)).collect();
         (!unused.is_empty()).then(|| {
-            format!(
+            let text = format!(
                 "the values of {} in robot.toml are not used: variant `{}` does not have them",
                 quoted(unused),
                 variant.name
-            )
+            );
+            Remark::new(files::UNUSED_VALUES, text)
         })
     }
 }

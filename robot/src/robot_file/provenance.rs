@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::fmt::{self, Write};
 
+use tau_codes::files;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
@@ -155,7 +156,7 @@ impl Document<'_> {
             Err(_) => {
                 let place = table.get("split").map_or(0..0, Spanned::span);
                 let message = format!("found `{split}`, expected a way to split the poses");
-                self.mistakes.push(place, message);
+                self.mistakes.push(files::OPTION_VALUE, place, message);
                 None
             }
         });
@@ -166,7 +167,7 @@ impl Document<'_> {
                 let count = found.parse::<usize>().ok();
                 if count.is_none() {
                     let message = format!("found `{found}`, expected a number of poses");
-                    self.mistakes.push(value.span(), message);
+                    self.mistakes.push(files::NOT_WHOLE, value.span(), message);
                 }
                 count
             }
@@ -184,7 +185,8 @@ impl Document<'_> {
             let widening = self.number(value)?;
             if widening < 1.0 {
                 let message = format!("found a factor of {widening}, expected at least 1");
-                self.mistakes.push(value.span(), message);
+                self.mistakes
+                    .push(files::OUT_OF_BOUNDS, value.span(), message);
             }
             Some(widening)
         });
@@ -243,10 +245,11 @@ impl Document<'_> {
         if found != expected {
             let message =
                 format!("found {found} points, expected {expected}, one for each command");
-            self.mistakes.push(points.span(), message);
+            self.mistakes.push(files::COUNT, points.span(), message);
         }
         if expected < 2 || path.commands_m.windows(2).any(|pair| pair[0] >= pair[1]) {
             self.mistakes.push(
+                files::ORDER,
                 commands.span(),
                 "expected at least two commands, in ascending order",
             );

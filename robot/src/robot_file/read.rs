@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
 
+use tau_codes::files;
 use tau_model_dsl::plausible::LARGEST_PLATE_M;
 use toml::de::{DeTable, DeValue};
 
@@ -88,9 +89,9 @@ impl<'a> Document<'a> {
             let place = error.span().unwrap_or(0..0);
             return Err(if error.message() == "duplicate key" {
                 let message = format!("key `{}` is given twice", &source.text[place.clone()]);
-                InputError::at(source, place, message).help("remove one of them")
+                InputError::at(files::KEY_TWICE, source, place, message).help("remove one of them")
             } else {
-                InputError::at(source, place, error.message())
+                InputError::at(files::TOML, source, place, error.message())
                     .help("the file is TOML: `[section]` and `key = value` on lines of their own")
             });
         }
@@ -108,8 +109,10 @@ impl<'a> Document<'a> {
                 && let Some(name) = root.get_ref().get("robot")
             {
                 let help = format!("give the description of `{}` (`--model`)", file.robot);
-                let mistake = (name.span(), message, help);
-                document.mistakes.replace_from(of_text, mistake);
+                let mistake = (name.span(), message.text, help);
+                document
+                    .mistakes
+                    .replace_from(files::OTHER_ROBOT, of_text, mistake);
             }
         }
         document.mistakes.finish()?;
@@ -237,6 +240,7 @@ impl<'a> Document<'a> {
             let number = self.number(mass)?;
             if number < 0.0 {
                 self.mistakes.push(
+                    files::OUT_OF_BOUNDS,
                     mass.span(),
                     format!("found a mass of {number}, expected kg, at least 0"),
                 );
@@ -270,6 +274,7 @@ impl<'a> Document<'a> {
         let [low, high] = self.numbers::<2>(value)?;
         if low >= high {
             self.mistakes.push(
+                files::ORDER,
                 value.span(),
                 format!("found the range {low} to {high}, expected the lower end first"),
             );
@@ -351,14 +356,18 @@ impl<'a> Document<'a> {
         if size > LARGEST_GRAVITY_M_S2 {
             let message =
                 format!("found a gravity of {size} m/s², expected at most {LARGEST_GRAVITY_M_S2}");
-            self.mistakes.push(place, message);
+            self.mistakes.push(files::OUT_OF_BOUNDS, place, message);
         } else if gravity_m_s2[2] > 0.0 {
             let message = format!(
                 "found {} m/s² along z, which points up, expected gravity to point down",
                 gravity_m_s2[2]
             );
-            self.mistakes
-                .push_with_help(place, message, "on earth: `[0.0, 0.0, -9.81]`");
+            self.mistakes.push_with_help(
+                files::OUT_OF_BOUNDS,
+                place,
+                message,
+                "on earth: `[0.0, 0.0, -9.81]`",
+            );
         }
     }
 }
@@ -392,9 +401,13 @@ mod tests {
     fn estimates_are_told_their_places() {
         let text = "robot = \"Any\"\n[noise]\nposition_m = \"estimate\"\nrotation_rad = 4e-5\n";
         let error = RobotFile::parse(text, "robot.toml").unwrap_err();
-        assert!(error.to_string().contains("robot.toml:3:14"), "{error}");
-        let help = error.problems()[0].help.as_deref().unwrap();
-        assert!(help.contains("`height_m` of `[noise.heights]`"), "{help}");
-        assert!(help.contains("`noise_m` of `[drives]`"), "{help}");
+        let problem = &error.problems()[0];
+        let place = problem.place.as_ref().unwrap();
+        assert_eq!(
+            (problem.code, place.line, place.column),
+            (files::NO_ESTIMATE, 3, 14)
+        );
+        let help = problem.help.as_deref().unwrap();
+        assert!(help.contains("[noise.heights]") && help.contains("[drives]"));
     }
 }

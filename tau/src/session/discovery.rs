@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use tau_codes::Remark;
 use tau_discovery::{Options, Outcome, UNNAMED, reserved};
 use tau_estimation::calibration::Error;
 use tau_estimation::unknown_poses::UnknownPoses;
@@ -19,7 +20,7 @@ pub struct Catalogues {
     /// Texts in the language; of effects of one name, the first counts.
     pub texts: Vec<String>,
     /// Remarks on effects that are not used.
-    pub remarks: Vec<String>,
+    pub remarks: Vec<Remark>,
 }
 
 impl<R> Session<R> {
@@ -31,6 +32,7 @@ impl<R> Session<R> {
     pub fn base(&self) -> Result<&Variant, InputError> {
         self.robot.base().ok_or_else(|| {
             InputError::whole(
+                tau_codes::discovery::NO_BASE,
                 &self.robot.name,
                 "there is no variant with all links and without effects to start from",
             )
@@ -141,7 +143,9 @@ fn catalogues(robot: &Robot, paths: &[impl AsRef<Path>]) -> Result<Catalogues, I
                 } else {
                     "another file"
                 };
-                format!("effect `{name}` of {file} is not used: {first} has one of that name")
+                let text =
+                    format!("effect `{name}` of {file} is not used: {first} has one of that name");
+                Remark::new(tau_codes::discovery::EFFECT_TWICE, text)
             }));
             model.effects.extend(more.effects);
             texts.push(text);
@@ -171,6 +175,7 @@ fn catalogue(path: &Path, model: &Model) -> Result<(String, Model), InputError> 
         let at = text.find(name.as_str()).unwrap_or_default();
         let problem = format!("the name `{name}` is reserved");
         return Err(reserved(InputError::at(
+            tau_codes::discovery::RESERVED_NAME,
             source,
             at..at + name.len(),
             problem,

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
+use tau_codes::files;
 use tau_estimation::numerics::parallel;
 use tau_robot::input_error::both;
 use tau_robot::measurements::{Folder, Shape, Texts};
@@ -75,7 +76,7 @@ impl Files {
                     "found no measurement folder for robot `{}`: the measurements that are built in are of a Gantry-Tau",
                     robot.name
                 );
-                Err(InputError::whole("FOLDER", message).help(
+                Err(InputError::whole(files::NO_FOLDER, "FOLDER", message).help(
                     "name the folder; `tau simulate --model F.tau --out FOLDER` makes one to try",
                 ))
             }

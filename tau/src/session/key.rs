@@ -1,5 +1,6 @@
 //! Keys of variants and parameters: handles, which the compiler checks, and names, which are looked up.
 
+use tau_codes::{files, fit};
 use tau_estimation::calibration::{Calibration, ParameterEstimate};
 use tau_robot::robot::Variant;
 use tau_robot::{InputError, Robot};
@@ -60,7 +61,11 @@ impl<R: DeclaredRobot> ParameterKey<R> for ParameterHandle<R> {
                 "`{}` is a parameter of variant `{own}`, and this is a calibration of `{calibrated}`",
                 self.name()
             );
-            return Err(InputError::whole(&calibration.machine.robot.name, message));
+            return Err(InputError::whole(
+                fit::OTHER_CALIBRATION,
+                &calibration.machine.robot.name,
+                message,
+            ));
         }
         by_name(calibration, self.name())
     }
@@ -88,9 +93,9 @@ fn by_name<'c>(
             "no closure of variant `{}` depends on `{name}`, which therefore is not calibrated",
             variant.name
         );
-        InputError::whole(robot, message)
+        InputError::whole(fit::NOT_CALIBRATED, robot, message)
     } else {
         let known = calibration.parameters.iter().map(|own| own.name.as_str());
-        InputError::unknown_name(robot, "parameter", name, known)
+        InputError::unknown_name(files::UNKNOWN_NAME, robot, "parameter", name, known)
     })
 }

@@ -12,6 +12,7 @@ mod unknown_poses;
 use std::fmt;
 use std::marker::PhantomData;
 
+use tau_codes::{Remark, fit};
 use tau_estimation::Setup;
 use tau_estimation::calibration::{self, Error, Prepared};
 use tau_estimation::evaluation::{self, Evaluation};
@@ -173,7 +174,13 @@ impl<R> Session<R> {
     /// Refuses poses in memory that no file could hold.
     fn sound(&self) -> Result<(), InputError> {
         let (commands, noise) = (self.robot.commands, self.robot_file.noise);
-        let refused = |what: String| Err(InputError::whole(&self.folder.name, what));
+        let refused = |what: String| {
+            Err(InputError::whole(
+                fit::BAD_OBSERVATION,
+                &self.folder.name,
+                what,
+            ))
+        };
         for pose in &self.folder.tcp_poses {
             let (number, found) = (pose.pose, pose.commands_m.len());
             if found != commands {
@@ -194,6 +201,7 @@ impl<R> Session<R> {
             .any(|&sigma| sigma < 0.0)
         {
             return Err(InputError::whole(
+                tau_codes::files::OUT_OF_BOUNDS,
                 &self.robot_file.source,
                 "found a negative noise",
             ));
@@ -203,7 +211,7 @@ impl<R> Session<R> {
 
     /// Remarks on the input, in sentences without full stops: columns and sets missing, parameters that are for
     /// another robot, places that no row names, poses that take no part.
-    pub fn remarks(&self) -> Vec<String> {
+    pub fn remarks(&self) -> Vec<Remark> {
         let remarks = self.folder.remarks.iter().cloned();
         remarks
             .chain(self.robot_file.other_robot(&self.robot))
@@ -217,7 +225,7 @@ impl<R> Session<R> {
     ///
     /// # Errors
     /// There is no variant of that name.
-    pub fn remarks_for(&self, variant: impl VariantKey<R>) -> Result<Vec<String>, InputError> {
+    pub fn remarks_for(&self, variant: impl VariantKey<R>) -> Result<Vec<Remark>, InputError> {
         let variant = variant.variant_of(&self.robot)?;
         let mut remarks = self.remarks();
         remarks.extend(self.robot_file.unused_effects(variant));
@@ -225,7 +233,7 @@ impl<R> Session<R> {
     }
 
     /// A remark on the poses outside the measured range, if there are any.
-    fn left_out(&self) -> Option<String> {
+    fn left_out(&self) -> Option<Remark> {
         let shape = Shape::from(&self.robot);
         let total = self.folder.tcp_poses.len();
         let left_out = total - self.folder.in_range(&self.robot_file, &shape).len();
@@ -235,7 +243,10 @@ impl<R> Session<R> {
             "the range that set 2 covers"
         };
         (left_out > 0).then(|| {
-            format!("{left_out} of {total} poses have commands outside {range} and take no part")
+            let text = format!(
+                "{left_out} of {total} poses have commands outside {range} and take no part"
+            );
+            Remark::new(fit::POSES_DROPPED, text)
         })
     }
 
@@ -350,9 +361,11 @@ impl<R> Session<R> {
         let variant = variant.variant_of(&self.robot)?;
         if self.has_unknown_poses() {
             let message = "drives have noise, or tell more than the pose, or something was measured that tells less";
-            return Err(InputError::whole(&self.folder.name, message)
-                .help("every calibration of these has errors in variables: ask for a plain one")
-                .into());
+            return Err(
+                InputError::whole(fit::NEEDS_MEASURED_POSES, &self.folder.name, message)
+                    .help("every calibration of these has errors in variables: ask for a plain one")
+                    .into(),
+            );
         }
         let poses = self.poses()?.division.calibration;
         let options = self.options();
@@ -378,7 +391,9 @@ impl<R> Session<R> {
     pub fn sensitivity(&self, machine: &Machine, step: f64) -> Result<Sensitivity, Error> {
         if !(step.is_finite() && step > 0.0) {
             let message = format!("{step} is no step: it has to be more than 0");
-            return Err(InputError::whole("sensitivity", message).into());
+            return Err(
+                InputError::whole(tau_codes::files::OPTION_VALUE, "sensitivity", message).into(),
+            );
         }
         let poses = self.poses()?.division.validation;
         sensitivity::analyse(machine, &self.folder, &poses, step)

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use tau_codes::fit;
 use tau_estimation::calibration::{Calibration, Prepared};
 use tau_estimation::numerics::order::extent;
 use tau_estimation::uncertainty::Uncertainty;
@@ -184,8 +185,10 @@ impl<R> Session<R> {
         let validating = self.without_calibrated(&self.poses()?.division.validation);
         if validating.is_empty() {
             let message = "all poses that validate took part in the calibration of the robot file";
-            return Err(InputError::whole(&self.folder.name, message)
-                .help("take another split or another folder"));
+            return Err(
+                InputError::whole(fit::NOTHING_HELD_OUT, &self.folder.name, message)
+                    .help("take another split or another folder"),
+            );
         }
         Ok(validating)
     }
@@ -229,7 +232,11 @@ impl<R> Session<R> {
             let total = self.folder.tcp_poses.len();
             let message =
                 format!("none of the {total} poses has all its commands in the measured range");
-            return Err(InputError::whole(&self.folder.name, message));
+            return Err(InputError::whole(
+                fit::NONE_IN_RANGE,
+                &self.folder.name,
+                message,
+            ));
         }
         Ok((poses, basis))
     }
@@ -304,8 +311,10 @@ impl<R> Session<R> {
         };
         if poses.is_empty() && distances.is_empty() {
             let message = "no measurement is left to judge the machine by";
-            return Err(InputError::whole(&self.folder.name, message)
-                .help("let fewer of them calibrate with `--split`, or measure more"));
+            return Err(
+                InputError::whole(fit::NOTHING_HELD_OUT, &self.folder.name, message)
+                    .help("let fewer of them calibrate with `--split`, or measure more"),
+            );
         }
         let judged = JudgedRows {
             poses,

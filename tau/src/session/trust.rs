@@ -1,5 +1,6 @@
 //! Trust in answers, by the measurements of a session.
 
+use tau_codes::fit;
 use tau_estimation::calibration::{Calibration, Error};
 use tau_estimation::trust::{self, Check, Mistake, Verdict};
 use tau_estimation::unknown_poses;
@@ -22,14 +23,18 @@ impl<R> Session<R> {
         let calibrated = &calibration.machine.robot;
         if calibrated.name != self.robot.name || calibrated.commands != self.robot.commands {
             let message = format!("the calibration is of robot `{}`", calibrated.name);
-            return Err(InputError::whole(&self.robot.name, message).into());
+            return Err(
+                InputError::whole(fit::OTHER_CALIBRATION, &self.robot.name, message).into(),
+            );
         }
         if self.has_unknown_poses() {
             let message =
                 "poses are unknown, so that more was fitted than the verdict on poses judges";
-            return Err(InputError::whole(&self.folder.name, message)
-                .help("`calibrate_unknown_poses` gives a calibration with its verdict")
-                .into());
+            return Err(
+                InputError::whole(fit::NEEDS_MEASURED_POSES, &self.folder.name, message)
+                    .help("`calibrate_unknown_poses` gives a calibration with its verdict")
+                    .into(),
+            );
         }
         let poses = self.poses()?.division.calibration;
         trust::of_calibration(calibration, &self.robot_file, &self.folder, &poses, None)
@@ -116,11 +121,13 @@ impl<R> Session<R> {
         };
         self.sound()?;
         if variants.is_empty() {
-            return Err(
-                InputError::whole(&self.robot.name, "every variant has effects")
-                    .help("name one with `--variant`")
-                    .into(),
-            );
+            return Err(InputError::whole(
+                tau_codes::discovery::NO_BASE,
+                &self.robot.name,
+                "every variant has effects",
+            )
+            .help("name one with `--variant`")
+            .into());
         }
         let rows = self.has_unknown_poses().then(|| self.row_division());
         let (division, none) = if rows.is_some() {

@@ -1,5 +1,6 @@
 //! Calibration of a session whose poses are unknown.
 
+use tau_codes::fit;
 use tau_estimation::calibration::{Error, Options};
 use tau_estimation::trust::Status;
 use tau_estimation::unknown_poses::{
@@ -45,8 +46,10 @@ impl<R> Session<R> {
             let Some(StatedNoise::Known(sigma)) = of_axes[axis] else {
                 let message =
                     "the noise of positions is to be estimated, but this command needs it";
-                return Err(InputError::whole(&self.robot_file.source, message)
-                    .help("write what `tau calibrate` found as `position_m` of `[noise]`"));
+                return Err(
+                    InputError::whole(fit::NOISE_NEEDED, &self.robot_file.source, message)
+                        .help("write what `tau calibrate` found as `position_m` of `[noise]`"),
+                );
             };
             known[axis] = Some(sigma);
         }

@@ -3,6 +3,7 @@
 pub mod results;
 mod unknown_poses;
 
+use tau_codes::{Remark, fit};
 use tau_discovery as discovery;
 use tau_estimation::assumptions::{self, Assumptions};
 use tau_estimation::calibration::{Calibration, Error, Prepared, calibrate};
@@ -96,7 +97,10 @@ pub fn run<R>(
         let (calibration, found) = calibrated;
         let name = &variant.name;
         let without = found.not_predicted.iter();
-        remarks.extend(without.map(|own| format!("`{name}`: {own}")));
+        remarks.extend(without.map(|own| {
+            let Remark { code, text } = own.remark();
+            Remark::new(code, format!("`{name}`: {text}"))
+        }));
         layouts.extend(layout(&calibration, folder));
         if variant.arm == Arm::Full && calibrates_links(variant) {
             full = Some((calibration, predicted(&found, folder, &division.validation)));
@@ -108,7 +112,10 @@ pub fn run<R>(
     let sensitivity = full.and_then(|(calibration, poses)| {
         let machine = &calibration.machine;
         sensitivity::analyse(machine, folder, &poses, sensitivity::PAPER_STEP)
-            .map_err(|error| remarks.push(format!("left out: sensitivities: {error}")))
+            .map_err(|error| {
+                let text = format!("left out: sensitivities: {}", error.text());
+                remarks.push(Remark::new(error.code(), text));
+            })
             .ok()
     });
     next("done");
@@ -129,8 +136,8 @@ pub fn run<R>(
 /// The first failure, where all variants fail.
 fn take_calibrated<'a, T>(
     outcomes: impl Iterator<Item = (&'a Variant, Result<T, Error>)>,
-    remarks: &mut Vec<String>,
-    mut take: impl FnMut(&Variant, T, &mut Vec<String>),
+    remarks: &mut Vec<Remark>,
+    mut take: impl FnMut(&Variant, T, &mut Vec<Remark>),
 ) -> Result<Vec<Reason>, Error> {
     let (mut failure, mut is_any) = (None, false);
     let mut others = vec![];
@@ -141,12 +148,13 @@ fn take_calibrated<'a, T>(
                 is_any = true;
             }
             Err(error) => {
-                remarks.push(format!("left out: `{}`: {error}", variant.name));
+                let text = format!("left out: `{}`: {}", variant.name, error.text());
+                remarks.push(Remark::new(error.code(), text));
                 let why = match &error {
                     Error::Input(error) => error.problems().first().map(|own| own.message.clone()),
                     _ => None,
                 };
-                let why = why.unwrap_or_else(|| error.to_string());
+                let why = why.unwrap_or_else(|| error.text());
                 others.push(Reason::NoOther(variant.name.clone(), why));
                 failure.get_or_insert(error);
             }
@@ -170,7 +178,7 @@ fn study<R>(
     session: &Session<R>,
     poses: PoseCounts,
     (variants, check): (Vec<VariantResult>, Check),
-    remarks: Vec<String>,
+    remarks: Vec<Remark>,
 ) -> Study {
     let (robot, file) = (session.robot(), session.robot_file());
     Study {
@@ -290,20 +298,24 @@ fn layout_within(calibration: &Calibration, ranges: &[(f64, f64)]) -> Option<Lay
 pub fn search<R>(study: &mut Study, session: &Session<R>, progress: &mut (dyn FnMut(&str) + Send)) {
     let Some(base) = session.robot().base() else {
         let remark = "nothing was searched for: no variant has all links and no effects";
-        study.remarks.push(remark.to_owned());
+        study
+            .remarks
+            .push(Remark::new(tau_codes::discovery::NOT_SEARCHED, remark));
         return;
     };
     if session.options().treatment != Treatment::default() {
         let remark = "the treatment of outliers that was asked for is that of the calibrations: the search for effects \
                       leaves outliers out";
-        study.remarks.push(remark.to_owned());
+        study
+            .remarks
+            .push(Remark::new(tau_codes::discovery::OTHER_TREATMENT, remark));
     }
     let options = discovery::Options::default();
     match session.discover_with(base.name.as_str(), &options, progress) {
         Ok(outcome) => study.discovery = Some(outcome.discovery),
         Err(error) => {
-            let remark = format!("what `{}` lacks was not found: {error}", base.name);
-            study.remarks.push(remark);
+            let text = format!("what `{}` lacks was not found: {}", base.name, error.text());
+            study.remarks.push(Remark::new(error.code(), text));
         }
     }
 }
@@ -312,7 +324,7 @@ pub fn search<R>(study: &mut Study, session: &Session<R>, progress: &mut (dyn Fn
 fn chosen_variants<'a>(
     robot: &'a Robot,
     folder: &Folder,
-    remarks: &mut Vec<String>,
+    remarks: &mut Vec<Remark>,
 ) -> Vec<&'a Variant> {
     let (chosen, left_out): (Vec<&Variant>, Vec<&Variant>) = robot
         .variants
@@ -330,7 +342,8 @@ fn chosen_variants<'a>(
             .iter()
             .map(|variant| variant.name.as_str())
             .collect();
-        remarks.push(format!("left out for want of set 2: {}", names.join(", ")));
+        let text = format!("left out for want of set 2: {}", names.join(", "));
+        remarks.push(Remark::new(fit::VARIANT_LEFT_OUT, text));
     }
     chosen
 }

@@ -1,5 +1,6 @@
 //! Results of a study, as plain data: the report, the terminal tables and the JSON are written from this.
 
+use tau_codes::Remark;
 use tau_discovery::Discovery;
 use tau_estimation::assumptions::Assumptions;
 use tau_estimation::evaluation::VariantResult;
@@ -40,7 +41,7 @@ pub struct Study {
     /// Positions of poses as they were estimated, where they were not measured (m).
     pub placed_m: Vec<[f64; 3]>,
     /// Remarks for the reader: poses dropped, columns missing, and so on.
-    pub remarks: Vec<String>,
+    pub remarks: Vec<Remark>,
 }
 
 impl Study {

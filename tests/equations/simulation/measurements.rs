@@ -262,7 +262,7 @@ fn files_read_back_as_they_were() {
     assert_eq!(read.tcp_poses, simulated.folder.tcp_poses);
     assert_eq!(read.cart_poses, simulated.folder.cart_poses);
     assert_eq!(read.cart_positions, simulated.folder.cart_positions);
-    assert_eq!(read.remarks, Vec::<String>::new());
+    assert_eq!(read.remarks, []);
     assert_eq!(
         RobotFile::read(&path.join("robot.toml"), &robot).unwrap(),
         simulated.file

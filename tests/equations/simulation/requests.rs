@@ -452,7 +452,11 @@ fn errors_of_a_tracker_are_in_positions() {
             assert!((seen - expected).abs() < 1e-12, "{seen} {expected}");
         }
     }
-    let says = |kind: PlateKind| simulated(&texts, kind).truth.remarks.join("\n");
+    let says = |kind: PlateKind| {
+        let remarks = simulated(&texts, kind).truth.remarks;
+        let remarks: Vec<&str> = remarks.iter().map(|remark| remark.text.as_str()).collect();
+        remarks.join("\n")
+    };
     assert_eq!(says(PlateKind::Position), "");
     let heights = says(PlateKind::Height);
     for effect in ["tracker_drift", "tracker_scale"] {

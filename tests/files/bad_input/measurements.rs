@@ -264,7 +264,7 @@ fn places_that_no_row_names_are_remarked() {
     folder.write("robot.toml", replaced(ROBOT, "[range]", &places));
     let remark = folder.read_robot().unwrap().unused_places(&read);
     assert_eq!(
-        remark.as_deref(),
+        remark.as_ref().map(|remark| remark.text.as_str()),
         Some(
             "robot.toml has `[targets.rigth]`, `[balls.\"1 b\"]`, which no row of the folder names in a column \
              `target`, `surface` or `ball`"

@@ -11,6 +11,7 @@ mod verdict;
 use std::collections::BTreeSet;
 
 use nalgebra::{DMatrix, DVector};
+use tau_codes::fit;
 use tau_kinematics::Machine;
 use tau_robot::input_error::InputError;
 use tau_solver::solve;
@@ -464,7 +465,7 @@ impl Fit<'_> {
         let message = format!(
             "{rows} residuals of {poses} poses for {spent} unknowns of these{places}: they fit any machine"
         );
-        let error = InputError::whole(&self.folder.name, message);
+        let error = InputError::whole(fit::FITS_ANYTHING, &self.folder.name, message);
         Err(error
             .help("measure more at each pose, or more poses from the same place")
             .into())
