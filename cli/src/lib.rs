@@ -158,7 +158,7 @@ impl From<calibration::Error> for Failure {
     fn from(error: calibration::Error) -> Self {
         match error {
             calibration::Error::Input(error) => Self::Input(error),
-            error => Self::Failed(error.to_string()),
+            error => Self::Failed(format!("{error} [{}]", error.code())),
         }
     }
 }

@@ -7,6 +7,7 @@ use serde::{Serialize, Serializer};
 pub use tau_codegen::language::Model;
 pub use tau_codegen::language::model::{Readable, Target};
 pub use tau_codegen::language::units::Dimension;
+use tau_codes::{Code, discovery as codes};
 use tau_estimation::evaluation::Summary;
 pub use tau_estimation::samples::Treatment;
 
@@ -92,6 +93,20 @@ pub struct Discovery {
     pub pulls: Vec<Pull>,
     /// Wall time (s).
     pub seconds: f64,
+}
+
+impl Discovery {
+    /// The code of its verdict.
+    pub fn code(&self) -> Code {
+        match self.status {
+            Status::Explained => codes::EXPLAINED,
+            Status::NothingMissing => codes::NOTHING_MISSING,
+            Status::PartlyExplained => codes::PARTLY_EXPLAINED,
+            // Nothing follows anything: measurements scatter beyond their noise.
+            Status::UnnamedStructure if self.unnamed.is_empty() => codes::NOISY,
+            Status::UnnamedStructure => codes::UNNAMED_STRUCTURE,
+        }
+    }
 }
 
 /// The verdict.
@@ -338,7 +353,8 @@ pub struct Rival {
     pub place: Place,
     /// Cosine between the two signals, after what the model absorbs.
     pub cosine: f64,
-    /// The measurement that would decide.
+    /// The measurement that would decide; in JSON with its `code`.
+    #[serde(flatten, serialize_with = "words::separate_by")]
     pub separate_by: Separation,
 }
 
@@ -352,7 +368,8 @@ pub struct Considered {
     /// Of its score beside the base.
     #[serde(flatten)]
     pub p_value: PValue,
-    /// Its verdict.
+    /// Its verdict; in JSON with its `code`.
+    #[serde(flatten, serialize_with = "words::verdict")]
     pub verdict: Verdict,
 }
 
@@ -382,7 +399,8 @@ pub struct Unseen {
     pub name: String,
     /// Its place.
     pub place: Place,
-    /// Why not.
+    /// Why not; in JSON with its `code`.
+    #[serde(flatten, serialize_with = "words::why")]
     pub why: Reason,
 }
 

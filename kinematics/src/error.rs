@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use tau_codes::{Code, kinematics as codes};
+
 use super::Pose;
 use super::inputs::Missing;
 
@@ -96,6 +98,28 @@ pub enum Error {
     },
     /// The arm can't be positioned as asked.
     Target(&'static str),
+}
+
+impl Error {
+    /// Its code.
+    pub fn code(&self) -> Code {
+        match self {
+            Self::Missing { .. } => codes::MISSING,
+            Self::NotFinite { .. } => codes::NOT_FINITE,
+            Self::Commands { .. } => codes::COMMANDS,
+            Self::Singular { .. } => codes::SINGULAR,
+            Self::NotConverged { .. } => codes::NOT_CONVERGED,
+            Self::Unassembled { .. } => codes::UNASSEMBLED,
+            Self::OutOfReach { .. } => codes::OUT_OF_REACH,
+            Self::Inconsistent { .. } => codes::INCONSISTENT,
+            Self::NoReference => codes::NO_REFERENCE,
+            Self::Reference { .. } => codes::REFERENCE,
+            Self::Way { .. } => codes::WAY,
+            Self::Behind => codes::BEHIND,
+            Self::Partial { .. } => codes::PARTIAL,
+            Self::Target(_) => codes::TARGET,
+        }
+    }
 }
 
 impl fmt::Display for Error {
@@ -204,3 +228,6 @@ fn length(metres: f64) -> String {
 }
 
 impl std::error::Error for Error {}
+
+#[cfg(test)]
+mod tests;

@@ -178,10 +178,11 @@ pub fn study(study: &Study) -> Results<'_> {
 
 /// The result of `tau discover`.
 pub fn discovery(discovery: &Discovery) -> Value {
-    let unconfirmed = unconfirmed(discovery).into_iter();
+    let unconfirmed = unconfirmed(discovery).map(|remark| remark.text).into_iter();
     let remarks = unconfirmed.chain(discovery.remarks.iter().cloned());
     let mut own = json!(discovery);
     own["remarks"] = remarks.collect();
+    own["code"] = json!(discovery.code().to_string());
     own
 }
 
@@ -208,7 +209,11 @@ pub fn evaluation(evaluation: &Evaluation, widening: f64) -> Value {
 }
 
 fn not_predicted(own: &NotPredicted) -> Value {
-    json!({ "pose": own.pose, "why": own.error.to_string() })
+    json!({
+        "pose": own.pose,
+        "why": own.error.to_string(),
+        "code": own.error.code().to_string(),
+    })
 }
 
 fn position(found: Summary, expected_rms_um: Option<f64>, widening: f64) -> Value {

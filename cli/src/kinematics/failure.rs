@@ -187,7 +187,11 @@ impl Setup<'_> {
                     .unwrap_or_else(|| Pose::from_zyz(row.position_m, [0.0; 3]));
                 let sample = row.sample(&row.commands_m, pose);
                 let error = self.machine.explained(error.clone(), &sample);
-                Failure::Failed(format!("{}: pose {}: {error}", row.source, row.pose))
+                let code = error.code();
+                Failure::Failed(format!(
+                    "{}: pose {}: {error} [{code}]",
+                    row.source, row.pose
+                ))
             }
         }
     }

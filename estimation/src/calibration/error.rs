@@ -2,9 +2,11 @@
 
 use std::fmt;
 
+use tau_codes::{Code, Remark, fit};
 use tau_kinematics as kinematics;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::TCP_POSES;
+use tau_solver::Termination;
 
 /// Why a calibration, or what builds on one, failed.
 #[derive(Debug, Clone, PartialEq)]
@@ -15,8 +17,8 @@ pub enum Error {
     NotConverged {
         /// Name of the variant.
         variant: String,
-        /// Why, in words.
-        why: String,
+        /// Why.
+        why: Remark,
     },
     /// The plate's pose could not be predicted.
     Kinematics {
@@ -30,6 +32,15 @@ pub enum Error {
 }
 
 impl Error {
+    /// Its code.
+    pub fn code(&self) -> Code {
+        match self {
+            Self::Input(_) => fit::UNUSABLE,
+            Self::NotConverged { why, .. } => why.code,
+            Self::Kinematics { error, .. } => error.code(),
+        }
+    }
+
     /// A pose of `tcp_poses.csv` that kinematics fails on: missing columns are the input's fault.
     pub fn at_pose(pose: u32, error: kinematics::Error) -> Self {
         Self::of_kinematics(None, pose, error)
@@ -61,7 +72,11 @@ impl fmt::Display for Error {
         match self {
             Self::Input(error) => error.fmt(f),
             Self::NotConverged { variant, why } => {
-                write!(f, "the calibration of `{variant}` did not converge: {why}")
+                write!(
+                    f,
+                    "the calibration of `{variant}` did not converge: {}",
+                    why.text
+                )
             }
             // No row is to blame, whose way begins at the reference.
             Self::Kinematics {
@@ -90,6 +105,27 @@ impl fmt::Display for Error {
 }
 
 impl std::error::Error for Error {}
+
+/// Why the solver gave no solution.
+pub(crate) fn unsolved(error: &tau_solver::Error) -> Remark {
+    use tau_solver::Error::{NonFinite, SingularValues};
+    let code = match error {
+        NonFinite { .. } => fit::NOT_FINITE,
+        SingularValues => fit::NOT_CONVERGED,
+        _ => fit::UNSOLVABLE,
+    };
+    Remark::new(code, error.to_string())
+}
+
+/// Why a solution is none.
+pub(crate) fn ended(termination: Termination) -> Remark {
+    Remark::new(fit::NOT_CONVERGED, termination.to_string())
+}
+
+/// Numbers of a fit that are not finite.
+pub(crate) fn not_finite(what: &str) -> Remark {
+    Remark::new(fit::NOT_FINITE, format!("the {what} are not finite"))
+}
 
 impl From<InputError> for Error {
     fn from(error: InputError) -> Self {

@@ -12,6 +12,7 @@ mod check;
 pub(crate) mod dimensions;
 pub(crate) mod drawing;
 pub(crate) mod exchanged;
+mod facts;
 mod first_look;
 pub(crate) mod hypothesis;
 pub(crate) mod judged;
@@ -35,6 +36,7 @@ pub(crate) mod words;
 
 use crate::numerics::count;
 pub use check::{Check, Checked, FileFacts, Range, check};
+pub use facts::Fact;
 pub use mistake::{Mistake, MistakeKind};
 pub use observability::{Gap, Need, Observability};
 pub use of_folder::{mistakes, refuse};

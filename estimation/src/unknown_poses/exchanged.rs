@@ -52,6 +52,7 @@ impl Fit<'_> {
         let named = found.into_iter().map(|[one, other]| Mistake {
             kind: MistakeKind::Distances,
             file: DISTANCES,
+            lines: vec![lines[one], lines[other]],
             what: format!(
                 "the distances of lines {} and {} are exchanged",
                 lines[one], lines[other]

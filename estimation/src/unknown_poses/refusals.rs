@@ -39,7 +39,9 @@ impl Fit<'_> {
         } else {
             "measure a distance, or take a variant that holds what lengths are counted by, such as radii of drums; `--free-scale` fits it all the same, with the size of the tolerances".to_owned()
         };
-        Err(InputError::whole(&self.folder.name, why).help(help).into())
+        Err(InputError::whole(&self.folder.name, why.text)
+            .help(help)
+            .into())
     }
 
     /// Refuses a treatment of gross measurements where none can be told to be one, so that it would change nothing.

@@ -108,7 +108,10 @@ fn found() -> Discovery {
     let unseen = |place: &str| Unseen {
         name: "link_thermal".to_owned(),
         place: link(place),
-        why: Reason::Lacks("the column <temperature_c> is missing"),
+        why: Reason::Lacks(Lack {
+            code: tau_codes::discovery::LACKS_COLUMN,
+            words: "the column <temperature_c> is missing",
+        }),
     };
     Discovery {
         base: "Full".to_owned(),

@@ -2,6 +2,7 @@
 
 use tau::study::results::Study;
 use tau::trust::{Check, Checked, FileFacts, Status, Verdict};
+use tau_codes::{Remark, fit};
 
 use crate::number::general;
 use crate::screen::Screen;
@@ -48,24 +49,29 @@ pub(crate) fn of_study(screen: &mut Screen, study: &Study) {
 pub fn wrong(check: &Check) -> Vec<String> {
     let mistakes = check.mistakes.iter().map(|mistake| {
         format!(
-            "In {}: {}. To mend it: {}.",
-            mistake.file, mistake.what, mistake.mend
+            "In {}: {}. To mend it: {}. [{}]",
+            mistake.file,
+            mistake.what,
+            mistake.mend,
+            mistake.kind.code()
         )
     });
     let unexplained = match check.misfit {
         _ if !check.mistakes.is_empty() => None,
-        _ if !check.is_meaningful() => Some(
-            "No mistake that could be mended was recognised, yet a calibration would mean nothing."
-                .to_owned(),
-        ),
+        _ if !check.is_meaningful() => Some(Remark::new(
+            fit::NO_MISTAKE,
+            "No mistake that could be mended was recognised, yet a calibration would mean nothing.",
+        )),
         misfit => misfit.map(|times| {
-            format!(
+            let text = format!(
                 "No mistake was recognised, yet residuals of a first fit are {} times the stated noise: `tau calibrate` says \
                  where.",
                 general(times, 3)
-            )
+            );
+            Remark::new(fit::MISFIT, text)
         }),
     };
+    let unexplained = unexplained.as_ref().map(Remark::to_string);
     mistakes.chain(unexplained).collect()
 }
 
@@ -108,7 +114,10 @@ pub fn check(check: &Check, width: usize) -> String {
         screen.line("What is missing, and what it would bring");
     }
     for gap in &check.missing {
-        screen.say_within("  ", &format!("{}: {}", gap.what, gap.brings));
+        screen.say_within(
+            "  ",
+            &format!("{}: {} [{}]", gap.what, gap.brings, gap.code),
+        );
     }
     screen.into_text()
 }
@@ -185,7 +194,7 @@ fn variant(screen: &mut Screen, checked: &Checked) {
     );
     weak(screen, undetermined);
     if let Some(warning) = reach.and_then(|reach| reach.warning()) {
-        screen.say_within("    ", &warning.to_string());
+        screen.say_within("    ", &warning.coded());
     }
 }
 
