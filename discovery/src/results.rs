@@ -9,7 +9,7 @@ pub use tau_codegen::language::model::{Readable, Target};
 pub use tau_codegen::language::units::Dimension;
 use tau_codes::{Code, discovery as codes};
 use tau_estimation::evaluation::Summary;
-pub use tau_estimation::samples::Treatment;
+pub use tau_estimation::samples::{Lack, Treatment};
 
 pub use super::gross_row::GrossRow;
 

@@ -6,9 +6,8 @@ use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
 use tau_codegen::language::model;
 use tau_codes::{Code, discovery as codes};
-use tau_estimation::samples::Lack;
 
-use super::{Dimension, Model, Readable, Target, Treatment, Verdict};
+use super::{Dimension, Lack, Model, Readable, Target, Treatment, Verdict};
 use crate::separation::{MIN_SEPARATION_GAIN, POSES};
 use crate::text::DISCOVERED;
 
@@ -431,22 +430,3 @@ serialize_with_code!(
     separate_by: Separation as "separate_by",
     verdict: Verdict as "verdict"
 );
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn poses_that_are_measured_more_than_once_stand_once() {
-        let separation = Separation::Repeat {
-            poses: vec![1, 1, 1, 4, 7, 7],
-            treatment: TREATMENTS[0].0,
-            chi2: [1.0, 90.0, 30.0],
-        };
-        let text = separation.to_string();
-        assert!(
-            text.starts_with("poses 1 (3 times), 4, 7 (2 times) once more"),
-            "{text}"
-        );
-    }
-}

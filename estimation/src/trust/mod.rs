@@ -29,6 +29,8 @@ pub(crate) mod recognise;
 mod refined;
 mod sentences;
 mod status;
+#[cfg(test)]
+mod tests;
 pub(crate) mod tried;
 mod verdict;
 pub(crate) mod wide;

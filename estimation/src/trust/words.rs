@@ -172,6 +172,18 @@ pub(crate) fn of_tolerances(hypothesis: &Hypothesis) -> Option<Mistake> {
     })
 }
 
+/// Distances of two lines that are exchanged.
+pub(crate) fn exchanged([one, other]: [usize; 2]) -> Mistake {
+    Mistake {
+        kind: MistakeKind::Distances,
+        file: DISTANCES,
+        lines: vec![one, other],
+        what: format!("the distances of lines {one} and {other} are exchanged"),
+        mend: "exchange them".to_owned(),
+        is_absurd: true,
+    }
+}
+
 /// A numbering in words; it holds the cart on each track.
 pub(super) fn carts(robot: &Robot, file: &'static str, numbering: &[usize]) -> Mistake {
     let list: Vec<String> = numbering

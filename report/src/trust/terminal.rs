@@ -47,15 +47,7 @@ pub(crate) fn of_study(screen: &mut Screen, study: &Study) {
 
 /// Sentences on what is wrong with the input of `tau check`: mistakes, or noise that is not met without one.
 pub fn wrong(check: &Check) -> Vec<String> {
-    let mistakes = check.mistakes.iter().map(|mistake| {
-        format!(
-            "In {}: {}. To mend it: {}. [{}]",
-            mistake.file,
-            mistake.what,
-            mistake.mend,
-            mistake.kind.code()
-        )
-    });
+    let mistakes = check.mistakes.iter().map(super::mistake);
     let unexplained = match check.misfit {
         _ if !check.mistakes.is_empty() => None,
         _ if !check.is_meaningful() => Some(Remark::new(
