@@ -53,4 +53,5 @@ codes! {
     WITHOUT_FIT = 390: "no calibration converges, and no mistake that was tried explains it";
     MISFIT = 391: "no mistake was recognised, yet residuals of a first fit exceed the noise";
     NO_MISTAKE = 392: "no mistake was recognised, yet a calibration would mean nothing";
+    EXCHANGE_UNNOTICED = 393: "carts that exchange their numbers would not be noticed";
 }

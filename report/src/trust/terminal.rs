@@ -83,7 +83,8 @@ pub fn check(check: &Check, width: usize) -> String {
         file(&mut screen, own);
         if check.exchange_unnoticed.contains(&own.file) {
             let words = "carts that exchange their numbers go unnoticed here, so near each other do they run";
-            screen.say_within("    ", words);
+            let remark = Remark::new(fit::EXCHANGE_UNNOTICED, words);
+            screen.say_within("    ", &remark.to_string());
         }
     }
     screen.gap();
