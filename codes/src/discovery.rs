@@ -27,9 +27,9 @@ codes! {
     NOTHING_MISSING = 624: "the base explains the measurements";
     UNNAMED_STRUCTURE = 625: "something is missing that no effect explains";
     PARTLY_EXPLAINED = 626: "something that is missing has a name, something has none";
-    UNCONFIRMED = 627: "held-out measurements do not confirm what was found";
-    FAR_FROM_FILE = 628: "a dimension comes out far from the robot file";
     NOISY = 629: "no effect is significant, yet the noise is far larger than stated";
+    FAR_FROM_DRAWING = 638: "dimensions are far from the robot file";
+    UNCONFIRMED = 646: "held-out measurements do not confirm what was found";
     ALIASES = 660: "another value of a searched parameter fits as well";
     AMBIGUOUS = 661: "effects can hardly be told apart by these measurements";
     NO_AMPLITUDE = 662: "an effect has no amplitude to fit";

@@ -30,6 +30,10 @@ codes! {
     MEANS_MISSED = 327: "the model misses means of repeated readings by more than they scatter";
     MEANS_MISSED_WITHIN_NOISE = 328: "the model misses means of repeated readings by more than they scatter, within the noise";
     DRIVES_NOT_REPEATING = 329: "drives that are stated to be exact may explain means that are missed";
+    FITS_ANYTHING = 339: "there are too few residuals to judge a fit";
+    NOTHING_SEEN = 340: "the measurements do not depend on the parameters";
+    RANK = 341: "the measurements determine too few unknowns";
+    NO_SCALE = 342: "nothing determines the scale";
     NOT_FINITE = 370: "a residual or a derivative of a fit is not a finite number";
     UNSOLVABLE = 371: "a fit cannot be set up or solved";
     UNUSABLE = 372: "the input cannot be used";
@@ -46,9 +50,6 @@ codes! {
     PARAMETERS_EXACT = 383: "parameters count as exact because the robot file does not say how well they are known";
     REACH = 384: "poses do not cover the workspace";
     HELD_OUT = 385: "the reasons that follow are of measurements that were held out";
-    UNSEEN = 386: "measurements say nothing of the machine";
-    SATURATED = 387: "as many parameters as residuals: a fit would repeat its input";
-    FREE_SCALE = 388: "nothing determines the scale";
     UNDETERMINED = 389: "nothing determines a parameter, and it has no tolerance";
     WITHOUT_FIT = 390: "no calibration converges, and no mistake that was tried explains it";
     MISFIT = 391: "no mistake was recognised, yet residuals of a first fit exceed the noise";

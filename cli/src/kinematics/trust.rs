@@ -138,7 +138,7 @@ impl Certainty {
                     1e6 * here,
                     1e6 * largest
                 );
-                Remark::new(codes::UNCERTAIN, text)
+                Remark::new(codes::BEYOND_KNOWLEDGE, text)
             });
         let is_uncertain = uncertain.is_some();
         outside.extend(uncertain);

@@ -431,7 +431,7 @@ fn determine(checked: &mut Checked, setup: Setup<'_>, poses: &[usize]) -> Result
             "{} residuals for {free} free parameters: the fit would repeat its input",
             checked.rows
         );
-        Some(Remark::new(fit::SATURATED, text))
+        Some(Remark::new(fit::FITS_ANYTHING, text))
     } else {
         open.map(|open| {
             let names: Vec<String> = open.terms.iter().take(4).map(|term| name(term.0)).collect();

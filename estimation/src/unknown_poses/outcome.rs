@@ -280,7 +280,7 @@ impl Rank {
         let (net, poses) = (self.net_rows(), self.poses);
         if !self.is_seen {
             let why = "these measurements say nothing of the machine: none of its parameters changes what they measure";
-            return Some(Remark::new(codes::UNSEEN, why));
+            return Some(Remark::new(codes::NOTHING_SEEN, why));
         }
         if self.is_saturated() {
             let why = format!(
@@ -289,14 +289,14 @@ impl Rank {
                 self.factors(),
                 self.poses_needed()
             );
-            return Some(Remark::new(codes::SATURATED, why));
+            return Some(Remark::new(codes::RANK, why));
         }
         let scale = self.open.iter().find(|freedom| freedom.is_scale)?;
         let why = format!(
             "nothing determines the {}: a free scale makes a machine of any size fit, the smaller the better",
             scale.words
         );
-        Some(Remark::new(codes::FREE_SCALE, why))
+        Some(Remark::new(codes::NO_SCALE, why))
     }
 }
 

@@ -60,7 +60,7 @@ pub(crate) fn verdict(found: &Discovery) -> String {
         "{status} Yet `{}` comes out {} tolerances from the robot file{others}: see below. [{}]",
         worst.parameter,
         general(worst.tolerances.abs(), 2),
-        codes::FAR_FROM_FILE
+        codes::FAR_FROM_DRAWING
     )
 }
 

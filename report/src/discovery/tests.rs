@@ -456,7 +456,7 @@ fn a_verdict_claims_no_more_than_was_found() {
         tolerances,
     };
     found.pulls = vec![pull("l1.length", 6.2), pull("l2.length", -9.04)];
-    said(&found, &["T624", "T628"]);
+    said(&found, &["T624", "T638"]);
     found.pulls.clear();
     assert!(!findings::gap(&found).contains("falls"));
     let noise = |factor| NoiseScale {
@@ -564,7 +564,7 @@ fn a_name_that_does_not_help_is_not_praised() {
     assert!(text.contains("rises from 100 to 120 µm"), "{text}");
     assert!(text.contains("speaks against what was found"), "{text}");
     let headline = findings::verdict(&found);
-    assert_eq!(codes_of(&headline), ["T626", "T627"]);
+    assert_eq!(codes_of(&headline), ["T626", "T646"]);
     let said = findings::unconfirmed(&found).unwrap();
     assert!(headline.contains(&said.text), "{headline}");
     assert_eq!(json::discovery(&found)["remarks"][0], said.text);
