@@ -59,7 +59,9 @@ impl Random {
 /// Table II of the paper, model 3: every link with its own direction.
 pub(crate) fn paper_file() -> RobotFile {
     let (_, mut file) = prototype();
-    let rows = include_str!("equations/reference/table2_linear.csv").lines().skip(1);
+    let rows = include_str!("equations/reference/table2_linear.csv")
+        .lines()
+        .skip(1);
     for row in rows
         .map(|row| row.split(',').collect::<Vec<_>>())
         .filter(|row| row[0] == "3")

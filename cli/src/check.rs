@@ -23,10 +23,13 @@ pub(super) fn run(arguments: &arguments::Check, console: &Console<'_>) -> Result
             found
                 .variants
                 .iter()
-                .find_map(|variant| variant.why_not.clone())
+                .find_map(|variant| variant.why_not.as_ref().map(ToString::to_string))
         };
         let why = match mistake {
-            Some(mistake) => format!("in {}, {}", mistake.file, mistake.what),
+            Some(mistake) => {
+                let code = mistake.kind.code();
+                format!("in {}, {} [{code}]", mistake.file, mistake.what)
+            }
             None => why_not().unwrap_or_default(),
         };
         let text = format!("a calibration would mean nothing: {why}");

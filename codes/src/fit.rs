@@ -2,8 +2,34 @@
 
 codes! {
     NOT_CONVERGED = 301: "a fit did not converge";
-
-    // What a fit refuses, and remarks on what it was made of.
+    BEYOND_NOISE = 302: "residuals exceed what the stated noise allows";
+    UNEXPLAINED = 303: "residuals exceed what the stated noise allows, and nothing more is known of the cause";
+    WITHIN_NOISE = 304: "residuals are no larger than the noise makes them";
+    NOISE_TOO_LARGE = 305: "residuals are so small that the noise is stated too large";
+    DRIVES_CONTRADICT = 306: "exact drives contradict each other and count as noisy";
+    HELD = 307: "size of the residuals with the parameters held";
+    HELD_BY_CHANCE = 308: "residuals with the parameters held are as large as chance allows";
+    BEYOND_CHANCE = 309: "measurements whose residuals exceed their noise beyond chance";
+    CHANGED = 310: "other parameters fit: the machine has changed, or its parameters are known less well than stated";
+    CHANGED_ALONE = 311: "one changed parameter explains most of the residuals";
+    NO_PARAMETERS = 312: "no parameters explain the residuals";
+    PULLED = 313: "a parameter is beyond its tolerance";
+    IMPLAUSIBLE = 314: "a parameter is as far off its drawing as that of no machine";
+    ANOTHER_MACHINE = 315: "measurements are those of another machine, or do not belong to the commands";
+    LACKS = 316: "the model lacks something, or the noise is larger than stated and standard deviations are too small";
+    CARTS_MISSED = 317: "measurements of carts miss their stated noise and count less";
+    LEFT_OUT = 318: "outliers are left out";
+    KEPT = 319: "outliers are kept";
+    DOWN_WEIGHTED = 320: "outliers are down-weighted by the loss";
+    TOO_MANY_OUTLIERS = 321: "too many poses have large residuals to be outliers";
+    OUTLIERS_NEEDED = 322: "outliers are kept because nothing can be calibrated without them";
+    UNSETTLED = 323: "weights or outliers still changed when the rounds of the fit ran out";
+    REPEATS = 324: "repeatability of readings of the same";
+    COPIED_READINGS = 325: "repeated readings agree to the last digit and are no repeats";
+    NOISE_TOO_SMALL = 326: "repeated readings scatter by more than the stated noise";
+    MEANS_MISSED = 327: "the model misses means of repeated readings by more than they scatter";
+    MEANS_MISSED_WITHIN_NOISE = 328: "the model misses means of repeated readings by more than they scatter, within the noise";
+    DRIVES_NOT_REPEATING = 329: "drives that are stated to be exact may explain means that are missed";
     TOO_FEW_POSES = 330: "too few poses calibrate";
     NO_POSES = 331: "there are no measured poses, or no pose of this number";
     NONE_IN_RANGE = 332: "no pose has all its commands in the measured range";
@@ -36,4 +62,25 @@ codes! {
     VARIANT_LEFT_OUT = 359: "variants or tables of the study are left out";
     REFUSED = 360: "a result is refused because it means nothing";
     SENSITIVITIES_DIFFER = 361: "sensitivities by derivatives and by steps differ";
+    NOT_FINITE = 370: "a residual or a derivative of a fit is not a finite number";
+    UNSOLVABLE = 371: "a fit cannot be set up or solved";
+    UNUSABLE = 372: "the input cannot be used";
+    NO_FIT = 373: "mistakes leave no fit";
+    NO_OTHER = 374: "another variant could not be calibrated";
+    WIDENED = 375: "parameters were found at more than the stated noise, where tolerances hold them";
+    ONE_LEFT = 376: "one residual is left beyond the factors, which every effect explains";
+    NOISE_UNKNOWN = 377: "noise could not be estimated";
+    NOISE_AT_MOST = 378: "noise was estimated to be no more than a value";
+    NOISE_OF_RESIDUALS = 379: "noise was estimated by the size of the residuals";
+    NOISE_BESIDE_REPEATS = 380: "noise was estimated, and repeated readings tell of the model";
+    NOT_JUDGED = 381: "measurements cannot be judged because poses and places follow them";
+    WITHIN_TOLERANCES = 382: "the verdict is on the fit within the tolerances of a drawing";
+    PARAMETERS_EXACT = 383: "parameters count as exact because the robot file does not say how well they are known";
+    REACH = 384: "poses do not cover the workspace";
+    HELD_OUT = 385: "the reasons that follow are of measurements that were held out";
+    UNDETERMINED = 389: "nothing determines a parameter, and it has no tolerance";
+    WITHOUT_FIT = 390: "no calibration converges, and no mistake that was tried explains it";
+    MISFIT = 391: "no mistake was recognised, yet residuals of a first fit exceed the noise";
+    NO_MISTAKE = 392: "no mistake was recognised, yet a calibration would mean nothing";
+    EXCHANGE_UNNOTICED = 393: "carts that exchange their numbers would not be noticed";
 }

@@ -2,8 +2,18 @@
 
 codes! {
     MISSING = 501: "a closure needs a quantity that was not measured";
-
-    // What targets, references and simulations ask for and the machine cannot do.
+    NOT_FINITE = 502: "a closure, or a derivative of it, is not a finite number";
+    COMMANDS = 503: "there are more or fewer commands than drives";
+    SINGULAR = 504: "a pose is singular";
+    NOT_CONVERGED = 505: "no pose or commands were found in the iterations allowed";
+    TOO_SHORT = 507: "a link does not reach";
+    INCONSISTENT = 508: "a pose and commands do not go together";
+    REFERENCE = 510: "the reference is not a pose of the machine";
+    WAY = 511: "the way from the known pose is blocked by a singular one";
+    BEHIND = 512: "a singular pose lies between a pose and the known one";
+    PARTIAL = 513: "a position does not say which pose is meant";
+    TARGET = 514: "the arm cannot be positioned as asked";
+    NOT_CALIBRATED = 517: "parameters of the variant were not calibrated with the others";
     OUT_OF_REACH = 530: "a pose is out of reach";
     MOST_OUT_OF_REACH = 531: "most poses are out of reach";
     TOO_FEW_WITHIN_REACH = 532: "fewer than two poses are within reach";

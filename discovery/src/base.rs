@@ -1,6 +1,7 @@
 //! The base fitted to all sets.
 
 use tau_codegen::language::Model;
+use tau_codes::{Remark, fit as codes};
 use tau_estimation::calibration::Prepared;
 use tau_estimation::joint::descent::not_converged;
 use tau_estimation::joint::fit::Fit;
@@ -84,7 +85,10 @@ pub(super) fn base_fit(
     let off_m = fit.scales[Component::Closure as usize] * file.noise.position_m;
     if off_m > LARGEST_MISFIT * mean_length_m(&fit) {
         let why = format!("its closures are still off by {:.0} mm", 1e3 * off_m);
-        return Err(not_converged(&fit.joint, &why));
+        return Err(not_converged(
+            &fit.joint,
+            Remark::new(codes::ANOTHER_MACHINE, why),
+        ));
     }
     Ok((fit, samples))
 }

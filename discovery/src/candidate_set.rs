@@ -10,9 +10,10 @@ use std::sync::{Arc, OnceLock};
 use nalgebra::DMatrix;
 use tau_codegen::language::Model;
 use tau_codegen::language::model::Subject;
+use tau_codes::discovery as codes;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::parallel;
-use tau_estimation::samples::Sample;
+use tau_estimation::samples::{Lack, Sample};
 use tau_kinematics::Surroundings;
 use tau_robot::robot::Variant;
 
@@ -47,7 +48,7 @@ pub(super) struct CandidateSet {
     /// Pairs of probes whose products scores take.
     pairs: BTreeSet<(usize, usize)>,
     /// Candidates that the measurements cannot show, and why.
-    pub(super) unseen: Vec<(usize, &'static str)>,
+    pub(super) unseen: Vec<(usize, Lack)>,
     /// Candidates that take no part, because no plausible amplitude of them would show.
     pub(super) hidden: BTreeSet<usize>,
     /// Those of them, without a search, that the base absorbs. None of them is a name; but the base absorbs them against
@@ -158,11 +159,16 @@ impl CandidateSet {
         let prepared = parallel::map(&indices, |&index| {
             let candidate = &candidates[index];
             if candidate.amplitudes().is_empty() {
-                return Err("it has no amplitude to fit");
+                return Err(Lack {
+                    code: codes::NO_AMPLITUDE,
+                    words: "it has no amplitude to fit",
+                });
             }
             let is_of_tracker = model.effects[candidate.effect].subject == Subject::Tcp;
-            if let Some(why) = hides_tracker.filter(|_| is_of_tracker && candidate.is_named()) {
-                return Err(why);
+            let is_named = candidate.is_named();
+            if let Some(words) = hides_tracker.filter(|_| is_of_tracker && is_named) {
+                let code = codes::LACKS_TRACKER;
+                return Err(Lack { code, words });
             }
             if candidate.search.is_some() && !candidate.is_named() {
                 return Ok(Columns::Later);

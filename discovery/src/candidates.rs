@@ -9,7 +9,7 @@ use nalgebra::DMatrix;
 use tau_codegen::equations::{self, Scope};
 use tau_codegen::language::model::{Effect, EffectUse, Model, Place};
 use tau_codegen::language::units::Dimension;
-use tau_estimation::samples::Sample;
+use tau_estimation::samples::{Lack, Sample};
 use tau_kinematics::Surroundings;
 use tau_robot::effects;
 use tau_robot::robot::{Arm, Variant};
@@ -293,7 +293,7 @@ impl Candidate {
         probes: &Probes,
         samples: &[Sample],
         surroundings: &Surroundings,
-    ) -> Result<Vec<Entry>, &'static str> {
+    ) -> Result<Vec<Entry>, Lack> {
         let is_nominal = |k: usize| values[k] == self.parameters[k].none;
         let takes_optional = !self.optional().into_iter().all(is_nominal);
         Readings::of(

@@ -7,9 +7,9 @@ use serde::{Serialize, Serializer};
 pub use tau_codegen::language::Model;
 pub use tau_codegen::language::model::{Readable, Target};
 pub use tau_codegen::language::units::Dimension;
-use tau_codes::Remark;
+use tau_codes::{Code, Remark, discovery as codes};
 use tau_estimation::evaluation::Summary;
-pub use tau_estimation::samples::Treatment;
+pub use tau_estimation::samples::{Lack, Treatment};
 
 pub use super::gross_row::GrossRow;
 
@@ -99,6 +99,20 @@ pub struct Discovery {
 /// Remarks as sentences without their codes.
 fn texts<S: Serializer>(remarks: &[Remark], serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_seq(remarks.iter().map(|remark| &remark.text))
+}
+
+impl Discovery {
+    /// The code of its verdict.
+    pub fn code(&self) -> Code {
+        match self.status {
+            Status::Explained => codes::EXPLAINED,
+            Status::NothingMissing => codes::NOTHING_MISSING,
+            Status::PartlyExplained => codes::PARTLY_EXPLAINED,
+            // Nothing follows anything: measurements scatter beyond their noise.
+            Status::UnnamedStructure if self.unnamed.is_empty() => codes::NOISY,
+            Status::UnnamedStructure => codes::UNNAMED_STRUCTURE,
+        }
+    }
 }
 
 /// The verdict.
@@ -345,7 +359,8 @@ pub struct Rival {
     pub place: Place,
     /// Cosine between the two signals, after what the model absorbs.
     pub cosine: f64,
-    /// The measurement that would decide.
+    /// The measurement that would decide; in JSON with its `code`.
+    #[serde(flatten, serialize_with = "words::separate_by")]
     pub separate_by: Separation,
 }
 
@@ -359,7 +374,8 @@ pub struct Considered {
     /// Of its score beside the base.
     #[serde(flatten)]
     pub p_value: PValue,
-    /// Its verdict.
+    /// Its verdict; in JSON with its `code`.
+    #[serde(flatten, serialize_with = "words::verdict")]
     pub verdict: Verdict,
 }
 
@@ -389,7 +405,8 @@ pub struct Unseen {
     pub name: String,
     /// Its place.
     pub place: Place,
-    /// Why not.
+    /// Why not; in JSON with its `code`.
+    #[serde(flatten, serialize_with = "words::why")]
     pub why: Reason,
 }
 

@@ -5,9 +5,10 @@ use std::sync::{Arc, OnceLock};
 
 use nalgebra::{DMatrix, DVector};
 use tau_codegen::language::Model;
+use tau_codes::discovery as codes;
 use tau_estimation::numerics::parallel;
 use tau_estimation::numerics::spread::even_in_reciprocals;
-use tau_estimation::samples::Sample;
+use tau_estimation::samples::{Lack, Sample};
 use tau_kinematics::Surroundings;
 
 use super::candidates::{Candidate, Readings};
@@ -58,9 +59,12 @@ impl Band {
         samples: &[Sample],
         surroundings: &Surroundings,
         (range, range_m): ((f64, f64), f64),
-    ) -> Result<Self, &'static str> {
+    ) -> Result<Self, Lack> {
         let Some((searched, _)) = candidate.search else {
-            return Err("nothing is searched");
+            return Err(Lack {
+                code: codes::NO_AMPLITUDE,
+                words: "nothing is searched",
+            });
         };
         let amplitudes = candidate.amplitudes();
         let grid: Vec<f64> = even_in_reciprocals(range, range_m, 1).collect();

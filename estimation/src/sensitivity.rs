@@ -12,6 +12,7 @@ use tau_kinematics::{Machine, POSE_COLUMNS, Pose, Sample, angle_rates};
 use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot::{Instance, ResidualKind};
 
+use crate::calibration::error::not_finite;
 use crate::calibration::{Error, closure_cost, own_parameter};
 use crate::implicit::Linearized;
 use crate::numerics::parallel;
@@ -228,7 +229,7 @@ impl<'a> Place<'a> {
         let inverse = closures.response(unknowns);
         let inverse = inverse.ok_or_else(|| Error::NotConverged {
             variant: machine.variant.name.clone(),
-            why: "the derivatives are not finite".to_owned(),
+            why: not_finite("derivatives"),
         })?;
         let mut response = DMatrix::zeros(POSE_COLUMNS, inverse.ncols());
         for (row, &unknown) in unknowns.iter().enumerate() {

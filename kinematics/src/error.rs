@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use tau_codes::{Code, kinematics as codes};
+
 use super::Pose;
 use super::inputs::Missing;
 
@@ -98,11 +100,25 @@ pub enum Error {
     Target(&'static str),
 }
 
-// until kinematics::Error has a code for each kind
 impl Error {
     /// Its code.
-    pub fn code(&self) -> tau_codes::Code {
-        tau_codes::kinematics::MISSING
+    pub fn code(&self) -> Code {
+        match self {
+            Self::Missing { .. } => codes::MISSING,
+            Self::NotFinite { .. } => codes::NOT_FINITE,
+            Self::Commands { .. } => codes::COMMANDS,
+            Self::Singular { .. } => codes::SINGULAR,
+            Self::NotConverged { .. } => codes::NOT_CONVERGED,
+            Self::Unassembled { .. } => codes::REFERENCE_UNASSEMBLED,
+            Self::OutOfReach { .. } => codes::TOO_SHORT,
+            Self::Inconsistent { .. } => codes::INCONSISTENT,
+            Self::NoReference => codes::NO_REFERENCE,
+            Self::Reference { .. } => codes::REFERENCE,
+            Self::Way { .. } => codes::WAY,
+            Self::Behind => codes::BEHIND,
+            Self::Partial { .. } => codes::PARTIAL,
+            Self::Target(_) => codes::TARGET,
+        }
     }
 }
 
@@ -212,3 +228,6 @@ fn length(metres: f64) -> String {
 }
 
 impl std::error::Error for Error {}
+
+#[cfg(test)]
+mod tests;

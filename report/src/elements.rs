@@ -40,11 +40,27 @@ pub(super) fn figure(figures: &[Figure], file_name: &str) -> Markup {
     }
 }
 
-/// A sentence, what stands between backticks as code.
+/// A sentence, what stands between backticks as code, and codes of messages subdued.
 pub(super) fn prose(text: &str) -> Markup {
     html! {
         @for (index, part) in text.split('`').enumerate() {
-            @if index % 2 == 1 { code { (part) } } @else { (part) }
+            @if index % 2 == 1 { code { (part) } } @else { (coded(part)) }
+        }
+    }
+}
+
+/// A text with the codes of messages, such as `[T302]`, subdued.
+fn coded(text: &str) -> Markup {
+    let mut parts = text.split(" [T");
+    html! {
+        (parts.next().unwrap_or_default())
+        @for part in parts {
+            @match part.split_once(']') {
+                Some((number, rest)) if number.parse::<u16>().is_ok() => {
+                    " " span.message-code { "[T" (number) "]" } (rest)
+                }
+                _ => { " [T" (part) }
+            }
         }
     }
 }

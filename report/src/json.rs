@@ -181,14 +181,13 @@ pub fn study(study: &Study) -> Results<'_> {
 
 /// The result of `tau discover`.
 pub fn discovery(discovery: &Discovery) -> Value {
-    let unconfirmed = unconfirmed(discovery)
-        .map(|text| Remark::new(tau_codes::discovery::UNCONFIRMED, text))
-        .into_iter();
-    let all: Vec<Remark> = unconfirmed
+    let all: Vec<Remark> = unconfirmed(discovery)
+        .into_iter()
         .chain(discovery.remarks.iter().cloned())
         .collect();
     let mut own = json!(discovery);
     remarks(&mut own, &all);
+    own["code"] = json!(discovery.code().to_string());
     own
 }
 
@@ -229,7 +228,11 @@ pub fn evaluation(evaluation: &Evaluation, widening: f64) -> Value {
 }
 
 fn not_predicted(own: &NotPredicted) -> Value {
-    json!({ "pose": own.pose, "why": own.error.to_string() })
+    json!({
+        "pose": own.pose,
+        "why": own.error.to_string(),
+        "code": own.error.code().to_string(),
+    })
 }
 
 fn position(found: Summary, expected_rms_um: Option<f64>, widening: f64) -> Value {

@@ -75,8 +75,8 @@ pub mod robot_file {
 /// Trust in answers: verdicts, recognised mistakes, and checks before a fit.
 pub mod trust {
     pub use tau_estimation::trust::{
-        Check, Checked, Estimate, FileFacts, FileFit, Gap, HeldBy, Mistake, MistakeKind, Need,
-        Observability, PoseFit, Pull, Range, Reach, Reason, Repeated, Size, Status, Verdict,
+        Check, Checked, Estimate, Fact, FileFacts, FileFit, Gap, HeldBy, Mistake, MistakeKind,
+        Need, Observability, PoseFit, Pull, Range, Reach, Reason, Repeated, Size, Status, Verdict,
     };
 }
 

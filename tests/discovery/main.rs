@@ -10,7 +10,7 @@ mod discovery_tracks;
 mod drums;
 mod evidence;
 mod generated_discovery;
-mod tracker_errors;
 #[allow(dead_code)]
 #[path = "../support.rs"]
 mod support;
+mod tracker_errors;

@@ -2,7 +2,7 @@
 
 mod docs;
 mod packages;
-mod words;
 #[allow(dead_code)]
 #[path = "../support.rs"]
 mod support;
+mod words;

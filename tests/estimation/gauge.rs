@@ -9,8 +9,8 @@ use tau::simulation::{Measure, simulate};
 use tau::unknown_poses::{RowDivision, calibrate};
 use tau::{Robot, Setup};
 
-use crate::support::tau_in;
 use crate::support::simulation;
+use crate::support::tau_in;
 
 /// Measures a machine of a standard robot in `measured`.
 fn measured(folder: &Path, robot: &str, variant: &str, how: &str, seed: u32) {

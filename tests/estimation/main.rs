@@ -14,8 +14,8 @@ mod repeats;
 mod sensitivity;
 mod split_all;
 mod standard_robots;
-mod uncertainty;
-mod unknown_poses;
 #[allow(dead_code)]
 #[path = "../support.rs"]
 mod support;
+mod uncertainty;
+mod unknown_poses;

@@ -77,10 +77,7 @@ fn positions(variant: &str, seed: u64) -> (RobotFile, Folder) {
         }
     }
     let noisy = format!("[drives]\nnoise_m = {DRIVES_M:e}\n");
-    (
-        robot("linear_delta", &noisy).1,
-        folder,
-    )
+    (crate::support::robot("linear_delta", &noisy).1, folder)
 }
 
 /// Pooled standard deviation of values about the means of their groups, and the number of these.

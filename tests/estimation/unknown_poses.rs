@@ -11,7 +11,7 @@ use tau::simulation::{
 };
 use tau::unknown_poses::{RowDivision, UnknownPoses};
 
-use crate::support::{ROBOTS, Random, robot, simulation, tau_in};
+use crate::support::{Random, robot, simulation, tau_in};
 use tau::Setup;
 
 fn fit(robot: &Robot, variant: &str, file: &RobotFile, folder: &Folder) -> UnknownPoses {

@@ -376,7 +376,7 @@ impl<'a> Setup<'a> {
             0 => String::new(),
             more => format!(", as do {more} more"),
         };
-        let why = first.outside.last()?;
+        let why = &first.outside.last()?.text;
         let text = format!(
             "pose {} lies outside the region of calibration{more}: {why}",
             row.pose
@@ -429,7 +429,8 @@ impl<'a> Setup<'a> {
                     "rotation_sigma_rad": pose.filter(|_| has_orientation).map(PoseUncertainty::rotation_rad),
                     "commands_sigma_m": known.commands_m,
                     "inside": certainty.has_region().then_some(known.outside.is_empty()),
-                    "outside": known.outside,
+                    "outside": known.outside.iter().map(|own| &own.text).collect::<Vec<_>>(),
+                    "outside_codes": known.outside.iter().map(|own| own.code.to_string()).collect::<Vec<_>>(),
                 });
                 self.add_commands(&mut found);
                 found

@@ -6,7 +6,7 @@ use tau::calibration::Prepared;
 use tau::kinematics::{Machine, Reached};
 use tau::robot_file::{Provenance, RobotFile};
 use tau::uncertainty::{PoseUncertainty, Uncertainty};
-use tau_codes::Remark;
+use tau_codes::{Remark, kinematics as codes};
 
 use super::targets::Row;
 
@@ -25,7 +25,7 @@ pub(super) struct Known {
     /// Standard deviations of the commands (m), where they were asked for.
     pub(super) commands_m: Option<Vec<f64>>,
     /// Why it lies outside the region of calibration; empty inside.
-    pub(super) outside: Vec<String>,
+    pub(super) outside: Vec<Remark>,
     /// True if that is for want of knowledge of the position, not for a command.
     pub(super) is_uncertain: bool,
 }
@@ -111,19 +111,20 @@ impl Certainty {
         robot: &Robot,
         commands_m: &[f64],
         pose: Option<&PoseUncertainty>,
-    ) -> (Vec<String>, bool) {
+    ) -> (Vec<Remark>, bool) {
         let Some(record) = &self.record else {
             return (vec![], false);
         };
         let ranges = commands_m.iter().zip(&record.commands_m).enumerate();
-        let mut outside: Vec<String> = ranges
+        let mut outside: Vec<Remark> = ranges
             .filter(|(_, (q, [low, high]))| *q < low || *q > high)
             .map(|(k, (q, [low, high]))| {
                 let unit = if robot.is_angle(k) { "rad" } else { "m" };
-                format!(
+                let text = format!(
                     "q{} is {q:.4} {unit}, calibrated were {low:.4} to {high:.4} {unit}",
                     k + 1
-                )
+                );
+                Remark::new(codes::BEYOND_RANGE, text)
             })
             .collect();
         let largest = record.position_sigma_m.map(|sigma| self.widening * sigma);
@@ -132,17 +133,20 @@ impl Certainty {
             .zip(largest)
             .filter(|(here, largest)| here > largest)
             .map(|(here, largest)| {
-                format!(
+                let text = format!(
                     "the position is known to {:.1} µm, at the poses that calibrated to {:.1} µm or better",
                     1e6 * here,
                     1e6 * largest
-                )
+                );
+                Remark::new(codes::BEYOND_KNOWLEDGE, text)
             });
         let is_uncertain = uncertain.is_some();
         outside.extend(uncertain);
         if self.uncertainty.is_none() {
-            outside
-                .push("parameters of this variant were not calibrated with the others".to_owned());
+            outside.push(Remark::new(
+                codes::NOT_CALIBRATED,
+                "parameters of this variant were not calibrated with the others",
+            ));
         }
         (outside, is_uncertain)
     }

@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 use tau_codegen::equations::Scope;
 use tau_codegen::language::model::{Effect, Model, Target};
 use tau_codegen::term::{Prepared, TermFunction};
-use tau_estimation::samples::{NOT_FINITE, Sample};
+use tau_estimation::samples::{Lack, Sample};
 use tau_kinematics::Surroundings;
 
 use super::super::probes::Probes;
@@ -119,7 +119,7 @@ impl<'a> Readings<'a> {
         probes: &Probes,
         samples: &[Sample],
         surroundings: &Surroundings,
-    ) -> Result<Self, &'static str> {
+    ) -> Result<Self, Lack> {
         let effect = &model.effects[candidate.effect];
         let amplitudes = candidate.amplitudes();
         let is_plain = !takes_optional && wanted.iter().all(|k| amplitudes.contains(k));
@@ -172,7 +172,7 @@ impl<'a> Readings<'a> {
     ///
     /// # Errors
     /// One that is not finite, in words.
-    pub(in super::super) fn entries(&self, values: &[f64]) -> Result<Vec<Entry>, &'static str> {
+    pub(in super::super) fn entries(&self, values: &[f64]) -> Result<Vec<Entry>, Lack> {
         let mut entries = Vec::new();
         for reading in &self.read {
             let own = self.functions.of(&values[reading.first..]);
@@ -188,7 +188,7 @@ impl<'a> Readings<'a> {
                         continue;
                     }
                     if derivative.iter().any(|slope| !slope.is_finite()) {
-                        return Err(NOT_FINITE);
+                        return Err(Lack::NOT_FINITE);
                     }
                     slopes[parameter] = Some(derivative);
                 }

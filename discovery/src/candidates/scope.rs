@@ -2,13 +2,17 @@
 
 use tau_codegen::equations::Scope;
 use tau_codegen::language::model::{Model, Place, Readable, Subject, Target, Term};
-use tau_estimation::samples::Sample;
+use tau_codes::discovery as codes;
+use tau_estimation::samples::{Lack, Sample};
 use tau_kinematics::Surroundings;
 
 use super::super::probes::{ClosureProbe, Probes, TARGETS_OF_CART};
 
 /// Reason why an effect that reads a link's length or tension is no candidate beside a reduced arm.
-pub(crate) const NEEDS_FULL_ARM: &str = "it needs a full arm";
+pub(crate) const NEEDS_FULL_ARM: Lack = Lack {
+    code: codes::NEEDS_FULL_ARM,
+    words: "it needs a full arm",
+};
 
 /// Action of a term on a probe.
 pub(super) struct Action {
@@ -114,8 +118,11 @@ pub(crate) fn read(
     samples: &[Sample],
     surroundings: &Surroundings,
     closures: &[ClosureProbe],
-) -> Result<Vec<f64>, &'static str> {
-    const NO_CART: &str = "it needs a cart, and the link has none";
+) -> Result<Vec<f64>, Lack> {
+    const NO_CART: Lack = Lack {
+        code: codes::LACKS_PART,
+        words: "it needs a cart, and the link has none",
+    };
     if let Readable::Length | Readable::PaidOut = readable {
         let mut own = closures.iter();
         let own = own.find(|closure| Some(closure.owner()) == scope.length_of);

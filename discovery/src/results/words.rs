@@ -2,10 +2,12 @@
 
 use std::fmt;
 
+use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
 use tau_codegen::language::model;
+use tau_codes::{Code, discovery as codes};
 
-use super::{Dimension, Model, Readable, Target, Treatment, Verdict};
+use super::{Dimension, Lack, Model, Readable, Target, Treatment, Verdict};
 use crate::separation::{MIN_SEPARATION_GAIN, POSES};
 use crate::text::DISCOVERED;
 
@@ -152,8 +154,8 @@ impl Quantity {
 /// Reason why an effect can't be seen.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Reason {
-    /// The effect or the measurements lack something, in words.
-    Lacks(&'static str),
+    /// The machine or the measurements lack something.
+    Lacks(Lack),
     /// A quantity that it reads never changes.
     Constant(Readable),
     /// The base absorbs it.
@@ -164,10 +166,23 @@ pub enum Reason {
     Implausible(String, f64, Dimension),
 }
 
+impl Reason {
+    /// Its code.
+    pub fn code(&self) -> Code {
+        match self {
+            Self::Lacks(lack) => lack.code,
+            Self::Constant(_) => codes::CONSTANT,
+            Self::Absorbed => codes::ABSORBED,
+            Self::MostlyAbsorbed(_) => codes::MOSTLY_ABSORBED,
+            Self::Implausible(..) => codes::IMPLAUSIBLE,
+        }
+    }
+}
+
 impl fmt::Display for Reason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Lacks(what) => f.write_str(what),
+            Self::Lacks(what) => what.fmt(f),
             Self::Constant(readable) => {
                 let what = match readable {
                     Readable::Temperature => "temperature",
@@ -217,6 +232,16 @@ pub enum Separation {
 }
 
 impl Separation {
+    /// Its code.
+    pub fn code(&self) -> Code {
+        match self {
+            Self::NotInSet1 => codes::NOT_IN_SET_1,
+            Self::Repeat { chi2, .. } if is_nothing(*chi2) => codes::INSEPARABLE,
+            Self::Repeat { .. } if self.decides() => codes::SEPARABLE,
+            Self::Repeat { .. } => codes::TOO_FEW_POSES,
+        }
+    }
+
     /// True if the measurement would decide.
     pub fn decides(&self) -> bool {
         let Self::Repeat { chi2, .. } = self else {
@@ -227,18 +252,22 @@ impl Separation {
     }
 }
 
+/// True if nothing is left of a separation, to the digit that is written.
+fn is_nothing([_, raised, _]: [f64; 3]) -> bool {
+    raised < 0.05
+}
+
 impl fmt::Display for Separation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self::Repeat {
             poses,
             treatment,
-            chi2: [present, raised, needed],
+            chi2: chi2 @ [present, raised, needed],
         } = self
         else {
             return f.write_str("no measurement of set 1 shows the one without the other");
         };
-        // To the digit that is written.
-        if *raised < 0.05 {
+        if is_nothing(*chi2) {
             return f
                 .write_str("nothing on this machine can: it explains whatever the effect does");
         }
@@ -263,6 +292,21 @@ impl fmt::Display for Separation {
             poses.join(", "),
             known.map_or("", |known| known.1)
         )
+    }
+}
+
+impl Verdict {
+    /// Its code.
+    pub fn code(self) -> Code {
+        match self {
+            Self::Found => codes::FOUND,
+            Self::Rival => codes::RIVAL,
+            Self::NotSignificant => codes::NOT_SIGNIFICANT,
+            Self::NotConfirmed => codes::NOT_CONFIRMED,
+            Self::NotTheBest => codes::NOT_THE_BEST,
+            Self::Explained => codes::EXPLAINED_BY_OTHERS,
+            Self::WithoutName => codes::WITHOUT_NAME,
+        }
     }
 }
 
@@ -365,21 +409,24 @@ macro_rules! serialize_as_displayed {
 
 serialize_as_displayed!(Place, Motion, Reason, Separation, Verdict, Derived);
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn poses_that_are_measured_more_than_once_stand_once() {
-        let separation = Separation::Repeat {
-            poses: vec![1, 1, 1, 4, 7, 7],
-            treatment: TREATMENTS[0].0,
-            chi2: [1.0, 90.0, 30.0],
-        };
-        let text = separation.to_string();
-        assert!(
-            text.starts_with("poses 1 (3 times), 4, 7 (2 times) once more"),
-            "{text}"
-        );
-    }
+/// Writes a text and its code as two fields, of the names `$field` and `code`, for `#[serde(flatten)]`.
+macro_rules! serialize_with_code {
+    ($($function:ident: $name:ty as $field:literal),*) => {$(
+        #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes references")]
+        pub(super) fn $function<S: Serializer>(
+            own: &$name,
+            serializer: S,
+        ) -> Result<S::Ok, S::Error> {
+            let mut fields = serializer.serialize_map(Some(2))?;
+            fields.serialize_entry($field, own)?;
+            fields.serialize_entry("code", &own.code().to_string())?;
+            fields.end()
+        }
+    )*};
 }
+
+serialize_with_code!(
+    why: Reason as "why",
+    separate_by: Separation as "separate_by",
+    verdict: Verdict as "verdict"
+);

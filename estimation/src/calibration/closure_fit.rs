@@ -1,9 +1,11 @@
 //! The fit of closures to measured poses that count by weights.
 
 use nalgebra::DMatrix;
+use tau_codes::Remark;
 use tau_robot::robot_file::Noise;
 use tau_solver::{Identifiability, Problem, Solution};
 
+use super::error::{ended, unsolved};
 use super::{EXACT_COST, Error, Prepared, factor_with_shared_noise};
 use crate::problem::{self, Closures, Residuals};
 use crate::samples::Sample;
@@ -93,13 +95,13 @@ impl<'a> ClosureFit<'a> {
         weights: &[f64],
     ) -> Result<(Solution, DMatrix<f64>, Identifiability), Error> {
         let solution = tau_solver::solve(problem, &self.solver);
-        let mut solution = solution.map_err(|error| self.failed(&error))?;
+        let mut solution = solution.map_err(|error| self.failed(unsolved(&error)))?;
         if !solution.converged() || solution.parameters.iter().any(|value| !value.is_finite()) {
-            return Err(self.failed(&solution.termination));
+            return Err(self.failed(ended(solution.termination)));
         }
         let minimum = (&solution.parameters[..], solution.cost);
         let known = problem::knowledge(problem, minimum.0);
-        let (inverse, identifiability) = known.map_err(|error| self.failed(&error))?;
+        let (inverse, identifiability) = known.map_err(|error| self.failed(unsolved(&error)))?;
         let measured_in = (&self.prepared.machine, self.samples, self.noise);
         solution.parameters =
             problem::corrected(&self.residuals, measured_in, minimum, weights, &inverse)?;
@@ -117,10 +119,10 @@ impl<'a> ClosureFit<'a> {
         factor_with_shared_noise(inverse, residuals, self.noise, scales, at, information)
     }
 
-    pub(super) fn failed(&self, why: &impl ToString) -> Error {
+    pub(super) fn failed(&self, why: Remark) -> Error {
         Error::NotConverged {
             variant: self.prepared.machine.variant.name.clone(),
-            why: why.to_string(),
+            why,
         }
     }
 

@@ -2,10 +2,11 @@
 
 use std::fmt;
 
-use tau_codes::{Code, fit};
+use tau_codes::{Code, Remark, fit};
 use tau_kinematics as kinematics;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::TCP_POSES;
+use tau_solver::Termination;
 
 /// Why a calibration, or what builds on one, failed.
 #[derive(Debug, Clone, PartialEq)]
@@ -16,8 +17,8 @@ pub enum Error {
     NotConverged {
         /// Name of the variant.
         variant: String,
-        /// Why, in words.
-        why: String,
+        /// Why.
+        why: Remark,
     },
     /// The plate's pose could not be predicted.
     Kinematics {
@@ -66,7 +67,7 @@ impl Error {
     pub fn code(&self) -> Code {
         match self {
             Self::Input(error) => error.code(),
-            Self::NotConverged { .. } => fit::NOT_CONVERGED,
+            Self::NotConverged { why, .. } => why.code,
             Self::Kinematics { error, .. } => error.code(),
         }
     }
@@ -77,7 +78,10 @@ impl Error {
         match self {
             Self::Input(error) => error.text(),
             Self::NotConverged { variant, why } => {
-                format!("the calibration of `{variant}` did not converge: {why}")
+                format!(
+                    "the calibration of `{variant}` did not converge: {}",
+                    why.text
+                )
             }
             // No row is to blame, whose way begins at the reference.
             Self::Kinematics {
@@ -112,6 +116,27 @@ impl fmt::Display for Error {
 }
 
 impl std::error::Error for Error {}
+
+/// Why the solver gave no solution.
+pub(crate) fn unsolved(error: &tau_solver::Error) -> Remark {
+    use tau_solver::Error::{NonFinite, SingularValues};
+    let code = match error {
+        NonFinite { .. } => fit::NOT_FINITE,
+        SingularValues => fit::NOT_CONVERGED,
+        _ => fit::UNSOLVABLE,
+    };
+    Remark::new(code, error.to_string())
+}
+
+/// Why a solution is none.
+pub(crate) fn ended(termination: Termination) -> Remark {
+    Remark::new(fit::NOT_CONVERGED, termination.to_string())
+}
+
+/// Numbers of a fit that are not finite.
+pub(crate) fn not_finite(what: &str) -> Remark {
+    Remark::new(fit::NOT_FINITE, format!("the {what} are not finite"))
+}
 
 impl From<InputError> for Error {
     fn from(error: InputError) -> Self {

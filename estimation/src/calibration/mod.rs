@@ -37,6 +37,7 @@ use crate::weighing::{self, Kept, Treatment, Weighing};
 use closure_fit::{ClosureFit, total_iterations};
 pub(crate) use cost::closure_cost;
 pub use error::Error;
+use error::unsolved;
 use link_sigma::Knowledge;
 pub use link_sigma::LinkSigma;
 pub(crate) use link_sigma::own_parameter;
@@ -272,7 +273,7 @@ fn from_prepared(
     let mut problem = fit.problem(&even, &start);
     let range_m = widest(measured.iter().flat_map(|pose| &pose.commands_m));
     let searched = searched::start(&mut problem, variant, used, range_m, &fit.solver);
-    searched.map_err(|error| fit.failed(&error))?;
+    searched.map_err(|error| fit.failed(unsolved(&error)))?;
     let mut iterations = fit.start_from_some(&mut problem);
     let (mut solution, inverse, mut identifiability) = fit.solved(&problem, &even)?;
     iterations += total_iterations(&solution);
@@ -299,7 +300,7 @@ fn from_prepared(
         if weighing.information != weighing.fit {
             problem = fit.weighed(problem, &weighing.information, at);
             let known = problem::knowledge(&problem, at);
-            (inverse, identifiability) = known.map_err(|error| fit.failed(&error))?;
+            (inverse, identifiability) = known.map_err(|error| fit.failed(unsolved(&error)))?;
         }
         let factor = fit.factor(&inverse, at, &weighing.information);
         (inverse, factor)

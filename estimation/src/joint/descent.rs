@@ -6,9 +6,10 @@
 //! parameters of no family.
 
 use nalgebra::DVector;
+use tau_codes::Remark;
 use tau_runtime::Owner;
 
-use crate::calibration::error::Error;
+use crate::calibration::error::{Error, not_finite};
 use crate::joint::{Component, Joint, Linear};
 use crate::numerics::projection::{Damped, Normal};
 use crate::samples::Sample;
@@ -92,7 +93,7 @@ impl Descent {
             jacobian,
         } = joint.linearize(&fitted, &factors);
         let Some(normal) = Normal::from(jacobian) else {
-            return Err(not_converged(&joint, "the derivatives are not finite"));
+            return Err(not_converged(&joint, not_finite("derivatives")));
         };
         Ok(Self {
             joint,
@@ -113,7 +114,7 @@ impl Descent {
             jacobian,
         } = (self.joint).relinearize(&fitted, &self.factors, self.normal.into_jacobian());
         let Some(normal) = Normal::from(jacobian) else {
-            return Err(not_converged(&self.joint, "the derivatives are not finite"));
+            return Err(not_converged(&self.joint, not_finite("derivatives")));
         };
         Ok(Self {
             fitted,
@@ -168,7 +169,7 @@ impl Descent {
             .zip(&ratios)
             .for_each(|(value, ratio)| *value *= ratio);
         let Some(normal) = self.normal.scaled(&ratios) else {
-            return Err(not_converged(&self.joint, "the derivatives are not finite"));
+            return Err(not_converged(&self.joint, not_finite("derivatives")));
         };
         Ok(Self {
             scales,
@@ -207,12 +208,12 @@ impl Descent {
             }
             let accepted = loop {
                 let Some(damped) = self.normal.damped(damping, &held) else {
-                    return Err(not_converged(&self.joint, "the residuals are not finite"));
+                    return Err(not_converged(&self.joint, not_finite("residuals")));
                 };
                 let step = -damped.solve(&gradient);
                 let expected = -gradient.dot(&step);
                 if !expected.is_finite() {
-                    return Err(not_converged(&self.joint, "the residuals are not finite"));
+                    return Err(not_converged(&self.joint, not_finite("residuals")));
                 }
                 if expected < end.fall {
                     return Ok(self);
@@ -378,10 +379,10 @@ fn is_same(a: &[f64; 4], b: &[f64; 4]) -> bool {
 }
 
 /// The error of a fit that did not reach its minimum.
-pub fn not_converged(joint: &Joint, why: &str) -> Error {
+pub fn not_converged(joint: &Joint, why: Remark) -> Error {
     Error::NotConverged {
         variant: joint.machine.variant.name.clone(),
-        why: why.to_owned(),
+        why,
     }
 }
 

@@ -2,7 +2,9 @@
 
 use nalgebra::{DMatrix, DVector};
 use tau_robot::robot_file::Noise;
+use tau_solver::Termination;
 
+use crate::calibration::error::{ended, not_finite, unsolved};
 use crate::calibration::{Error, searched, widest};
 use crate::joint::descent::{Descent, not_converged};
 use crate::joint::{Component, Joint};
@@ -44,7 +46,7 @@ impl Fit {
             cost_tolerance: 1e-7,
             ..tau_solver::Options::default()
         };
-        let failed = |error: tau_solver::Error| not_converged(joint, &error.to_string());
+        let failed = |error: tau_solver::Error| not_converged(joint, unsolved(&error));
         let mut problem = joint.problem(&start, &factors);
         let range_m = widest(samples.iter().flat_map(|sample| &sample.commands_m));
         let variant = &joint.machine.variant;
@@ -52,7 +54,7 @@ impl Fit {
         let solution = tau_solver::solve(&problem, &options).map_err(failed)?;
         // A start need not be the minimum: from there each round of the robust fit goes on.
         if solution.parameters.iter().any(|value| !value.is_finite()) {
-            return Err(not_converged(joint, &solution.termination.to_string()));
+            return Err(not_converged(joint, ended(solution.termination)));
         }
         let residuals = joint.residuals(&solution.parameters, &factors);
         let deviations = outliers::deviations(joint.sums(&residuals, samples.len()), samples);
@@ -75,7 +77,7 @@ impl Fit {
         if !descent.is_settled {
             return Err(not_converged(
                 &descent.joint,
-                "the number of iterations ran out",
+                ended(Termination::MaxIterations),
             ));
         }
         Self::of(descent)
@@ -138,7 +140,7 @@ impl Fit {
             ..
         } = descent;
         let Some(basis) = Basis::from(&normal) else {
-            return Err(not_converged(&joint, "the derivatives are not finite"));
+            return Err(not_converged(&joint, not_finite("derivatives")));
         };
         let residuals = basis.residuals_after(&residuals);
         Ok(Self {

@@ -6,6 +6,7 @@
 //! to 3.8 µs in a few of them, and would spare the ten lines of the view.
 
 pub mod frames;
+mod lack;
 pub mod outliers;
 pub mod plates;
 
@@ -18,6 +19,7 @@ use tau_robot::robot::{Input, Instance, Robot};
 
 use crate::calibration::error::Error;
 use frames::Frames;
+pub use lack::Lack;
 
 /// A measured pose of the TCP (set 1), of a cart (set 2) or position of a cart (set 3).
 #[derive(Debug, Clone)]
@@ -46,27 +48,6 @@ pub struct Sample {
     /// Measured tension of each link (N), NaN where it was not; empty where none was.
     tensions_n: Vec<f64>,
 }
-
-/// That something is missing, whichever set it is missing in.
-fn in_words(missing: &Missing) -> &'static str {
-    match missing {
-        Missing::Held => "the value of a parameter that the variant holds is missing",
-        Missing::Command => "a command is missing",
-        Missing::Direction => "the column of the side of approach (`dir`) is missing",
-        Missing::Time => "the column `time_s` is missing",
-        Missing::Temperature => "the column `temperature_c` is missing",
-        Missing::Forces => {
-            "neither measured (`force1_N`, …) nor computable: `[payload]` or dimensions of the links are missing in the robot file"
-        }
-        Missing::Pull(_) => {
-            "neither measured (`force1_N`, …) nor computable: a link is `pulled` by an unknown tension, which `pulled = … N` states"
-        }
-        Missing::Path => "set 2 (`cart_poses.csv`) is missing",
-    }
-}
-
-/// An effect whose derivative is not finite.
-pub const NOT_FINITE: &str = "its derivative at no effect is not finite";
 
 impl Sample {
     fn of_tcp(measured: &TcpPose, unit: usize) -> Self {
@@ -256,12 +237,12 @@ impl Sample {
     ///
     /// # Errors
     /// The missing quantity, in words.
-    pub fn input(&self, input: Input, surroundings: &Surroundings) -> Result<f64, &'static str> {
+    pub fn input(&self, input: Input, surroundings: &Surroundings) -> Result<f64, Lack> {
         let mut data = Vec::with_capacity(1);
         let filled = surroundings.fill(&[input], &self.view(), &mut data);
         filled
             .map(|()| data[0])
-            .map_err(|missing| in_words(&missing))
+            .map_err(|missing| Lack::from(&missing))
     }
 
     /// Appends the data that a residual takes.
@@ -305,7 +286,7 @@ impl Sample {
     pub(crate) fn lacks_in(&self, file: &str, missing: &Missing) -> Error {
         let what = match missing {
             Missing::Pull(pull) => format!("pose {} needs {pull}", self.number),
-            missing => format!("sample {}: {}", self.number, in_words(missing)),
+            missing => format!("sample {}: {}", self.number, Lack::from(missing)),
         };
         InputError::whole(tau_codes::kinematics::MISSING, file, what).into()
     }

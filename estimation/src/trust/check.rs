@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use tau_codes::{Remark, fit};
 use tau_robot::measurements::set::POSITION;
 use tau_robot::measurements::{
     CART_POSES, CART_POSITIONS, Conditions, DISTANCES, Division, Folder, PlateKind, TCP_POSES,
@@ -11,6 +12,7 @@ use tau_robot::robot::{Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 use tau_solver::Problem;
 
+use crate::calibration::error::unsolved;
 use crate::calibration::{
     Combination, Error, Prepared, check_poses, combinations, factor_with_shared_noise, is_along_z,
 };
@@ -79,7 +81,7 @@ pub struct Checked {
     /// Combinations that no residual sees, where poses are unknown.
     pub gauge: Option<Rank>,
     /// Why a calibration would mean nothing, if so.
-    pub why_not: Option<String>,
+    pub why_not: Option<Remark>,
 }
 
 /// Facts known before a fit.
@@ -151,11 +153,11 @@ pub fn check(
     for (own, variant) in checked.iter_mut().zip(variants) {
         let is_without_fit = found.is_without_fit
             && looked_at.is_some_and(|setup| setup.variant.name == variant.name);
-        let without_fit = is_without_fit.then(|| WITHOUT_FIT.to_owned());
+        let without_fit = is_without_fit.then(|| Remark::new(fit::WITHOUT_FIT, WITHOUT_FIT));
         let why_not = own
             .why_not
             .take()
-            .or(found.another_machine.as_ref().map(Reason::to_string));
+            .or(found.another_machine.as_ref().map(Reason::remark));
         own.why_not = why_not.or(without_fit);
     }
     let drawn = (variants.first())
@@ -354,10 +356,12 @@ fn checked(setup: Setup<'_>, poses: &[usize], rows: Option<&RowDivision>) -> Che
         None => determine(&mut checked, setup, poses),
     };
     if let Err(error) = found {
-        checked.why_not = Some(match error {
+        let code = error.code();
+        let text = match error {
             Error::Input(error) => error.with_help(),
             error => error.text(),
-        });
+        };
+        checked.why_not = Some(Remark::new(code, text));
     }
     checked
 }
@@ -412,7 +416,7 @@ fn determine(checked: &mut Checked, setup: Setup<'_>, poses: &[usize]) -> Result
     let free = free.count();
     let failed = |error: tau_solver::Error| Error::NotConverged {
         variant: variant.name.clone(),
-        why: error.to_string(),
+        why: unsolved(&error),
     };
     let (inverse, found) = problem::knowledge(&problem, &at).map_err(failed)?;
     checked.rank = found.rank;
@@ -423,17 +427,19 @@ fn determine(checked: &mut Checked, setup: Setup<'_>, poses: &[usize]) -> Result
         combination.data_over_prior.is_infinite() && !combination.terms.iter().any(has_prior)
     });
     checked.why_not = if checked.rows <= free {
-        Some(format!(
+        let text = format!(
             "{} residuals for {free} free parameters: the fit would repeat its input",
             checked.rows
-        ))
+        );
+        Some(Remark::new(fit::FITS_ANYTHING, text))
     } else {
         open.map(|open| {
             let names: Vec<String> = open.terms.iter().take(4).map(|term| name(term.0)).collect();
-            format!(
+            let text = format!(
                 "nothing determines {}, and there are no tolerances for them",
                 names.join(", ")
-            )
+            );
+            Remark::new(fit::UNDETERMINED, text)
         })
     };
     if checked.why_not.is_none() {

@@ -3,7 +3,7 @@
 use nalgebra::{Cholesky, DMatrix, DVector};
 use tau_robot::robot_file::Noise;
 
-use crate::calibration::error::Error;
+use crate::calibration::error::{Error, not_finite};
 use crate::calibration::nominal::Nominal;
 use crate::calibration::prepared::Prepared;
 use crate::joint::Component;
@@ -91,8 +91,8 @@ impl Judged {
         let weights = (weights.collect(), iterations);
         let descent = closures_descent(prepared, start, samples, noise, weights)?;
         let factor = descent.normal.inverse_factor();
-        let factor = factor
-            .ok_or_else(|| not_converged(&descent.joint, "the derivatives are not finite"))?;
+        let factor =
+            factor.ok_or_else(|| not_converged(&descent.joint, not_finite("derivatives")))?;
         Ok(Self::of(descent, factor))
     }
 

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use tau_codes::{Code, mistakes as codes};
+
 use crate::trust::status::Status;
 
 /// Something wrong with the input.
@@ -11,6 +13,8 @@ pub struct Mistake {
     pub kind: MistakeKind,
     /// The file that holds it.
     pub file: &'static str,
+    /// The lines that it is in, where it is in a few.
+    pub lines: Vec<usize>,
     /// The mistake in words.
     pub what: String,
     /// The mend in words.
@@ -60,12 +64,18 @@ pub enum MistakeKind {
     CommandZero,
     /// Measured rows are shifted against those of the commands.
     Rows,
+    /// Rows name other poses than they measured.
+    PoseNumbers,
     /// Heights count the other way.
     HeightSign,
-    /// Axes of positions are exchanged or mirrored.
+    /// Axes of positions are exchanged.
     Axes,
+    /// An axis of positions is mirrored.
+    Mirrored,
     /// Angles follow another convention.
     Angles,
+    /// An angle counts the other way.
+    AngleSign,
     /// Poses are those of another frame than the drawing's.
     Frame,
     /// Lengths that were measured are in millimetres.
@@ -74,6 +84,8 @@ pub enum MistakeKind {
     Centimetres,
     /// Lengths that were measured are in inches.
     Inches,
+    /// Lengths that were measured are in inches that were taken for millimetres.
+    InchesForMillimetres,
     /// Angles are in degrees.
     Degrees,
     /// Stated noise is a thousand times off.
@@ -89,20 +101,47 @@ pub enum MistakeKind {
 }
 
 impl MistakeKind {
-    /// Its name, as JSON has it.
+    /// Its code.
+    pub fn code(self) -> Code {
+        match self {
+            Self::Commands => codes::COMMANDS,
+            Self::CommandSign => codes::COMMAND_SIGN,
+            Self::CommandZero => codes::COMMAND_ZERO,
+            Self::Rows => codes::ROWS,
+            Self::PoseNumbers => codes::POSE_NUMBERS,
+            Self::HeightSign => codes::HEIGHT_SIGN,
+            Self::Axes => codes::AXES,
+            Self::Mirrored => codes::MIRRORED,
+            Self::Angles => codes::ANGLES,
+            Self::AngleSign => codes::ANGLE_SIGN,
+            Self::Frame => codes::FRAME,
+            Self::Millimetres => codes::MILLIMETRES,
+            Self::Centimetres => codes::CENTIMETRES,
+            Self::Inches => codes::INCHES,
+            Self::InchesForMillimetres => codes::INCHES_FOR_MILLIMETRES,
+            Self::Degrees => codes::DEGREES,
+            Self::Noise => codes::NOISE,
+            Self::Tolerances => codes::TOLERANCES,
+            Self::Dimension => codes::DIMENSION,
+            Self::Carts => codes::CARTS,
+            Self::Distances => codes::DISTANCES,
+        }
+    }
+
+    /// Its name, as JSON has it; mistakes of one name may have codes of their own, where their fixes differ.
     pub fn name(self) -> &'static str {
         match self {
             Self::Commands => "commands",
             Self::CommandSign => "command_sign",
             Self::CommandZero => "command_zero",
-            Self::Rows => "rows",
+            Self::Rows | Self::PoseNumbers => "rows",
             Self::HeightSign => "height_sign",
-            Self::Axes => "axes",
-            Self::Angles => "angles",
+            Self::Axes | Self::Mirrored => "axes",
+            Self::Angles | Self::AngleSign => "angles",
             Self::Frame => "frame",
             Self::Millimetres => "millimetres",
             Self::Centimetres => "centimetres",
-            Self::Inches => "inches",
+            Self::Inches | Self::InchesForMillimetres => "inches",
             Self::Degrees => "degrees",
             Self::Noise => "noise",
             Self::Tolerances => "tolerances",

@@ -12,6 +12,7 @@ mod check;
 pub(crate) mod dimensions;
 pub(crate) mod drawing;
 pub(crate) mod exchanged;
+mod facts;
 mod first_look;
 pub(crate) mod hypothesis;
 pub(crate) mod judged;
@@ -28,6 +29,8 @@ pub(crate) mod recognise;
 mod refined;
 mod sentences;
 mod status;
+#[cfg(test)]
+mod tests;
 pub(crate) mod tried;
 mod verdict;
 pub(crate) mod wide;
@@ -35,6 +38,7 @@ pub(crate) mod words;
 
 use crate::numerics::count;
 pub use check::{Check, Checked, FileFacts, Range, check};
+pub use facts::Fact;
 pub use mistake::{Mistake, MistakeKind};
 pub use observability::{Gap, Need, Observability};
 pub use of_folder::{mistakes, refuse};

@@ -266,8 +266,9 @@ fn described(robot: &Robot, file: &'static str, reading: &Reading) -> Option<Mis
     let given = Reading::as_given(reading.carts.len());
     if reading.is_mirrored {
         return Some(Mistake {
-            kind: MistakeKind::Axes,
+            kind: MistakeKind::Mirrored,
             file,
+            lines: vec![],
             what: "the carts do not run where set 1 has their tracks; they would if an axis of the positions were mirrored"
                 .to_owned(),
             mend: "change the sign of one coordinate: the frame is right-handed".to_owned(),
@@ -288,6 +289,7 @@ fn described(robot: &Robot, file: &'static str, reading: &Reading) -> Option<Mis
         return Some(Mistake {
             kind: MistakeKind::CommandSign,
             file,
+            lines: vec![],
             what: format!(
                 "the carts do not run where set 1 has their tracks; they would if {columns} counted the other way"
             ),

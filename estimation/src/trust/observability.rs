@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use tau_codegen::language::model::{Effect, Link, Readable, Subject, Target};
 use tau_codegen::language::{self, Model};
+use tau_codes::{Code, discovery as codes};
 use tau_robot::effects::CATALOGUE;
 use tau_robot::measurements::{CART_POSES, CART_POSITIONS, Folder, NO_TRACKER, PlateKind, Shape};
 use tau_robot::robot::{Robot, TrackShape, Variant};
@@ -51,6 +52,17 @@ impl Need {
         }
     }
 
+    /// Its code.
+    pub fn code(self) -> Code {
+        match self {
+            Self::Temperature | Self::Time | Self::Directions => codes::LACKS_COLUMN,
+            Self::Payload | Self::Tensions => codes::LACKS_VALUE,
+            Self::CartPoses => codes::LACKS_FILE,
+            Self::Tracker => codes::LACKS_TRACKER,
+            Self::Cart | Self::Link | Self::PlateJoints => codes::LACKS_PART,
+        }
+    }
+
     /// True of parts that the machine has not.
     fn is_of_machine(self) -> bool {
         matches!(self, Self::Cart | Self::Link | Self::PlateJoints)
@@ -79,6 +91,8 @@ pub struct Observability {
 /// Something that is not there.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Gap {
+    /// Its code.
+    pub code: Code,
     /// The file or column.
     pub what: &'static str,
     /// Its use.
@@ -186,6 +200,7 @@ pub(super) fn missing(robot: &Robot, folder: &Folder, effects: &[Observability])
             format!(", and the variants {}", variants.join(", "))
         };
         missing.push(Gap {
+            code: codes::LACKS_FILE,
             what: CART_POSES,
             brings: format!(
                 "the shape of each track and how its cart turns, apart from the arm{of_variants}"
@@ -194,6 +209,7 @@ pub(super) fn missing(robot: &Robot, folder: &Folder, effects: &[Observability])
     }
     if has_carts && folder.cart_positions.is_empty() {
         missing.push(Gap {
+            code: codes::LACKS_FILE,
             what: CART_POSITIONS,
             brings:
                 "where carts are while the arm loads them: what tracks do, told from what links do"
@@ -214,6 +230,7 @@ pub(super) fn missing(robot: &Robot, folder: &Folder, effects: &[Observability])
             .map(|effect| effect.name.as_str())
             .collect();
         missing.push(Gap {
+            code: need.code(),
             what: need.words(),
             brings: format!("sight of {}", names.join(", ")),
         });

@@ -94,7 +94,7 @@ pub fn of_prediction(
     let mut verdict = if let Some(known) = known {
         let judged = tried::judged(&case, &prepared, &machine.values, 0)?;
         let mut verdict = measured(&case, &judged, vec![]);
-        verdict.know(&weighing, folder.poses_file());
+        verdict.know(&weighing, folder);
         let samples = case.samples();
         let is_fitted = |sample: &&Sample| fitted.contains(&sample.number);
         let own: Vec<Sample> = samples.iter().filter(is_fitted).cloned().collect();
@@ -121,7 +121,7 @@ pub fn of_prediction(
         let own = tried::furthest(&judged, &case, &prepared, None);
         furthest = own.map(|own| Pull::of(&own, variant));
         let mut verdict = measured(&case, &judged, Pull::largest(pulls));
-        verdict.know(&weighing, folder.poses_file());
+        verdict.know(&weighing, folder);
         let beyond = tried::beyond_tolerance(&deviations, verdict.residual_over_noise);
         verdict.judge(beyond.map(|own| Pull::of(&own, variant)).as_ref());
         verdict

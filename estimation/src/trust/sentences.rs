@@ -2,15 +2,31 @@
 
 use std::fmt;
 
+use tau_codes::Remark;
+
 use crate::trust::general;
 use crate::trust::mistake::Mistake;
 use crate::trust::reach::Reach;
 use crate::trust::reason::{Estimate, HeldBy, Reason, Repeated, Size};
-use crate::weighing::lack_of_fit::ROUNDED;
 use crate::weighing::{Kept, Loss, Misread, Outlier};
 
 /// Outliers that are named one by one.
 const NAMED: usize = 8;
+
+impl Reason {
+    /// The sentence, apart from its code.
+    pub fn remark(&self) -> Remark {
+        Remark::new(self.code(), self.to_string())
+    }
+
+    /// The sentence with its code; each sentence of several with its own.
+    pub fn coded(&self) -> String {
+        match self {
+            Self::OfHeld(all, is_held_out) => held(all.iter().map(Self::coded), *is_held_out),
+            _ => self.remark().to_string(),
+        }
+    }
+}
 
 impl fmt::Display for Reason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -220,13 +236,18 @@ fn sentence(reason: &Reason) -> String {
         }
         Reason::Reach(reach) => of_reach(reach),
         Reason::OfHeld(all, is_held_out) => {
-            let all = listed(all.iter().map(ToString::to_string), " ");
-            if *is_held_out {
-                format!("Of what was held out: {all}")
-            } else {
-                all
-            }
+            held(all.iter().map(ToString::to_string), *is_held_out)
         }
+    }
+}
+
+/// Sentences on measurements with the parameters held.
+fn held(all: impl Iterator<Item = String>, is_held_out: bool) -> String {
+    let all = listed(all, " ");
+    if is_held_out {
+        format!("Of what was held out: {all}")
+    } else {
+        all
     }
 }
 
@@ -364,7 +385,7 @@ fn repeats(own: &Repeated) -> String {
             general(test.p_value, 2)
         )
     });
-    let copied = if own.over_noise.powi(2) <= ROUNDED {
+    let copied = if own.are_copied() {
         " They are the same to the last digit: rows that were copied, or rounded to more than they scatter, are no repeats."
     } else {
         ""

@@ -133,9 +133,9 @@ impl Verdict {
         format!("{}: {}", self.status.name(), self.reasons())
     }
 
-    /// The reasons in sentences.
+    /// The reasons in sentences, each with its code.
     pub fn reasons(&self) -> String {
-        let why: Vec<String> = self.why.iter().map(ToString::to_string).collect();
+        let why: Vec<String> = self.why.iter().map(Reason::coded).collect();
         why.join(" ")
     }
 
@@ -223,7 +223,7 @@ pub fn of_calibration(
     };
     let deviations = judged.deviations();
     let mut verdict = measured(&case, judged, Pull::largest(calibration.pulls()));
-    verdict.know(weighing, folder.poses_file());
+    verdict.know(weighing, folder);
     let beyond = tried::beyond_tolerance(&deviations, verdict.residual_over_noise);
     // Told as it is listed: the judgement weighs the closures of a pose together, the calibration need not.
     let beyond = beyond.map(|own| Pull::of(&own, &machine.variant));
@@ -324,17 +324,22 @@ pub(super) fn measured(case: &Case<'_>, judged: &Judged, pulls: Vec<Pull>) -> Ve
 }
 
 impl Verdict {
-    /// Takes over what the weighing of the poses of a file found.
-    pub(super) fn know(&mut self, weighing: &Weighing, file: &'static str) {
+    /// Takes over what the weighing of the poses of a folder found.
+    pub(super) fn know(&mut self, weighing: &Weighing, folder: &Folder) {
         self.outliers.clone_from(&weighing.outliers);
-        self.outliers.iter_mut().for_each(|own| own.file = file);
+        for outlier in &mut self.outliers {
+            let mut poses = folder.tcp_poses.iter();
+            let measured = poses.find(|measured| measured.pose == outlier.pose);
+            outlier.file = folder.poses_file();
+            outlier.line = measured.map(|measured| measured.line);
+        }
         self.repeats = weighing.repeats;
         self.loss = weighing.loss;
     }
 
     /// Says what the weighing of the poses found.
     pub(super) fn tell(&mut self, weighing: &Weighing) {
-        let all = &weighing.outliers;
+        let all = &self.outliers;
         let outliers = (!all.is_empty()).then(|| Reason::Outliers {
             all: all.clone(),
             poses: weighing.fit.len(),

@@ -63,7 +63,7 @@ pub(crate) fn of_measurements(
             )
         }
         Hypothesis::Shifted(by) if file == DISTANCES => (
-            MistakeKind::Rows,
+            MistakeKind::PoseNumbers,
             DISTANCES,
             "the numbers of the poses are those of others".to_owned(),
             format!(
@@ -99,7 +99,7 @@ pub(crate) fn of_measurements(
             transposed,
         } if robot.plate == Plate::Body || file == CART_POSES => angles(*axes, *fixed, *transposed),
         Hypothesis::Angles { .. } => (
-            MistakeKind::Angles,
+            MistakeKind::AngleSign,
             TCP_POSES,
             "`alpha_rad` counts the other way".to_owned(),
             "change its sign: it is the turn of the plate against the measurement frame".to_owned(),
@@ -107,7 +107,7 @@ pub(crate) fn of_measurements(
         Hypothesis::Frame { rotation, shift } => frame(rotation, shift, file == TCP_POSES),
         Hypothesis::Unit(of_metre) => unit(*of_metre, file),
         Hypothesis::AngleSign(angle) => (
-            MistakeKind::Angles,
+            MistakeKind::AngleSign,
             TCP_POSES,
             format!("`{}` counts the other way", ANGLES[*angle]),
             "change its sign".to_owned(),
@@ -123,6 +123,7 @@ pub(crate) fn of_measurements(
     Some(Mistake {
         kind,
         file,
+        lines: vec![],
         what,
         mend,
         // Joints of one drive that are off alike make the same machine; one that a fit can't reach is told where it is.
@@ -143,6 +144,7 @@ pub(crate) fn of_noise(whose: &str, factor: f64) -> Mistake {
     Mistake {
         kind: MistakeKind::Noise,
         file: ROBOT,
+        lines: vec![],
         what: format!("the stated noise {whose} is a thousand times {size}"),
         mend: format!("write metres and radians: {mend} {THOUSAND}"),
         is_absurd: true,
@@ -163,10 +165,23 @@ pub(crate) fn of_tolerances(hypothesis: &Hypothesis) -> Option<Mistake> {
     Some(Mistake {
         kind,
         file,
+        lines: vec![],
         what,
         mend,
         is_absurd: true,
     })
+}
+
+/// Distances of two lines that are exchanged.
+pub(crate) fn exchanged([one, other]: [usize; 2]) -> Mistake {
+    Mistake {
+        kind: MistakeKind::Distances,
+        file: DISTANCES,
+        lines: vec![one, other],
+        what: format!("the distances of lines {one} and {other} are exchanged"),
+        mend: "exchange them".to_owned(),
+        is_absurd: true,
+    }
 }
 
 /// A numbering in words; it holds the cart on each track.
@@ -179,6 +194,7 @@ pub(super) fn carts(robot: &Robot, file: &'static str, numbering: &[usize]) -> M
     Mistake {
         kind: MistakeKind::Carts,
         file,
+        lines: vec![],
         what: format!(
             "the carts do not run where set 1 has their tracks; they would with {}",
             list.join(", ")
@@ -211,7 +227,10 @@ fn frame(rotation: &Rotation3<f64>, shift: &Vector3<f64>, of_poses: bool) -> Wor
 
 fn unit(of_metre: f64, file: &str) -> Words {
     let (kind, name) = if of_metre < 1.0 {
-        (MistakeKind::Inches, "inches taken for millimetres")
+        (
+            MistakeKind::InchesForMillimetres,
+            "inches taken for millimetres",
+        )
     } else if of_metre < 1e2 {
         (MistakeKind::Inches, "inches")
     } else if of_metre < THOUSAND {
@@ -265,6 +284,7 @@ fn of(case: &Case<'_>, hypothesis: &Hypothesis, values: &[f64]) -> Option<Mistak
     Some(Mistake {
         kind,
         file,
+        lines: vec![],
         what,
         mend,
         is_absurd: true,
@@ -350,9 +370,10 @@ fn axes(columns: [usize; 3], signs: [f64; 3], turned: bool) -> Words {
         ""
     };
     let mirrored = (0..3).find(|&axis| signs[axis] < 0.0);
-    let (what, mend) = if let Some(axis) = mirrored {
+    let (kind, what, mend) = if let Some(axis) = mirrored {
         let axis = AXES[axis];
         (
+            MistakeKind::Mirrored,
             format!("the {axis} axis{rotations} is mirrored against the drawing"),
             format!(
                 "change the sign of `{axis}_m`{too}, or that of {axis} of the anchors and joints in {ROBOT}, if it is the \
@@ -366,6 +387,7 @@ fn axes(columns: [usize; 3], signs: [f64; 3], turned: bool) -> Words {
             .collect();
         let names: Vec<String> = moved.iter().map(|axis| format!("{axis}_m")).collect();
         (
+            MistakeKind::Axes,
             format!(
                 "the axes {}{rotations} are exchanged against the drawing",
                 moved.join(" and ")
@@ -378,7 +400,7 @@ fn axes(columns: [usize; 3], signs: [f64; 3], turned: bool) -> Words {
             ),
         )
     };
-    (MistakeKind::Axes, TCP_POSES, what, mend)
+    (kind, TCP_POSES, what, mend)
 }
 
 fn angles(axes: [usize; 3], fixed: bool, transposed: bool) -> Words {
@@ -479,6 +501,7 @@ pub(crate) fn dimension(described: &Parameter, stated: &Nominal, value: f64) -> 
     Mistake {
         kind: MistakeKind::Dimension,
         file: ROBOT,
+        lines: vec![],
         what: format!(
             "`{name}` is {} tolerances off: {} {unit} is stated, the measurements ask for {} {unit}",
             general(tolerances, 3),

@@ -1,14 +1,13 @@
 //! Distances that were written down in each other's place.
 
 use nalgebra::DVector;
-use tau_robot::measurements::DISTANCES;
 
 use super::dense::dot;
 use super::elimination::{ProjectedRow, Reduced};
 use super::fit::Fit;
 use super::measurand::Measurand;
 use crate::numerics::distribution::{chi2_quantile_above, chi2_survival, f_quantile_above};
-use crate::trust::{LEVEL as NOISE_LEVEL, Mistake, MistakeKind, NEARER};
+use crate::trust::{LEVEL as NOISE_LEVEL, Mistake, NEARER, words};
 
 /// Chance that two distances in their places are taken for exchanged ones: a hundredth of the usual level, since an answer
 /// is refused for it.
@@ -49,16 +48,8 @@ impl Fit<'_> {
         if is_beyond_noise && NEARER.powi(2) * squares > given {
             return vec![];
         }
-        let named = found.into_iter().map(|[one, other]| Mistake {
-            kind: MistakeKind::Distances,
-            file: DISTANCES,
-            what: format!(
-                "the distances of lines {} and {} are exchanged",
-                lines[one], lines[other]
-            ),
-            mend: "exchange them".to_owned(),
-            is_absurd: true,
-        });
+        let named = found.into_iter();
+        let named = named.map(|pair| words::exchanged(pair.map(|row| lines[row])));
         named.collect()
     }
 

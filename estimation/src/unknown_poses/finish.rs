@@ -9,6 +9,7 @@ use tau_solver::Problem;
 
 use super::fit::Fit;
 use super::{Kind, KindFit, ObjectEstimate, Rank, Settled, UnknownPoses, heldout, quantity};
+use crate::calibration::error::unsolved;
 use crate::calibration::{self, Calibration, Combination, Error, Fitted, combinations};
 use crate::numerics::order::extent;
 use crate::numerics::projection::without_noise_of;
@@ -197,7 +198,7 @@ impl Fit<'_> {
             blocks: vec![block],
         };
         let found = tau_solver::identifiability(&problem, &values[..shared]);
-        let found = found.map_err(|error| self.not_converged(error.to_string()))?;
+        let found = found.map_err(|error| self.not_converged(unsolved(&error)))?;
         Ok(combinations(&found, |index| {
             problem.parameters[index].name.clone()
         }))

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use nalgebra::{DMatrix, DVector, Vector3};
-use tau_codes::fit;
+use tau_codes::{Remark, fit};
 use tau_kinematics::{Machine, Statics};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::Folder;
@@ -174,7 +174,7 @@ impl<'a> Fit<'a> {
         self.used.len() + self.assembly.object_unknowns().count()
     }
 
-    pub(super) fn not_converged(&self, why: String) -> Error {
+    pub(super) fn not_converged(&self, why: Remark) -> Error {
         Error::NotConverged {
             variant: self.machine.variant.name.clone(),
             why,

@@ -59,6 +59,7 @@ use tau_kinematics::Machine;
 use tau_robot::measurements::ObjectKind;
 use tau_solver::{Solution, solve};
 
+use crate::calibration::error::{ended, unsolved};
 use crate::calibration::{self, Combination, EXACT_COST, Error};
 use crate::problem::CLOSURE_SHARE;
 use crate::setup::Setup;
@@ -393,7 +394,7 @@ impl Fit<'_> {
             };
             let mut solution = self.solved(&values, tolerance, options)?;
             if !solution.converged() || solution.parameters.iter().any(|value| !value.is_finite()) {
-                return Err(self.not_converged(solution.termination.to_string()));
+                return Err(self.not_converged(ended(solution.termination)));
             }
             iterations += solution.iterations;
 
@@ -480,7 +481,7 @@ impl Fit<'_> {
             cost_tolerance: options.solver.cost_tolerance.max(cost_tolerance),
             ..options.solver.clone()
         };
-        let failed = |error: tau_solver::Error| self.not_converged(error.to_string());
+        let failed = |error: tau_solver::Error| self.not_converged(unsolved(&error));
         solve(&self.problem(values), &solver).map_err(failed)
     }
 

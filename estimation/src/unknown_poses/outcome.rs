@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use tau_codes::{Remark, fit as codes};
 use tau_kinematics::Machine;
 use tau_robot::measurements::{Distance, Folder, PoseCounts, Split};
 
@@ -181,6 +182,7 @@ impl GrossRow {
     pub(super) fn outlier(&self) -> Outlier {
         Outlier {
             file: self.place.file,
+            line: Some(self.place.line),
             pose: self.place.pose,
             sigmas: self.sigmas,
             weight: self.weight,
@@ -274,25 +276,27 @@ impl Rank {
     }
 
     /// Why a calibration would mean nothing, if so.
-    pub fn why_not(&self) -> Option<String> {
+    pub fn why_not(&self) -> Option<Remark> {
         let (net, poses) = (self.net_rows(), self.poses);
         if !self.is_seen {
             let why = "these measurements say nothing of the machine: none of its parameters changes what they measure";
-            return Some(why.to_owned());
+            return Some(Remark::new(codes::NOTHING_SEEN, why));
         }
         if self.is_saturated() {
-            return Some(format!(
+            let why = format!(
                 "{net} residuals of {poses} poses for {} factors: the fit would repeat its input, and no wrong measurement \
                  could be told; at least {} such poses have to calibrate",
                 self.factors(),
                 self.poses_needed()
-            ));
+            );
+            return Some(Remark::new(codes::RANK, why));
         }
         let scale = self.open.iter().find(|freedom| freedom.is_scale)?;
-        Some(format!(
+        let why = format!(
             "nothing determines the {}: a free scale makes a machine of any size fit, the smaller the better",
             scale.words
-        ))
+        );
+        Some(Remark::new(codes::NO_SCALE, why))
     }
 }
 

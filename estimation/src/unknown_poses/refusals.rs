@@ -32,17 +32,15 @@ impl Fit<'_> {
         else {
             return Ok(());
         };
-        let (code, help) = if !rank.is_seen {
-            let help =
-                "measure something else: `tau robots` lists what tells of the standard robots";
-            (fit::NOTHING_SEEN, help.to_owned())
+        let help = if !rank.is_seen {
+            "measure something else: `tau robots` lists what tells of the standard robots"
+                .to_owned()
         } else if rank.is_saturated() {
-            (fit::RANK, self.more_poses(rank.poses_needed()))
+            self.more_poses(rank.poses_needed())
         } else {
-            let help = "measure a distance, or take a variant that holds what lengths are counted by, such as radii of drums; `--free-scale` fits it all the same, with the size of the tolerances";
-            (fit::NO_SCALE, help.to_owned())
+            "measure a distance, or take a variant that holds what lengths are counted by, such as radii of drums; `--free-scale` fits it all the same, with the size of the tolerances".to_owned()
         };
-        Err(InputError::whole(code, &self.folder.name, why)
+        Err(InputError::whole(why.code, &self.folder.name, why.text)
             .help(help)
             .into())
     }

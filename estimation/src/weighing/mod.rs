@@ -20,7 +20,7 @@ use tau_kinematics::Machine;
 use tau_robot::measurements::TCP_POSES;
 use tau_robot::robot_file::Noise;
 
-use crate::calibration::error::Error;
+use crate::calibration::error::{Error, not_finite};
 use crate::calibration::prepared::Prepared;
 use crate::joint::descent::{Descent, not_converged};
 use crate::joint::{Component, Joint, exact};
@@ -55,6 +55,8 @@ pub struct Treatment {
 pub struct Outlier {
     /// Name of the file.
     pub file: &'static str,
+    /// Its line in the file, where that is known.
+    pub line: Option<usize>,
     /// Number of the pose in the file.
     pub pose: u32,
     /// Root mean square of its residuals against a fit to the others, over what the stated noise lets expect.
@@ -148,6 +150,7 @@ impl Weighing {
         self.outliers = far
             .map(|index| Outlier {
                 file: TCP_POSES,
+                line: None,
                 pose: samples[index].number,
                 sigmas: (sums[index].0 / sums[index].1.max(1.0)).sqrt(),
                 weight: self.fit[index],
@@ -579,5 +582,5 @@ impl Robust {
 
 fn inverse_factor(descent: &Descent) -> Result<DMatrix<f64>, Error> {
     let factor = descent.normal.inverse_factor();
-    factor.ok_or_else(|| not_converged(&descent.joint, "the derivatives are not finite"))
+    factor.ok_or_else(|| not_converged(&descent.joint, not_finite("derivatives")))
 }

@@ -7,6 +7,7 @@ use tau::discovery::results::{
     Reason, Target, Unnamed,
 };
 use tau::discovery::{Discovery, Status};
+use tau_codes::{Remark, discovery as codes};
 
 use super::words::{self, capital, part, probability};
 use super::{at, chance, listed, readable};
@@ -44,7 +45,7 @@ pub(crate) fn device(found: &Discovery) -> Device {
 pub(crate) fn verdict(found: &Discovery) -> String {
     let worst = found.pulls.iter();
     let worst = worst.max_by(|a, b| a.tolerances.abs().total_cmp(&b.tolerances.abs()));
-    let mut status = status(found);
+    let mut status = Remark::new(found.code(), status(found)).to_string();
     if let Some(sentence) = unconfirmed(found) {
         status += &format!(" {sentence}");
     }
@@ -56,25 +57,27 @@ pub(crate) fn verdict(found: &Discovery) -> String {
         others => format!(", and {others} more beyond chance"),
     };
     format!(
-        "{status} Yet `{}` comes out {} tolerances from the robot file{others}: see below.",
+        "{status} Yet `{}` comes out {} tolerances from the robot file{others}: see below. [{}]",
         worst.parameter,
-        general(worst.tolerances.abs(), 2)
+        general(worst.tolerances.abs(), 2),
+        codes::FAR_FROM_DRAWING
     )
 }
 
 /// Sentence on what was found where errors on what took no part do not fall with it.
-pub(crate) fn unconfirmed(found: &Discovery) -> Option<String> {
+pub(crate) fn unconfirmed(found: &Discovery) -> Option<Remark> {
     let validation = &found.validation;
     let (before, after) = (validation.before.mean_um, validation.after.mean_um);
     (!is_base(found) && validation.speaks_against()).then(|| {
-        format!(
+        let text = format!(
             "{} do not confirm what was found: {} {} from {} to {} µm in the mean.",
             capital(validation.compared()),
             validation.of.subject(),
             rises_or_falls(before, after),
             general(before, 3),
             general(after, 3)
-        )
+        );
+        Remark::new(codes::UNCONFIRMED, text)
     })
 }
 
@@ -223,18 +226,20 @@ pub(crate) fn rivals(effect: &FoundEffect) -> Vec<String> {
                 capital(&by.to_string())
             };
             format!(
-                "{} could be {} instead (cosine of the two signals {}). {decide}.",
+                "{} could be {} instead (cosine of the two signals {}). {decide}. [{}]",
                 at(&effect.name, &effect.place),
                 at(&rival.name, &rival.place),
-                typographic(&fixed(rival.cosine, 2))
+                typographic(&fixed(rival.cosine, 2)),
+                by.code()
             )
         })
         .collect();
     if let Some(aliases) = aliases(effect) {
         sentences.push(format!(
-            "{} fits as well with another {}: {aliases}. More commands at uneven distances would decide.",
+            "{} fits as well with another {}: {aliases}. More commands at uneven distances would decide. [{}]",
             at(&effect.name, &effect.place),
             effect.searched.as_deref().unwrap_or("value"),
+            codes::ALIASES
         ));
     }
     sentences
@@ -273,9 +278,12 @@ pub(crate) fn undisputed(found: &Discovery) -> Option<String> {
 
 /// To what the measurements are blind.
 pub(crate) fn blind(found: &Discovery) -> Vec<String> {
-    let hidden = unseen(found).into_iter().map(|(effects, why)| {
-        format!("Whether they are there or not, these measurements cannot show {effects}: {why}.")
-    });
+    let hidden = unseen(found)
+        .into_iter()
+        .map(|(effects, Remark { code, text })| {
+            let shown = "Whether they are there or not, these measurements cannot show";
+            format!("{shown} {effects}: {text}. [{code}]")
+        });
     hidden.chain(ambiguous(found)).collect()
 }
 
@@ -294,14 +302,15 @@ pub(crate) fn ambiguous(found: &Discovery) -> Option<String> {
             )
         })
         .collect();
+    let code = codes::AMBIGUOUS;
     match found.ambiguous.len() {
         0 => None,
         count if count <= LISTED => Some(format!(
-            "These measurements can hardly tell {}.",
+            "These measurements can hardly tell {}. [{code}]",
             listed(&pairs)
         )),
         count => Some(format!(
-            "These measurements can hardly tell {count} pairs of effects apart, first of all {}.",
+            "These measurements can hardly tell {count} pairs of effects apart, first of all {}. [{code}]",
             listed(&pairs)
         )),
     }
@@ -521,8 +530,8 @@ pub(crate) fn gross_rows(found: &Discovery) -> Vec<String> {
 type Places<'a> = Vec<(&'a str, Vec<String>)>;
 
 /// Effects that could not be seen with their places, those with one reason together.
-pub(crate) fn unseen(found: &Discovery) -> Vec<(String, String)> {
-    let mut reasons: Vec<(String, Places<'_>)> = Vec::new();
+pub(crate) fn unseen(found: &Discovery) -> Vec<(String, Remark)> {
+    let mut reasons: Vec<(Remark, Places<'_>)> = Vec::new();
     for unseen in &found.cannot_see {
         let why = reason(&unseen.why);
         let index = reasons.iter().position(|group| group.0 == why);
@@ -549,12 +558,13 @@ pub(crate) fn unseen(found: &Discovery) -> Vec<(String, String)> {
 }
 
 /// A reason; the base absorbs all of a signal or all but less than a percent.
-fn reason(why: &Reason) -> String {
+fn reason(why: &Reason) -> Remark {
     match why {
-        Reason::Absorbed | Reason::MostlyAbsorbed(_) => {
-            "the base absorbs all but at most 1 % of the signal".to_owned()
-        }
-        other => other.to_string(),
+        Reason::Absorbed | Reason::MostlyAbsorbed(_) => Remark::new(
+            codes::ABSORBED,
+            "the base absorbs all but at most 1 % of the signal",
+        ),
+        other => Remark::new(other.code(), other.to_string()),
     }
 }
 

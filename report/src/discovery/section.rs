@@ -48,7 +48,7 @@ pub(crate) fn sentences(found: &Discovery) -> Markup {
     let unnamed = findings::unnamed(found);
     let gross = findings::gross_rows(found);
     html! {
-        p { (findings::verdict(found)) }
+        p { (prose(&findings::verdict(found))) }
         p { (findings::gap(found)) }
         @if !found.effects.is_empty() || !unnamed.is_empty() {
             h3 { "What is wrong with the " (findings::device(found)) }
@@ -65,13 +65,13 @@ pub(crate) fn sentences(found: &Discovery) -> Markup {
         }
         @if !rivals.is_empty() {
             h3 { "What else could explain it" }
-            ul { @for rival in &rivals { li { (rival) } } }
+            ul { @for rival in &rivals { li { (prose(rival)) } } }
         }
         h3 { "What remains" }
         ul {
             @for sentence in findings::remains(found) { li { (sentence) } }
             @if let Some(outliers) = findings::outliers(&found.left_out) { li { (outliers) } }
-            @for blind in findings::blind(found) { li { (blind) } }
+            @for blind in findings::blind(found) { li { (prose(&blind)) } }
         }
         @if !gross.is_empty() {
             h3 { (LEFT_OUT) }

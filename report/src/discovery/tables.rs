@@ -356,7 +356,7 @@ pub(crate) fn considered(found: &Discovery) -> Option<Table> {
 pub(crate) fn unseen(found: &Discovery) -> Option<Table> {
     let rows: Vec<Vec<Cell>> = super::findings::unseen(found)
         .into_iter()
-        .map(|(effects, why)| vec![Cell::Text(why), Cell::Text(effects)])
+        .map(|(effects, why)| vec![Cell::Text(why.text), Cell::Text(effects)])
         .collect();
     (!rows.is_empty()).then(|| Table {
         title: "What could not be seen".to_owned(),

@@ -7,7 +7,7 @@ use tau::discovery::results::FoundEffect;
 use tau::discovery::{Discovery, Status as Found};
 use tau::session::Record;
 use tau::study::results::Study;
-use tau::trust::{Check, Mistake, Status, Verdict};
+use tau::trust::{Check, Status, Verdict};
 
 use crate::discovery::findings::Device;
 use crate::discovery::words::{capital, part, rest_or_error, title};
@@ -60,7 +60,7 @@ fn advice(
         } else {
             &verdict.mistakes
         };
-        steps.extend(mistakes.iter().map(mend));
+        steps.extend(mistakes.iter().map(crate::trust::mistake));
         if verdict.status == Status::Absurd {
             if mistakes.is_empty() {
                 steps.push(format!(
@@ -106,13 +106,6 @@ fn advice(
         _ => "`tau evaluate` judges a calibrated robot file on new measurements.".to_owned(),
     });
     steps
-}
-
-fn mend(mistake: &Mistake) -> String {
-    format!(
-        "In {}: {}. To mend it: {}.",
-        mistake.file, mistake.what, mistake.mend
-    )
 }
 
 /// The poses to look at first.

@@ -76,7 +76,8 @@ fn an_absurd_one_asks_for_the_mend_and_nothing_else() {
         .unwrap()
         .mistakes
         .push(Mistake {
-            kind: MistakeKind::Axes,
+            kind: MistakeKind::Mirrored,
+            lines: vec![],
             file: "tcp_poses.csv",
             what: "the z axis is mirrored".to_owned(),
             mend: "change the sign of `z_m`".to_owned(),
@@ -88,6 +89,7 @@ fn an_absurd_one_asks_for_the_mend_and_nothing_else() {
         variants: vec![],
         effects: vec![],
         missing: vec![Gap {
+            code: tau_codes::discovery::LACKS_FILE,
             what: "cart_poses.csv",
             brings: "the shape of each track".to_owned(),
         }],

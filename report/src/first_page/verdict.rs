@@ -40,7 +40,7 @@ pub(super) fn of_study(study: &Study) -> Markup {
                 ": "
                 (prose(&verdict.reasons()))
             }
-            @if let Some(found) = found { p { (findings::verdict(found)) } }
+            @if let Some(found) = found { p { (prose(&findings::verdict(found))) } }
             @let others = trust::others(study, &variant.name);
             @if !others.is_empty() { p.aside { "The others: " (others.join(", ")) "." } }
         }
@@ -69,7 +69,7 @@ pub(super) fn of_discovery(found: &Discovery) -> Markup {
                 (status)
                 @if findings::unconfirmed(found).is_some() { ", but not confirmed" }
             }
-            p { (findings::verdict(found)) }
+            p { (prose(&findings::verdict(found))) }
             p { (findings::gap(found)) }
         }
     }

@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value, json};
 use tau::calibration::Combination;
-use tau::trust::{Check, Checked, FileFacts, Mistake, Reach, Reason, Verdict};
+use tau::trust::{Check, Checked, Fact, FileFacts, Mistake, Reach, Reason, Verdict};
 use tau::weighing::{LackOfFit, Loss, Outlier, Repeats};
 
 use crate::gauge::gauge_json;
@@ -34,6 +34,7 @@ pub fn verdict(verdict: &Verdict) -> Value {
             .collect::<Vec<_>>(),
         "reach": verdict.reach.map(reach),
         "why": verdict.why.iter().map(Reason::to_string).collect::<Vec<_>>(),
+        "reasons": verdict.why.iter().flat_map(Reason::facts).map(reason).collect::<Vec<_>>(),
         "mistakes": verdict.mistakes.iter().map(mistake).collect::<Vec<_>>(),
         "outliers": verdict.outliers.iter().map(outlier).collect::<Vec<_>>(),
         "loss": verdict.loss.map(Loss::name),
@@ -41,9 +42,25 @@ pub fn verdict(verdict: &Verdict) -> Value {
     })
 }
 
+fn reason(fact: Fact) -> Value {
+    let values: Map<_, _> = (fact.values.into_iter())
+        .map(|(name, value)| (name, json!(value)))
+        .collect();
+    json!({
+        "code": fact.code.to_string(),
+        "text": fact.text,
+        "file": fact.file,
+        "line": fact.line,
+        "place": fact.place,
+        "values": values,
+        "held_out": fact.is_held_out,
+    })
+}
+
 pub(crate) fn outlier(outlier: &Outlier) -> Value {
     json!({
         "file": outlier.file,
+        "line": outlier.line,
         "pose": outlier.pose,
         "sigmas": outlier.sigmas,
         "weight": outlier.weight,
@@ -94,8 +111,10 @@ fn reach(reach: Reach) -> Value {
 
 fn mistake(mistake: &Mistake) -> Value {
     json!({
+        "code": mistake.kind.code().to_string(),
         "kind": mistake.kind.name(),
         "file": mistake.file,
+        "lines": mistake.lines,
         "what": mistake.what,
         "mend": mistake.mend,
         "absurd": mistake.is_absurd,
@@ -107,17 +126,25 @@ pub fn check(check: &Check) -> Value {
     let variants: Map<_, _> = (check.variants.iter())
         .map(|own| (own.variant.clone(), variant(own)))
         .collect();
-    let effects = check.effects.iter();
+    let effects = check.effects.iter().map(|effect| {
+        let codes = effect.lacks.iter().map(|own| own.code().to_string());
+        json!({
+            "name": effect.name,
+            "visible": effect.lacks.is_empty(),
+            "lacks": effect.lacks.iter().map(|own| own.words()).collect::<Vec<_>>(),
+            "codes": codes.collect::<Vec<_>>(),
+        })
+    });
     let missing = check.missing.iter();
     json!({
         "meaningful": check.is_meaningful(),
         "files": check.files.iter().map(file).collect::<Vec<_>>(),
         "exchange_unnoticed": check.exchange_unnoticed,
         "variants": variants,
-        "effects": effects
-            .map(|effect| json!({ "name": effect.name, "visible": effect.lacks.is_empty(), "lacks": effect.lacks.iter().map(|own| own.words()).collect::<Vec<_>>() }))
+        "effects": effects.collect::<Vec<_>>(),
+        "missing": missing
+            .map(|gap| json!({ "code": gap.code.to_string(), "what": gap.what, "brings": gap.brings }))
             .collect::<Vec<_>>(),
-        "missing": missing.map(|gap| json!({ "what": gap.what, "brings": gap.brings })).collect::<Vec<_>>(),
         "misfit": check.misfit,
         "mistakes": check.mistakes.iter().map(mistake).collect::<Vec<_>>(),
     })
@@ -147,7 +174,8 @@ fn variant(checked: &Checked) -> Value {
         "undetermined": checked.undetermined.iter().map(combination).collect::<Vec<_>>(),
         "reach": checked.reach.map(reach),
         "meaningful": checked.why_not.is_none(),
-        "why_not": checked.why_not,
+        "why_not": checked.why_not.as_ref().map(|why| &why.text),
+        "code": checked.why_not.as_ref().map(|why| why.code.to_string()),
     });
     if let Some(rank) = &checked.gauge {
         value["determined"] = json!(rank.determined);

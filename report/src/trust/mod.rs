@@ -5,7 +5,7 @@ pub(crate) mod tables;
 pub mod terminal;
 
 use tau::study::results::Study;
-use tau::trust::Verdict;
+use tau::trust::{Mistake, Verdict};
 
 use crate::number::general;
 use crate::screen::Screen;
@@ -13,6 +13,17 @@ use crate::screen::Screen;
 /// The verdict, with its reasons.
 pub(crate) fn line(screen: &mut Screen, verdict: &Verdict) {
     screen.say(&format!("Verdict: {}", verdict.line()));
+}
+
+/// A mistake, its mend and its code.
+pub(crate) fn mistake(mistake: &Mistake) -> String {
+    format!(
+        "In {}: {}. To mend it: {}. [{}]",
+        mistake.file,
+        mistake.what,
+        mistake.mend,
+        mistake.kind.code()
+    )
 }
 
 /// The other variants, a word each.

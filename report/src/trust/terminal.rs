@@ -2,6 +2,7 @@
 
 use tau::study::results::Study;
 use tau::trust::{Check, Checked, FileFacts, Status, Verdict};
+use tau_codes::{Remark, fit};
 
 use crate::number::general;
 use crate::screen::Screen;
@@ -46,26 +47,23 @@ pub(crate) fn of_study(screen: &mut Screen, study: &Study) {
 
 /// Sentences on what is wrong with the input of `tau check`: mistakes, or noise that is not met without one.
 pub fn wrong(check: &Check) -> Vec<String> {
-    let mistakes = check.mistakes.iter().map(|mistake| {
-        format!(
-            "In {}: {}. To mend it: {}.",
-            mistake.file, mistake.what, mistake.mend
-        )
-    });
+    let mistakes = check.mistakes.iter().map(super::mistake);
     let unexplained = match check.misfit {
         _ if !check.mistakes.is_empty() => None,
-        _ if !check.is_meaningful() => Some(
-            "No mistake that could be mended was recognised, yet a calibration would mean nothing."
-                .to_owned(),
-        ),
+        _ if !check.is_meaningful() => Some(Remark::new(
+            fit::NO_MISTAKE,
+            "No mistake that could be mended was recognised, yet a calibration would mean nothing.",
+        )),
         misfit => misfit.map(|times| {
-            format!(
+            let text = format!(
                 "No mistake was recognised, yet residuals of a first fit are {} times the stated noise: `tau calibrate` says \
                  where.",
                 general(times, 3)
-            )
+            );
+            Remark::new(fit::MISFIT, text)
         }),
     };
+    let unexplained = unexplained.as_ref().map(Remark::to_string);
     mistakes.chain(unexplained).collect()
 }
 
@@ -85,7 +83,8 @@ pub fn check(check: &Check, width: usize) -> String {
         file(&mut screen, own);
         if check.exchange_unnoticed.contains(&own.file) {
             let words = "carts that exchange their numbers go unnoticed here, so near each other do they run";
-            screen.say_within("    ", words);
+            let remark = Remark::new(fit::EXCHANGE_UNNOTICED, words);
+            screen.say_within("    ", &remark.to_string());
         }
     }
     screen.gap();
@@ -108,7 +107,10 @@ pub fn check(check: &Check, width: usize) -> String {
         screen.line("What is missing, and what it would bring");
     }
     for gap in &check.missing {
-        screen.say_within("  ", &format!("{}: {}", gap.what, gap.brings));
+        screen.say_within(
+            "  ",
+            &format!("{}: {} [{}]", gap.what, gap.brings, gap.code),
+        );
     }
     screen.into_text()
 }
@@ -185,7 +187,7 @@ fn variant(screen: &mut Screen, checked: &Checked) {
     );
     weak(screen, undetermined);
     if let Some(warning) = reach.and_then(|reach| reach.warning()) {
-        screen.say_within("    ", &warning.to_string());
+        screen.say_within("    ", &warning.coded());
     }
 }
 

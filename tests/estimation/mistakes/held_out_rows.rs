@@ -9,8 +9,8 @@ use tau::simulation::{Measure, Simulation, simulate};
 use tau::unknown_poses::{HeldOut, RowDivision, calibrate};
 
 use crate::support::CABLES;
-use crate::support::{spoil, tau_in};
 use crate::support::{robot, simulation};
+use crate::support::{spoil, tau_in};
 use tau::Setup;
 
 const NOISE_M: f64 = 1e-5;

@@ -8,9 +8,9 @@ mod held_out_rows;
 mod recognition;
 mod recognition_of_figures;
 mod recognition_of_rows;
-mod trust;
-mod weighing;
-mod wrong_mends;
 #[allow(dead_code)]
 #[path = "../../support.rs"]
 mod support;
+mod trust;
+mod weighing;
+mod wrong_mends;

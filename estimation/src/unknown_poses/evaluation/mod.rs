@@ -23,6 +23,7 @@ use super::predicted::{HeldOutKind, predicted};
 use super::rows::{ABSORBED, CLOSURES, Kind, RowPlace, Rows, noise_of_rows};
 use super::tracker::of_true_poses;
 use super::{GrossRow, ROUNDS, RowDivision, SAME_NOISE, SAME_POSE};
+use crate::calibration::error::{ended, unsolved};
 use crate::calibration::{self, EXACT_COST, Error, Prepared};
 use crate::numerics::order::largest_first;
 use crate::problem::POSE_UNKNOWNS;
@@ -413,9 +414,9 @@ impl Fit<'_> {
             ..options.solver.clone()
         };
         let solution = solve(&problem, &solver);
-        let solution = solution.map_err(|error| self.not_converged(error.to_string()))?;
+        let solution = solution.map_err(|error| self.not_converged(unsolved(&error)))?;
         if !solution.converged() || solution.parameters.iter().any(|value| !value.is_finite()) {
-            return Err(self.not_converged(solution.termination.to_string()));
+            return Err(self.not_converged(ended(solution.termination)));
         }
         Ok(solution.parameters)
     }
