@@ -8,7 +8,7 @@ use std::path::Path;
 
 use annotate_snippets::renderer::DecorStyle;
 use annotate_snippets::{AnnotationKind, Group, Level, Origin, Renderer, Snippet};
-use tau_codes::{Code, Remark, files, language};
+use tau_codes::{Code, Remark, files};
 
 /// One or more mistakes in the input.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -157,8 +157,7 @@ impl InputError {
         for diagnostic in &errors.diagnostics {
             let Range { start, end } = diagnostic.byte_range();
             let place = start.saturating_sub(mark)..end.saturating_sub(mark);
-            // until Diagnostic has a code
-            let code = language::SYNTAX;
+            let code = diagnostic.code;
             let (message, help) = (diagnostic.message.clone(), diagnostic.help.clone());
             mistakes.add(code, place, message, help);
         }

@@ -610,10 +610,8 @@ mod tests {
         };
         let simulated = simulate(&one).unwrap();
         assert!(simulated.folder.cart_positions.is_empty());
-        let remarks = simulated.truth.remarks.join("; ");
-        assert!(
-            remarks.contains("cart_positions.csv is left out"),
-            "{remarks}"
-        );
+        let remarks = &simulated.truth.remarks;
+        assert_eq!(remarks.len(), 1, "{remarks:?}");
+        assert_eq!(remarks[0].code, files::LEFT_OUT);
     }
 }
