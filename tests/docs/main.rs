@@ -1,5 +1,6 @@
 //! What the documentation and the packages state.
 
+mod codes;
 mod docs;
 mod packages;
 #[allow(dead_code)]
