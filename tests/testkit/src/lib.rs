@@ -84,6 +84,51 @@ pub fn effects(found: &Value) -> Vec<String> {
     effects
 }
 
+/// What a calibration in JSON says of a parameter.
+///
+/// # Panics
+/// It has none of this name.
+#[track_caller]
+pub fn estimate<'a>(found: &'a Value, name: &str) -> &'a Value {
+    let mut all = list(&found["parameters"]).iter();
+    let own = all.find(|own| own["name"] == name);
+    own.unwrap_or_else(|| panic!("no parameter `{name}`"))
+}
+
+/// The true value of a parameter, by its name in a variant, in `truth.json`.
+///
+/// # Panics
+/// There is none.
+#[track_caller]
+pub fn truth_of(truth: &Value, name: &str) -> f64 {
+    let parts: Vec<&str> = name.split('.').collect();
+    let link = |owner: &str| &truth["links"][owner];
+    let value = match parts[..] {
+        [parameter] => &truth["parameters"][parameter],
+        [owner, "centre", ..] => &truth["cranks"][owner]["centre_m"],
+        [owner, "axis", ..] => &truth["cranks"][owner]["axis"],
+        [owner, "pull"] => &link(owner)["pull_n"],
+        [owner, "track_direction", ..] => &link(owner)["track_direction"],
+        [owner, quantity, ..] => &link(owner)[format!("{quantity}_m")],
+        [] => &Value::Null,
+    };
+    match parts.get(2) {
+        Some(axis) => number(&value["xyz".find(axis).expect("an axis")]),
+        None => number(value),
+    }
+}
+
+/// Codes of the reasons of a verdict in JSON, in order.
+///
+/// # Panics
+/// It is none.
+#[track_caller]
+pub fn reasons(fit: &Value) -> Vec<&str> {
+    let all = list(&fit["reasons"]).iter();
+    all.map(|reason| reason["code"].as_str().expect("a code"))
+        .collect()
+}
+
 /// Fails where a JSON object lacks a field.
 ///
 /// # Panics

@@ -7,7 +7,7 @@ use tau::measurements::Folder;
 use tau::robot_file::RobotFile;
 use tau::simulation::{Measure, Poses, Simulation, TrackPoints};
 
-use crate::ROBOTS;
+use crate::{ROBOTS, Table};
 
 /// The standard Gantry-Tau, with its generated code.
 pub fn gantry_tau() -> Robot {
@@ -23,6 +23,29 @@ pub fn prototype() -> (Folder, RobotFile) {
         tau::prototype::folder().unwrap(),
         tau::prototype::robot_file().unwrap(),
     )
+}
+
+/// The prototype's robot file with Table II of the paper, model 3: every link with its own direction.
+///
+/// # Panics
+/// The table can't be read.
+pub fn paper_file() -> RobotFile {
+    let (_, mut file) = prototype();
+    let table = Table::parse(include_str!("../../equations/reference/table2_linear.csv"));
+    for row in table.rows.iter().filter(|row| row[0] == "3") {
+        let numbers: Vec<f64> = row[2..12].iter().map(|own| own.parse().unwrap()).collect();
+        let link = file.links.get_mut(&format!("l{}", row[1])).unwrap();
+        let slots = [
+            (&mut link.length, 0..1),
+            (&mut link.plate_joint, 1..4),
+            (&mut link.track_offset, 4..7),
+            (&mut link.track_direction, 7..10),
+        ];
+        for (slot, place) in slots {
+            slot.as_mut().unwrap().value = numbers[place].to_vec();
+        }
+    }
+    file
 }
 
 /// The description of a robot in `tests/robots`.

@@ -6,6 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
+use serde_json::Value;
 use tempfile::TempDir;
 
 use crate::{FIXTURES, GANTRY, PROTOTYPE, ROBOTS, Ran, Table};
@@ -123,6 +124,24 @@ impl Work {
             out: text(out),
             err: text(err).replace(&folder, "DIR"),
         }
+    }
+
+    /// Calibrates the measurements with some arguments into `DIR/out`, and says what was found.
+    #[track_caller]
+    pub fn calibrated(&self, arguments: &str) -> Value {
+        self.run(&format!(
+            "calibrate MEASURED {arguments} --out DIR/out --json - -q"
+        ))
+        .json()
+    }
+
+    /// The machine that a simulation measured.
+    ///
+    /// # Panics
+    /// The measurements are not of a simulation.
+    #[track_caller]
+    pub fn truth(&self) -> Value {
+        serde_json::from_str(&self.read("measured/truth.json")).unwrap()
     }
 
     /// Changes a table of the measurements.
