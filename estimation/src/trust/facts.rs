@@ -331,11 +331,12 @@ fn of_outliers(all: &[Outlier], loss: Option<Loss>) -> Code {
 
 fn outliers(all: &[Outlier], poses: usize, limit_sigmas: f64) -> Place {
     let numbers: Vec<String> = all.iter().map(|own| own.pose.to_string()).collect();
-    let noun = if all.len() == 1 { "pose" } else { "poses" };
+    let is_one = all.len() == 1;
+    let noun = if is_one { "pose" } else { "poses" };
     let sigmas = all.iter().map(|own| own.sigmas);
     let mut place = Place {
         file: all.first().map(|own| own.file.to_owned()),
-        line: all.first().and_then(|own| own.line),
+        line: all.first().filter(|_| is_one).and_then(|own| own.line),
         ..Place::at(format!("{noun} {}", numbers.join(", ")))
     }
     .with([

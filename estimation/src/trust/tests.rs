@@ -8,7 +8,7 @@ use tau_robot::robot::{Plate, Robot};
 
 use super::hypothesis::{Hypothesis, UNITS};
 use super::reason::{Estimate, HeldBy, Repeated, Size};
-use super::{Fact, Mistake, Pull, Reach, Reason, words};
+use super::{Fact, Mistake, Pull, Reach, Reason, general, words};
 use crate::calibration::Nominal;
 use crate::weighing::{Kept, LackOfFit, Loss, Misread, Outlier};
 
@@ -165,22 +165,27 @@ fn reasons() -> Vec<Reason> {
     ]
 }
 
+/// A line of where and how large, if anything is known.
+fn in_words(fact: &Fact) -> String {
+    let line = fact.line.map(|line| line.to_string());
+    let at = [fact.file.as_deref(), line.as_deref(), fact.place.as_deref()];
+    let at: Vec<&str> = at.into_iter().flatten().collect();
+    let values: Vec<String> = (fact.values.iter())
+        .map(|(name, value)| format!("{name} {}", general(*value, 4)))
+        .collect();
+    let mut parts = vec![at.join(", "), values.join(", ")];
+    parts.retain(|part| !part.is_empty());
+    match parts.as_slice() {
+        [] => String::new(),
+        parts => format!("\n    {}", parts.join(": ")),
+    }
+}
+
 #[test]
 fn sentences_of_reasons() {
-    let values = |fact: &Fact| -> Vec<String> {
-        let own = fact.values.iter();
-        own.map(|(name, value)| format!("{name} {value:.4}"))
-            .collect()
-    };
     let facts = |reason: &Reason| -> String {
         let facts = reason.facts().into_iter();
-        let facts = facts.map(|fact| {
-            let line = fact.line.map(|line| line.to_string());
-            let at = [fact.file.as_deref(), line.as_deref(), fact.place.as_deref()];
-            let at: Vec<&str> = at.into_iter().flatten().collect();
-            format!("\n    {}: {}", at.join(", "), values(&fact).join(", "))
-        });
-        facts.collect()
+        facts.map(|fact| in_words(&fact)).collect()
     };
     let all: Vec<String> = (reasons().iter())
         .map(|reason| format!("{}{}", reason.coded(), facts(reason)))
