@@ -82,8 +82,7 @@ impl Outcome {
                 format!("cannot write {error}"),
             )
         })?;
-        // What goes to standard output is tried once.
-        console.has_json = has_json;
+        console.has_json = has_json && printed.is_none();
         for path in &self.stale {
             fs::remove_file(path).map_err(|error| {
                 InputError::whole(
@@ -102,6 +101,8 @@ impl Outcome {
         if let Some(verdict) = self.verdict.filter(|_| is_silent) {
             console.complain(&format_args!("verdict: {verdict}"));
         }
+        // What goes to standard output is tried once.
+        console.has_json = has_json;
         match printed {
             Some(text) => console.print(&text),
             _ if console.quiet => console.print(&self.data),
