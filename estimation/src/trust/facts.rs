@@ -29,14 +29,14 @@ pub struct Fact {
 
 /// Where something is, and how large.
 #[derive(Default)]
-struct Place {
+struct Subject {
     file: Option<String>,
     line: Option<usize>,
     place: Option<String>,
     values: Vec<(String, f64)>,
 }
 
-impl Place {
+impl Subject {
     /// Of a parameter, pose, kind of measurement or variant.
     fn at(place: impl Into<String>) -> Self {
         Self {
@@ -152,15 +152,17 @@ impl Reason {
     pub fn facts(&self) -> Vec<Fact> {
         if let Self::OfHeld(all, is_held_out) = self {
             let mut facts: Vec<Fact> = all.iter().flat_map(Self::facts).collect();
-            (facts.iter_mut()).for_each(|fact| fact.is_held_out = *is_held_out);
+            for fact in &mut facts {
+                fact.is_held_out = *is_held_out;
+            }
             return facts;
         }
-        let Place {
+        let Subject {
             file,
             line,
             place,
             values,
-        } = self.place();
+        } = self.subject();
         vec![Fact {
             code: self.code(),
             text: self.to_string(),
@@ -172,16 +174,16 @@ impl Reason {
         }]
     }
 
-    fn place(&self) -> Place {
-        let none = Place::default;
+    fn subject(&self) -> Subject {
+        let none = Subject::default;
         match self {
-            Self::NoOther(variant, _) => Place::at(variant),
+            Self::NoOther(variant, _) => Subject::at(variant),
             Self::Mistake(Mistake {
                 kind, file, lines, ..
-            }) => Place {
+            }) => Subject {
                 file: Some((*file).to_owned()),
                 line: lines.first().copied(),
-                ..Place::at(kind.name())
+                ..Subject::at(kind.name())
             },
             Self::Beyond {
                 over_noise,
@@ -207,7 +209,7 @@ impl Reason {
                 }
             }
             Self::BeyondChance(all) => {
-                let place = Place::of_all(all.iter().map(|own| own.0.clone()));
+                let place = Subject::of_all(all.iter().map(|own| own.0.clone()));
                 over_noise(place, all.iter().map(|own| (own.0.clone(), own.1)))
             }
             Self::Changed([squares, expected]) => {
@@ -218,21 +220,21 @@ impl Reason {
                 squares,
                 change,
                 unit,
-            } => Place::at(parameter)
+            } => Subject::at(parameter)
                 .with([("chi2_drop", *squares), (&named("change", unit), *change)]),
             Self::NotTaken([squares, expected]) => {
                 none().with([("chi2", *squares), ("expected", *expected)])
             }
-            Self::Pulled(pull, freed) => Place::pull(pull).with([("tolerances_freed", *freed)]),
-            Self::Implausible(pull) => Place::pull(pull),
-            Self::AnotherMachine(file, off_m) => Place {
+            Self::Pulled(pull, freed) => Subject::pull(pull).with([("tolerances_freed", *freed)]),
+            Self::Implausible(pull) => Subject::pull(pull),
+            Self::AnotherMachine(file, off_m) => Subject {
                 file: file.map(str::to_owned),
                 ..none().with([("off_m", *off_m)])
             },
             Self::Lacks(widening) => none().with([("widening", *widening)]),
             Self::CartsMissed(all) => {
                 let named = |(kind, file, _): &(&str, &str, f64)| format!("{kind} in {file}");
-                let place = Place::of_all(all.iter().map(named));
+                let place = Subject::of_all(all.iter().map(named));
                 over_noise(place, all.iter().map(|own| (named(own), own.2)))
             }
             Self::Outliers {
@@ -247,31 +249,31 @@ impl Reason {
             Self::Unsettled(rounds) => none().with([("rounds", *rounds as f64)]),
             Self::Repeats(own) => repeats(own),
             Self::NoiseTooSmall(of, sigma, unit) => {
-                Place::of(of).with([(&named("sigma", unit), *sigma)])
+                Subject::of(of).with([(&named("sigma", unit), *sigma)])
             }
             Self::MeansMissed {
                 of,
                 scatter_and_missed: [scatter, missed],
                 unit,
                 ..
-            } => Place::of(of).with([
+            } => Subject::of(of).with([
                 (&named("scatter", unit), *scatter),
                 (&named("missed", unit), *missed),
             ]),
             Self::MeansMissedWithinNoise(of, widening) => {
-                Place::of_all(of.iter().cloned()).with([("widening", *widening)])
+                Subject::of_all(of.iter().cloned()).with([("widening", *widening)])
             }
             Self::Widened(times) => none().with([("noise_factor", *times)]),
             Self::Estimated(of, estimate, unit) => match estimate {
-                Estimate::Unknown => Place::of(of),
+                Estimate::Unknown => Subject::of(of),
                 Estimate::AtMost(sigma)
                 | Estimate::OfResiduals(sigma)
                 | Estimate::BesideRepeats(sigma) => {
-                    Place::of(of).with([(&named("sigma", unit), *sigma)])
+                    Subject::of(of).with([(&named("sigma", unit), *sigma)])
                 }
             },
             Self::NotJudged(of, left, rows) => {
-                Place::of(of).with([("dof", *left), ("rows", *rows as f64)])
+                Subject::of(of).with([("dof", *left), ("rows", *rows as f64)])
             }
             Self::Reach(reach) => none().with([
                 ("elsewhere_m", reach.elsewhere_m),
@@ -306,7 +308,7 @@ fn named(name: &str, unit: &str) -> String {
 }
 
 /// Ratios to the noise: that of one, or those of several by the names of the measurements.
-fn over_noise(mut place: Place, all: impl ExactSizeIterator<Item = (String, f64)>) -> Place {
+fn over_noise(mut place: Subject, all: impl ExactSizeIterator<Item = (String, f64)>) -> Subject {
     let is_one = all.len() == 1;
     place.values.extend(all.map(|(name, ratio)| {
         let name = if is_one {
@@ -329,15 +331,15 @@ fn of_outliers(all: &[Outlier], loss: Option<Loss>) -> Code {
     }
 }
 
-fn outliers(all: &[Outlier], poses: usize, limit_sigmas: f64) -> Place {
+fn outliers(all: &[Outlier], poses: usize, limit_sigmas: f64) -> Subject {
     let numbers: Vec<String> = all.iter().map(|own| own.pose.to_string()).collect();
     let is_one = all.len() == 1;
     let noun = if is_one { "pose" } else { "poses" };
     let sigmas = all.iter().map(|own| own.sigmas);
-    let mut place = Place {
+    let mut place = Subject {
         file: all.first().map(|own| own.file.to_owned()),
         line: all.first().filter(|_| is_one).and_then(|own| own.line),
-        ..Place::at(format!("{noun} {}", numbers.join(", ")))
+        ..Subject::at(format!("{noun} {}", numbers.join(", ")))
     }
     .with([
         ("outliers", all.len() as f64),
@@ -362,8 +364,8 @@ fn outliers(all: &[Outlier], poses: usize, limit_sigmas: f64) -> Place {
     place
 }
 
-fn repeats(own: &Repeated) -> Place {
-    let mut place = own.of.as_deref().map_or_else(Place::default, Place::of);
+fn repeats(own: &Repeated) -> Subject {
+    let mut place = own.of.as_deref().map_or_else(Subject::default, Subject::of);
     place = place.with([
         ("readings", own.readings as f64),
         ("quantities", own.quantities as f64),
