@@ -135,6 +135,24 @@ impl Work {
         .json()
     }
 
+    /// Judges the measurements, with some arguments, by the robot file that [`Self::calibrated`] wrote.
+    #[track_caller]
+    pub fn evaluated(&self, arguments: &str) -> Value {
+        self.run(&format!(
+            "evaluate MEASURED {arguments} --robot DIR/out/robot.toml --json - -q"
+        ))
+        .json()
+    }
+
+    /// Searches the measurements, with some arguments, and writes what is found into `DIR/found`.
+    #[track_caller]
+    pub fn discovered(&self, arguments: &str) -> Value {
+        self.run(&format!(
+            "discover MEASURED {arguments} --out DIR/found --json - -q"
+        ))
+        .json()
+    }
+
     /// The machine that a simulation measured.
     ///
     /// # Panics
