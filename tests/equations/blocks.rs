@@ -1,89 +1,94 @@
 //! Blocks of samples, and what is accumulated from them, against single samples.
 
-use tau::Robot;
 use tau::robot::{Instance, ResidualKind};
 use tau::runtime::{
     BlockFamily, Formulas, LANES, Lanes, NormalEquations, Pattern, ResidualFamily, Samples, Shape,
     block_count,
 };
+use tau_testkit::robots::described;
 
-/// Blocks of a family, computed from samples of data: residuals and Jacobian, one sample after the other.
-fn in_blocks(
-    family: &dyn BlockFamily,
-    data: &[f64],
-    parameters: &[f64],
-    samples: usize,
-) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
+/// Values, and residuals with their Jacobian, one sample after the other.
+type Numbers = [Vec<f64>; 3];
+
+pub(crate) fn bits(numbers: &Numbers) -> Vec<u64> {
+    numbers.iter().flatten().map(|x| x.to_bits()).collect()
+}
+
+fn unwritten(family: &dyn ResidualFamily, samples: usize) -> (Vec<f64>, Numbers) {
+    let (shape, entries) = (family.shape(), family.pattern().len());
+    let of = |width: usize| vec![f64::NAN; samples * width];
+    let [values, residuals] = [(); 2].map(|()| of(shape.residuals));
+    (of(shape.prepared), [values, residuals, of(entries)])
+}
+
+pub(crate) fn one_by_one(family: &dyn ResidualFamily, data: &[f64], x: &[f64]) -> Numbers {
+    let width = family.shape().data;
+    let mut all: Numbers = Default::default();
+    for sample in 0..data.len().checked_div(width).unwrap_or(1) {
+        let (mut prepared, mut numbers) = unwritten(family, 1);
+        let [values, residuals, jacobian] = &mut numbers;
+        family.prepare(&data[sample * width..(sample + 1) * width], &mut prepared);
+        family.value(&prepared, x, values);
+        family.linearize(&prepared, x, residuals, jacobian);
+        for (all, own) in all.iter_mut().zip(numbers) {
+            all.extend(own);
+        }
+    }
+    for (value, residual) in all[0].iter().zip(&all[1]) {
+        let off = (value - residual).abs();
+        assert!(off <= 1e-13 * residual.abs().max(1.0), "{value} {residual}");
+    }
+    all
+}
+
+fn all_at_once(family: &dyn ResidualFamily, data: &[f64], x: &[f64], samples: usize) -> Numbers {
+    let (mut prepared, mut numbers) = unwritten(family, samples);
+    let [values, residuals, jacobian] = &mut numbers;
+    family.prepare_all(data, &mut prepared);
+    family.value_all(&prepared, x, values);
+    family.linearize_all(&prepared, x, residuals, jacobian);
+    numbers
+}
+
+fn in_blocks(family: &dyn BlockFamily, data: &[f64], x: &[f64], samples: usize) -> Numbers {
     let (shape, entries) = (family.shape(), family.pattern().len());
     let count = block_count(samples);
     let lanes = |width: usize| vec![Lanes::splat(f64::NAN); count * width];
     let mut prepared = lanes(shape.prepared);
     family.prepare_blocks(data, &mut prepared);
     let mut values = lanes(shape.residuals);
-    family.value_blocks(&prepared, parameters, &mut values);
+    family.value_blocks(&prepared, x, &mut values);
     let (mut residuals, mut jacobian) = (lanes(shape.residuals), lanes(entries));
-    family.linearize_blocks(&prepared, parameters, &mut residuals, &mut jacobian);
+    family.linearize_blocks(&prepared, x, &mut residuals, &mut jacobian);
     let apart = |lanes: &[Lanes], width: usize| -> Vec<f64> {
         (0..samples * width)
             .map(|i| lanes[i / width / LANES * width + i % width][i / width % LANES])
             .collect()
     };
-    (
+    [
         apart(&values, shape.residuals),
         apart(&residuals, shape.residuals),
         apart(&jacobian, entries),
-    )
+    ]
 }
 
-fn one_by_one(
-    family: &dyn ResidualFamily,
-    data: &[f64],
-    parameters: &[f64],
-    samples: usize,
-) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
-    let (shape, entries) = (family.shape(), family.pattern().len());
-    let mut prepared = vec![f64::NAN; shape.prepared];
-    let (mut values, mut residuals, mut jacobian) = (Vec::new(), Vec::new(), Vec::new());
-    for sample in 0..samples {
-        let mut value = vec![f64::NAN; shape.residuals];
-        let mut residual = value.clone();
-        let mut row = vec![f64::NAN; entries];
-        let data = &data[sample * shape.data..(sample + 1) * shape.data];
-        family.prepare(data, &mut prepared);
-        family.value(&prepared, parameters, &mut value);
-        family.linearize(&prepared, parameters, &mut residual, &mut row);
-        values.extend(value);
-        residuals.extend(residual);
-        jacobian.extend(row);
-    }
-    (values, residuals, jacobian)
-}
-
-/// Checks that a family's blocks, of which the last is partly filled, equal its single samples bit for
-/// bit, and that the normal equations are the products of what single samples give.
+/// Checks that a family's blocks, of which the last is partly filled, and its many samples equal single ones bit for bit,
+/// and that the normal equations are the products of what single samples give.
 pub(crate) fn check_blocks(name: &str, instance: &Instance, samples: &[Vec<f64>], x: &[f64]) {
     let single: &dyn ResidualFamily = &*instance.family;
     let family = single.blocks().expect("blocks");
-    let count = if single.shape().data == 0 {
-        1
-    } else {
-        samples.len()
-    };
+    let has_data = single.shape().data > 0;
+    let count = if has_data { samples.len() } else { 1 };
     let data: Vec<f64> = samples[..count].concat();
-    let blocks = in_blocks(family, &data, x, count);
-    let singles = one_by_one(single, &data, x, count);
+    let singles = one_by_one(single, &data, x);
     let what = format!("{name}: {:?} of {}", instance.kind, instance.of);
-    for (a, b) in [
-        (&blocks.0, &singles.0),
-        (&blocks.1, &singles.1),
-        (&blocks.2, &singles.2),
-    ] {
-        let bits = |numbers: &[f64]| numbers.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
-        assert_eq!(bits(a), bits(b), "{what}");
-    }
+    let blocks = in_blocks(family, &data, x, count);
+    assert_eq!(bits(&blocks), bits(&singles), "{what}");
+    let many = all_at_once(single, &data, x, count);
+    assert_eq!(bits(&many), bits(&singles), "{what}");
     // Columns of the others are no parameters.
     if instance.kind != ResidualKind::ClosureByPose {
-        check_normal_equations(&what, family, &data, x, count, &singles.1, &singles.2);
+        check_normal_equations(&what, family, &data, x, count, &singles);
     }
 }
 
@@ -93,8 +98,7 @@ fn check_normal_equations(
     data: &[f64],
     x: &[f64],
     samples: usize,
-    residuals: &[f64],
-    jacobian: &[f64],
+    [_, residuals, jacobian]: &Numbers,
 ) {
     let (shape, pattern) = (family.shape(), family.pattern());
     let sizes = NormalEquations::new(shape, pattern);
@@ -180,10 +184,11 @@ impl Formulas for WithoutData {
 
 #[test]
 fn constants_are_prepared_without_data_and_beside_them() {
-    let (values, _, jacobian) = in_blocks(&WithoutData, &[], &[0.5], 1);
-    assert_eq!((values, jacobian), (vec![1_f64.sin() - 0.5], vec![-1.0]));
+    let residual = vec![1_f64.sin() - 0.5];
+    let found = in_blocks(&WithoutData, &[], &[0.5], 1);
+    assert_eq!(found, [residual.clone(), residual, vec![-1.0]]);
 
-    let robot = Robot::from_text(
+    let robot = described(
         "robot Slide {
             track one;
             cluster arm on one { link l1, l2, l3, l4, l5, l6; }
@@ -191,8 +196,7 @@ fn constants_are_prepared_without_data_and_beside_them() {
             variant Full { arm full; tracks linear; }
             variant Longer = Full + longer(l1);
         }",
-    )
-    .unwrap();
+    );
     let is_by_pose = |instance: &&Instance| instance.kind == ResidualKind::ClosureByPose;
     let instance = robot.variants[1].instances.iter().find(is_by_pose).unwrap();
     let shape = instance.family.shape();

@@ -1,4 +1,18 @@
-//! Descriptions: what is said of their mistakes.
+//! Equations: of descriptions, of the arm and of the virtual robot.
+//!
+//! | file | promise |
+//! | --- | --- |
+//! | `messages` | each mistake in a description gets its code at its place |
+//! | `derivatives` | residuals and Jacobians are those of dual numbers; generated code is the interpreter's |
+//! | `reference` | the same equations once more, by hand |
+//! | `blocks` | blocks of samples are single samples, and normal equations their products |
+//! | `effects` | each effect of the catalogue at each of its places |
+//! | `codegen` | the generated code is as small as it was, and follows from the text |
+//! | `kinematics` | forward and inverse kinematics undo each other, and say what is impossible |
+//! | `side_by_side` | poses of many samples are those of single ones |
+//! | `layout` | the arm is drawn as it stands |
+//! | `simulation` | the virtual robot obeys physics by hand, and has the noise that it is told |
+//! | `slow` | descriptions and long ways by the hundred |
 
 mod blocks;
 mod codegen;
@@ -6,11 +20,9 @@ mod derivatives;
 mod effects;
 mod kinematics;
 mod layout;
-mod machines;
 mod messages;
 mod reference;
 mod side_by_side;
 mod simulation;
-#[allow(dead_code)]
-#[path = "../support.rs"]
-mod support;
+#[cfg(feature = "slow")]
+mod slow;

@@ -1,13 +1,23 @@
 //! Forward kinematics of many samples at once, beside that of single ones.
 
-use tau::Robot;
-use tau::kinematics::{Error, Pose, Sample};
+use tau::kinematics::{Error, Machine, Pose, Sample};
+use tau_testkit::{Random, robots, symmetric};
 
-use crate::kinematics::{described, difference, nominal};
-use crate::support::Random;
+use crate::kinematics::{difference, machine_of, nominal};
 
 /// A step (m, rad) that ends a rough search, and from a centimetre off leaves less of the way.
 const ROUGH_STEP: f64 = 1e-4;
+
+/// A standard robot with its reference pose and commands.
+fn standard(name: &str) -> (Machine, Pose, Vec<f64>) {
+    let robot = robots::named(name);
+    let machine = match name {
+        "gantry_tau" => nominal("Full"),
+        _ => machine_of(&robot, &robot.variants[0].name),
+    };
+    let stated = machine.surroundings.reference.clone().unwrap();
+    (machine, Pose::from(&stated), stated.commands_m)
+}
 
 /// Samples side by side: every standard robot about its reference, exact ones and those with more links than hold the
 /// plate, with a block that is partly filled, and starts that lead nowhere.
@@ -15,44 +25,25 @@ const ROUGH_STEP: f64 = 1e-4;
 fn many_samples_are_solved_as_single_ones() {
     let mut redundant = 0;
     let mut random = Random(5);
-    for (name, robot) in tau_generated::ROBOTS {
-        let robot = Robot::from(robot);
-        let machine = match name {
-            "gantry_tau" => nominal("Full"),
-            _ => described(&robot.description, &robot.variants[0].name),
-        };
-        let stated = machine.surroundings.reference.clone();
-        let stated = stated.expect("a standard robot has a reference");
-        let commands: Vec<Vec<f64>> = (0..21)
-            .map(|_| {
-                stated
-                    .commands_m
-                    .iter()
-                    .map(|q| q + 0.01 * random.uniform())
-                    .collect()
-            })
-            .collect();
-        let mut starts: Vec<Sample<'_>> = (commands.iter())
-            .map(|commands| Sample::new(Pose::from(&stated), commands))
-            .collect();
-        let far = vec![1e3; stated.commands_m.len()];
-        let short = [0.0];
-        starts[3].commands_m = &far;
-        starts[10].commands_m = &short;
-        for (lane, (found, start)) in machine
-            .forward_each(&starts)
-            .iter()
-            .zip(&starts)
-            .enumerate()
-        {
+    for (name, _) in tau_generated::ROBOTS {
+        let (machine, pose, stated) = standard(name);
+        let mut commands = Vec::new();
+        for _ in 0..21 {
+            let moved = stated.iter().map(|q| q + 0.01 * symmetric(&mut random));
+            commands.push(moved.collect::<Vec<f64>>());
+        }
+        commands[3] = vec![1e3; stated.len()];
+        commands[10] = vec![0.0];
+        let starts = commands.iter().map(|commands| Sample::new(pose, commands));
+        let starts: Vec<Sample<'_>> = starts.collect();
+        let found = machine.forward_each(&starts);
+        for (lane, (found, start)) in found.iter().zip(&starts).enumerate() {
             match (found, machine.forward_fitted(start)) {
                 (Ok(found), Ok(single)) => {
                     let off = difference(&found.pose, &single.pose);
                     assert!(off < 1e-10, "{name} {lane}: {off}");
-                    assert!(
-                        (found.mismatch_m - single.mismatch_m).abs() < 1e-12,
-                        "{name} {lane}"
-                    );
+                    let off = (found.mismatch_m - single.mismatch_m).abs();
+                    assert!(off < 1e-12, "{name} {lane}: {off}");
                     assert_eq!(found.commands_m, start.commands_m);
                 }
                 (found, single) => assert_eq!(found.clone().err(), single.err(), "{name} {lane}"),
@@ -62,8 +53,8 @@ fn many_samples_are_solved_as_single_ones() {
             continue;
         }
         redundant += 1;
-        let roughly = machine.forward_each_roughly(&starts, ROUGH_STEP);
-        for (lane, (found, start)) in roughly.iter().zip(&starts).enumerate() {
+        let found = machine.forward_each_roughly(&starts, ROUGH_STEP);
+        for (lane, (found, start)) in found.iter().zip(&starts).enumerate() {
             match (found, machine.forward_roughly(start, ROUGH_STEP)) {
                 (Ok(found), Ok(single)) => {
                     let exact = machine.forward_fitted(start).expect("a pose").pose;
@@ -83,17 +74,12 @@ fn many_samples_are_solved_as_single_ones() {
 /// singular are refused as those of single samples are, however near the start.
 #[test]
 fn singular_poses_are_refused_side_by_side() {
-    let (_, robot) = (tau_generated::ROBOTS.iter())
-        .find(|(name, _)| *name == "five_bar")
-        .expect("a standard robot");
-    let robot = Robot::from(*robot);
-    let machine = described(&robot.description, &robot.variants[0].name);
-    let stated = machine.surroundings.reference.clone().expect("a reference");
-    let stretched = |by: f64| vec![stated.commands_m[0] + by, stated.commands_m[1] - by];
-    let (mut pose, mut reached, mut step) = (Pose::from(&stated), 0.0, 0.05);
+    let (machine, mut pose, stated) = standard("five_bar");
+    let (mut reached, mut step) = (0.0, 0.05);
     let (mut regular, mut refused) = (0, 0);
     while step > 1e-12 {
-        let commands = stretched(reached + step);
+        let by = reached + step;
+        let commands = [stated[0] + by, stated[1] - by];
         let start = Sample::new(pose, &commands);
         let single = machine.forward_fitted(&start);
         // From the pose that is asked for, too, where there is no step to take.
@@ -109,12 +95,9 @@ fn singular_poses_are_refused_side_by_side() {
             }
         }
         match single {
-            Ok(found) => (pose, reached) = (found.pose, reached + step),
+            Ok(found) => (pose, reached) = (found.pose, by),
             Err(_) => step /= 2.0,
         }
     }
-    assert!(
-        regular > 10 && refused > 0,
-        "{regular} regular, {refused} refused"
-    );
+    assert!(regular > 10 && refused > 0, "{regular} {refused}");
 }

@@ -4,28 +4,55 @@ mod against_estimator;
 mod forces;
 mod machines;
 mod measurements;
+mod noise;
 mod physics;
-mod requests;
 
-use tau::Robot;
-use tau::robot_file::RobotFile;
+use nalgebra::{Rotation3, Vector3};
 use tau::simulation::{Build, Effect, Noise, Poses, SimulatedFolder, Simulation, simulate};
+use tau_testkit::robots::{gantry_tau, named, prototype};
 
-use crate::support::{gantry_tau, prototype};
+type V = Vector3<f64>;
 
-/// The prototype's robot and drawings.
-fn drawings() -> (Robot, RobotFile) {
-    (gantry_tau(), prototype().1)
+/// The prototype's robot and drawings, as many poses at random, and nothing else measured.
+fn gantry(count: usize) -> Simulation {
+    only_poses(Simulation {
+        poses: Poses::Random { count },
+        ..Simulation::new(gantry_tau(), prototype().1)
+    })
 }
 
-/// The prototype, quickly: few poses, no noise.
+/// A standard robot as drawn from its tolerances, without noise, and nothing but poses measured.
+fn standard(name: &str, payload_kg: Option<f64>) -> Simulation {
+    let robot = named(name);
+    let mut file = tau::prototype::parameters_of(&robot).unwrap();
+    file.payload = payload_kg.map(|mass_kg| tau::robot_file::Payload {
+        mass_kg,
+        centre_m: [0.0; 3],
+        gravity_m_s2: [0.0, -3.0, -9.0],
+    });
+    only_poses(Simulation {
+        noise: no_noise(),
+        ..Simulation::new(robot, file)
+    })
+}
+
+fn only_poses(mut simulation: Simulation) -> Simulation {
+    simulation.track_points.count = 0;
+    simulation.random_poses = 0;
+    simulation
+}
+
+fn no_noise() -> Noise {
+    Noise {
+        scale: [0.0; 3],
+        ..Noise::default()
+    }
+}
+
+/// The prototype, quickly: few poses of all sets, no noise.
 fn silent() -> Simulation {
-    let (robot, file) = drawings();
     Simulation {
-        noise: Noise {
-            scale: [0.0; 3],
-            ..Noise::default()
-        },
+        noise: no_noise(),
         poses: Poses::Grid {
             counts: [3, 2, 3],
             step_m: Some([0.4, 0.5, 0.3]),
@@ -33,32 +60,38 @@ fn silent() -> Simulation {
             jitter: 0.2,
         },
         random_poses: 10,
-        ..Simulation::new(robot, file)
+        ..Simulation::new(gantry_tau(), prototype().1)
     }
 }
 
 /// [`silent`] with effects, on rigid carts that do not turn by themselves.
 fn with_effects(effects: &[&str]) -> Simulation {
-    let plain = silent();
-    Simulation {
-        effects: effects
-            .iter()
-            .map(|text| parsed(text, &plain.robot))
-            .collect(),
-        build: Build::Drawn {
-            links: 0.0,
-            tracks: 0.0,
-        },
-        ..plain
-    }
+    let mut simulation = silent();
+    let parsed = |text: &&str| parsed(text, &simulation.robot);
+    simulation.effects = effects.iter().map(parsed).collect();
+    simulation.build = Build::Drawn {
+        links: 0.0,
+        tracks: 0.0,
+    };
+    simulation
 }
 
-fn parsed(text: &str, robot: &Robot) -> Effect {
+fn parsed(text: &str, robot: &tau::Robot) -> Effect {
     Effect::parse(text, robot, "--effect").unwrap_or_else(|error| panic!("{error}"))
 }
 
 fn run(simulation: &Simulation) -> SimulatedFolder {
     simulate(simulation).unwrap_or_else(|error| panic!("{error}"))
+}
+
+fn zyz([a, b, c]: [f64; 3]) -> Rotation3<f64> {
+    let about = Rotation3::from_axis_angle;
+    about(&V::z_axis(), a) * about(&V::y_axis(), b) * about(&V::z_axis(), c)
+}
+
+fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
+    let values: Vec<f64> = values.into_iter().collect();
+    values.iter().sum::<f64>() / values.len() as f64
 }
 
 /// One of each listed effect.

@@ -8,20 +8,23 @@ use tau::errors_in_variables::{self, Component, ErrorsInVariables};
 use tau::evaluation::evaluate;
 use tau::kinematics::{Machine, Pose, Sample};
 use tau::measurements::{Folder, TcpPose};
-use tau::robot::Owner;
+use tau::robot::{Owner, Parameter, Robot};
 use tau::robot_file::{Noise, RobotFile};
-use tau::simulation::{Poses, Simulation, simulate};
+use tau::simulation::{self, Poses, SimulatedFolder, Simulation, simulate};
+use tau::{Setup, robot};
 use tau_estimation::unknown_poses::{RowDivision, Unsolved};
 use tau_solver::{Method, solve};
+use tau_testkit::Random;
+use tau_testkit::robots::{gantry_tau, prototype};
 
-use crate::support::{Random, gantry_tau, prototype};
-use tau::Setup;
-
-const VARIANT: &str = "Full";
 const NOISE: Noise = Noise {
     position_m: 1e-5,
     rotation_rad: 4e-5,
 };
+
+fn variant(robot: &Robot) -> &robot::Variant {
+    robot.variant("Full").unwrap()
+}
 
 /// Set 1 of a machine drawn from the tolerances of its robot file, and the truth.
 struct Drawn {
@@ -49,24 +52,17 @@ fn drawn(seed: u64, poses: usize) -> Drawn {
     let mut random = Random(seed);
     let (mut folder, file) = (prototype().0, tight_file());
     let robot = gantry_tau();
-    let variant = robot.variant(VARIANT).unwrap();
-    let nominal = machine_from_file(&robot, variant, &file, None, &[]).unwrap();
-    let values: Vec<f64> = variant
-        .parameters
-        .iter()
-        .zip(&nominal.values)
-        .map(|(parameter, value)| value + tolerance(&file, &robot, parameter) * random.normal())
-        .collect();
+    let nominal = machine_from_file(&robot, variant(&robot), &file, None, &[]).unwrap();
+    let mut values = nominal.values.clone();
+    for (value, parameter) in values.iter_mut().zip(&variant(&robot).parameters) {
+        *value += tolerance(&file, &robot, parameter) * random.normal();
+    }
     let truth = nominal.with_values(values.clone());
     folder.cart_poses.clear();
     folder.cart_positions.clear();
     let every = (folder.tcp_poses.len() / poses).max(1);
-    folder.tcp_poses = folder
-        .tcp_poses
-        .into_iter()
-        .step_by(every)
-        .take(poses)
-        .collect();
+    let own = folder.tcp_poses.into_iter().step_by(every);
+    folder.tcp_poses = own.take(poses).collect();
     let mut exact = folder.clone();
     for (measured, exact) in folder.tcp_poses.iter_mut().zip(&mut exact.tcp_poses) {
         let pose = truth.forward(&Sample::from(&*exact)).unwrap();
@@ -89,7 +85,7 @@ fn store(measured: &mut TcpPose, pose: &Pose) {
 }
 
 /// Tolerance of a link's parameter; zero of what set 1 does not see.
-fn tolerance(file: &RobotFile, robot: &tau::Robot, parameter: &tau::robot::Parameter) -> f64 {
+fn tolerance(file: &RobotFile, robot: &Robot, parameter: &Parameter) -> f64 {
     let Owner::Link(link) = parameter.owner else {
         return 0.0;
     };
@@ -106,71 +102,46 @@ fn tolerance(file: &RobotFile, robot: &tau::Robot, parameter: &tau::robot::Param
 fn fit(file: &RobotFile, folder: &Folder) -> ErrorsInVariables {
     let robot = gantry_tau();
     let poses: Vec<usize> = (0..folder.tcp_poses.len()).collect();
-    errors_in_variables::calibrate(
-        Setup::new(&robot, robot.variant(VARIANT).unwrap(), file, folder),
-        &poses,
-        &Options::default(),
-    )
-    .unwrap()
+    let setup = Setup::new(&robot, variant(&robot), file, folder);
+    errors_in_variables::calibrate(setup, &poses, &Options::default()).unwrap()
 }
 
-/// Squared distance from the truth in units of the covariance, and the number of parameters.
-fn chi2(found: &Calibration, truth: &[f64]) -> (f64, usize) {
-    let variant = &found.machine.variant;
-    let true_value = |name: &str| {
-        let index = variant.parameters.iter().position(|p| p.name == name);
-        truth[index.unwrap()]
-    };
-    let difference = DVector::from_iterator(
-        found.parameters.len(),
-        found
-            .parameters
-            .iter()
-            .map(|p| (p.value - true_value(&p.name)) / p.sigma),
-    );
-    let n = difference.len();
+/// Differences from the truth in standard deviations, and their squared size in units of the covariance.
+fn differences(found: &Calibration, truth: &[f64]) -> (DVector<f64>, f64) {
     let sigma = |i: usize| found.parameters[i].sigma;
+    let off = found.parameters.iter().map(|own| {
+        let index = found.machine.variant.index_of(&own.name);
+        (own.value - truth[index]) / own.sigma
+    });
+    let off = DVector::from_vec(off.collect());
+    let n = off.len();
     let correlation = DMatrix::from_fn(n, n, |i, j| found.covariance[i][j] / (sigma(i) * sigma(j)));
-    let solved = correlation.cholesky().unwrap().solve(&difference);
-    (difference.dot(&solved), n)
+    let solved = correlation.cholesky().unwrap().solve(&off);
+    let square = off.dot(&solved);
+    (off, square)
+}
+
+/// Root mean square of the errors (µm) at poses that are exactly known: the error of the parameters.
+fn rms(machine: &Machine, exact: &Folder) -> f64 {
+    let poses: Vec<usize> = (0..exact.tcp_poses.len()).collect();
+    evaluate(machine, exact, &poses).unwrap().position_um.rms
 }
 
 #[test]
 fn standard_deviations_cover_the_truth_and_the_closure_fit_is_no_better() {
-    const SEEDS: u64 = 30;
-    let (mut sum, mut count) = (0.0, 0);
+    let (mut sum, mut count, mut within) = (0.0, 0, 0);
     let (mut fitted, mut closure) = (0.0, 0.0);
-    let mut within = 0;
-    for seed in 0..SEEDS {
-        let drawn = drawn(100 + seed, 40);
+    for seed in 100..130 {
+        let drawn = drawn(seed, 40);
         let found = fit(&drawn.file, &drawn.folder);
-        assert!(
-            found.groups.iter().all(|group| group.noise_factor == 1.0),
-            "{seed}"
-        );
-        let (square, parameters) = chi2(&found.calibration, &drawn.values);
+        let mut groups = found.groups.iter();
+        assert!(groups.all(|group| group.noise_factor == 1.0), "{seed}");
+        let (off, square) = differences(&found.calibration, &drawn.values);
         sum += square;
-        count += parameters;
-        within += found
-            .calibration
-            .parameters
-            .iter()
-            .filter(|p| {
-                let variant = &found.calibration.machine.variant;
-                let index = variant.parameters.iter().position(|own| own.name == p.name);
-                (p.value - drawn.values[index.unwrap()]).abs() < p.sigma
-            })
-            .count();
-        let poses: Vec<usize> = (0..drawn.exact.tcp_poses.len()).collect();
-        let error = |machine: &Machine| {
-            let rms = evaluate(machine, &drawn.exact, &poses)
-                .unwrap()
-                .position_um
-                .rms;
-            rms * rms
-        };
-        fitted += error(&found.calibration.machine);
-        closure += error(&found.closure_fit.machine);
+        count += off.len();
+        within += off.iter().filter(|off| off.abs() < 1.0).count();
+        fitted += rms(&found.calibration.machine, &drawn.exact).powi(2);
+        closure += rms(&found.closure_fit.machine, &drawn.exact).powi(2);
     }
     // χ² with as many degrees of freedom as parameters: standard deviation √(2 count).
     let deviation = (sum - count as f64) / (2.0 * count as f64).sqrt();
@@ -178,70 +149,51 @@ fn standard_deviations_cover_the_truth_and_the_closure_fit_is_no_better() {
     let share = within as f64 / count as f64;
     assert!((share - 0.683).abs() < 0.04, "{share} within one sigma");
     assert!(fitted < closure, "mean squares {fitted} and {closure} µm²");
-    println!(
-        "chi2 {sum:.1} of {count}, {share:.3} within sigma, mean squares {fitted:.1} against {closure:.1}"
-    );
+}
+
+/// All three sets, with noise of set 1 by a factor from what is stated.
+fn all_sets(factor: f64, poses: usize, seed: u64) -> SimulatedFolder {
+    let mut noise = simulation::Noise::default();
+    noise.scale[0] = factor;
+    let simulation = Simulation {
+        variant: Some("Full".to_owned()),
+        noise,
+        poses: Poses::Random { count: poses },
+        random_poses: 40,
+        seed,
+        ..Simulation::new(gantry_tau(), prototype().1)
+    };
+    simulate(&simulation).unwrap()
 }
 
 #[test]
 fn all_sets_of_the_virtual_robot_give_a_better_robot_than_set_1_alone() {
     let (mut fitted, mut closure) = (0.0, 0.0);
     for seed in 1..=3 {
-        let simulation = Simulation {
-            variant: Some(VARIANT.to_owned()),
-            poses: Poses::Random { count: 60 },
-            random_poses: 40,
-            seed,
-            ..Simulation::new(gantry_tau(), prototype().1)
-        };
-        let simulated = simulate(&simulation).unwrap();
+        let simulated = all_sets(1.0, 60, seed);
         let found = fit(&simulated.file, &simulated.folder);
-        assert_eq!(
-            found
-                .groups
-                .iter()
-                .map(|group| group.group)
-                .collect::<Vec<_>>(),
-            Component::ALL
-        );
+        let groups = found.groups.iter().map(|group| group.group);
+        assert_eq!(groups.collect::<Vec<_>>(), Component::ALL);
         for group in &found.groups {
             assert!((0.8..1.15).contains(&group.rms), "{seed}: {group:?}");
             assert_eq!(group.noise_factor, 1.0, "{seed}: {group:?}");
         }
-        // The truth in place of the measured poses: what is left is the error of the parameters.
         let mut exact = simulated.folder.clone();
         for (pose, state) in exact.tcp_poses.iter_mut().zip(&simulated.truth.tcp_poses) {
-            let true_pose = Pose {
-                position: state.pose.position_m,
-                rotation: state.pose.rotation,
-            };
-            store(pose, &true_pose);
+            let (position, rotation) = (state.pose.position_m, state.pose.rotation);
+            store(pose, &Pose { position, rotation });
         }
-        let poses: Vec<usize> = (0..exact.tcp_poses.len()).collect();
-        let error = |machine: &Machine| evaluate(machine, &exact, &poses).unwrap().position_um.rms;
-        fitted += error(&found.calibration.machine);
-        closure += error(&found.closure_fit.machine);
+        fitted += rms(&found.calibration.machine, &exact);
+        closure += rms(&found.closure_fit.machine, &exact);
     }
     assert!(fitted < closure, "{fitted} µm against {closure} µm");
-    println!("rms {fitted:.2} against {closure:.2} µm (sums of three)");
 }
 
 /// Poses three times as noisy as stated are told from carts that are as they are said to be.
 #[test]
 fn noise_of_a_group_is_estimated_where_it_exceeds_the_stated() {
-    let simulation = Simulation {
-        variant: Some(VARIANT.to_owned()),
-        noise: tau::simulation::Noise {
-            scale: [3.0, 1.0, 1.0],
-            ..tau::simulation::Noise::default()
-        },
-        poses: Poses::Random { count: 60 },
-        random_poses: 40,
-        ..Simulation::new(gantry_tau(), prototype().1)
-    };
-    let simulated = simulate(&simulation).unwrap();
-    let found = fit(&simulated.file, &simulated.folder);
-    for group in &found.groups {
+    let simulated = all_sets(3.0, 60, 1);
+    for group in &fit(&simulated.file, &simulated.folder).groups {
         if group.group == Component::Closure {
             // 360 residuals, of which some sixty unknowns pay for a part: three standard deviations are an eighth.
             assert!((2.6..3.4).contains(&group.noise_factor), "{group:?}");
@@ -252,47 +204,38 @@ fn noise_of_a_group_is_estimated_where_it_exceeds_the_stated() {
     }
 }
 
+/// Means and standard deviations of the parameters of links, ten a link.
+struct Priors {
+    means: [[f64; 10]; 6],
+    sigmas: [[f64; 10]; 6],
+}
+
 /// Residuals of errors in variables, written by hand, over standard deviations: priors, measured
 /// coordinates, closures. The unknowns are ten a link, then translation and rotation vector a pose.
-fn by_hand(
-    drawn: &Drawn,
-    nominal: &[[f64; 10]],
-    sigma: &[[f64; 10]],
-    x: &DVector<f64>,
-) -> DVector<f64> {
+fn by_hand(drawn: &Drawn, priors: &Priors, x: &DVector<f64>) -> DVector<f64> {
     let tracks = [0, 1, 1, 2, 2, 2];
     let mut residuals = Vec::new();
-    for (link, (means, sigmas)) in nominal.iter().zip(sigma).enumerate() {
-        for k in 0..10 {
-            residuals.push((x[10 * link + k] - means[k]) / sigmas[k]);
-        }
+    for (link, (means, sigmas)) in priors.means.iter().zip(&priors.sigmas).enumerate() {
+        residuals.extend((0..10).map(|k| (x[10 * link + k] - means[k]) / sigmas[k]));
     }
     for (p, pose) in drawn.folder.tcp_poses.iter().enumerate() {
         let own = x.rows(60 + 6 * p, 6);
         let measured = Pose::from(pose);
-        for k in 0..6 {
-            let noise = if k < 3 {
-                NOISE.position_m
-            } else {
-                NOISE.rotation_rad
-            };
-            residuals.push(own[k] / noise);
-        }
+        residuals.extend((0..3).map(|k| own[k] / NOISE.position_m));
+        residuals.extend((3..6).map(|k| own[k] / NOISE.rotation_rad));
         let rotation = Rotation3::new(Vector3::new(own[3], own[4], own[5])) * measured.rotation;
         let position = measured.position + own.rows(0, 3);
-        for (link, means) in nominal.iter().enumerate() {
+        for (link, means) in priors.means.iter().enumerate() {
             let q = pose.commands_m[tracks[link]];
             let vector = |v: &[f64], position: Vector3<f64>, rotation: Rotation3<f64>| {
-                position + rotation * Vector3::new(v[1], v[2], v[3])
-                    - Vector3::new(v[4], v[5], v[6])
-                    - q * Vector3::new(v[7], v[8], v[9])
+                let part = |k: usize| Vector3::new(v[k], v[k + 1], v[k + 2]);
+                position + rotation * part(1) - part(4) - q * part(7)
             };
-            let values: Vec<f64> = x.rows(10 * link, 10).iter().copied().collect();
-            let along = vector(&values, position, rotation);
+            let values = &x.as_slice()[10 * link..10 * link + 10];
+            let along = vector(values, position, rotation);
             let slope = 2.0 * vector(means, measured.position, measured.rotation).norm();
-            residuals.push(
-                (values[0] * values[0] - along.norm_squared()) / (slope * 0.01 * NOISE.position_m),
-            );
+            let closure = values[0] * values[0] - along.norm_squared();
+            residuals.push(closure / (slope * 0.01 * NOISE.position_m));
         }
     }
     DVector::from_vec(residuals)
@@ -301,101 +244,78 @@ fn by_hand(
 #[test]
 fn a_dense_solution_by_hand_is_the_same() {
     let drawn = drawn(7, 12);
-    let found = fit(&drawn.file, &drawn.folder);
+    let found = fit(&drawn.file, &drawn.folder).calibration;
     let robot = gantry_tau();
-    let variant = robot.variant(VARIANT).unwrap();
-    let names = |quantity: &str| match quantity {
-        "length" => 0,
-        "plate_joint" => 1,
-        "track_offset" => 4,
-        _ => 7,
-    };
     let place = |name: &str| {
-        let parameter = variant.parameters.iter().find(|p| p.name == name).unwrap();
+        let parameter = &variant(&robot).parameters[variant(&robot).index_of(name)];
         let Owner::Link(link) = parameter.owner else {
             panic!("{name}");
         };
-        (
-            link,
-            names(&parameter.quantity) + parameter.component.unwrap_or(0),
-        )
+        let first = match parameter.quantity.as_str() {
+            "length" => 0,
+            "plate_joint" => 1,
+            "track_offset" => 4,
+            _ => 7,
+        };
+        (link, first + parameter.component.unwrap_or(0))
     };
-    let (mut nominal, mut sigma) = ([[0.0; 10]; 6], [[0.0; 10]; 6]);
-    for parameter in &found.calibration.parameters {
+    let mut priors = Priors {
+        means: [[0.0; 10]; 6],
+        sigmas: [[0.0; 10]; 6],
+    };
+    for parameter in &found.parameters {
         let (link, k) = place(&parameter.name);
-        nominal[link][k] = parameter.nominal;
-        sigma[link][k] = parameter.tolerance.unwrap();
+        priors.means[link][k] = parameter.nominal;
+        priors.sigmas[link][k] = parameter.tolerance.unwrap();
     }
     let unknowns = 60 + 6 * drawn.folder.tcp_poses.len();
     let mut x = DVector::zeros(unknowns);
-    for (link, values) in nominal.iter().enumerate() {
-        x.rows_mut(10 * link, 10).copy_from_slice(values);
-    }
+    x.rows_mut(0, 60)
+        .copy_from_slice(priors.means.as_flattened());
     let mut covariance = DMatrix::zeros(0, 0);
     for _ in 0..8 {
-        let r = by_hand(&drawn, &nominal, &sigma, &x);
+        let r = by_hand(&drawn, &priors, &x);
         let mut jacobian = DMatrix::zeros(r.len(), unknowns);
         for column in 0..unknowns {
             let step = if column < 60 { 1e-5 } else { 1e-6 };
             let at = |sign: f64| {
                 let mut moved = x.clone();
                 moved[column] += sign * step;
-                by_hand(&drawn, &nominal, &sigma, &moved)
+                by_hand(&drawn, &priors, &moved)
             };
             jacobian.set_column(column, &((at(1.0) - at(-1.0)) / (2.0 * step)));
         }
-        let scales = DVector::from_iterator(
-            unknowns,
-            jacobian.column_iter().map(|column| column.norm().recip()),
-        );
-        let scaled = &jacobian * DMatrix::from_diagonal(&scales);
-        let qr = scaled.qr();
-        let step = qr
-            .r()
-            .solve_upper_triangular(&(qr.q().transpose() * &r))
-            .unwrap();
-        x -= step.component_mul(&scales);
-        let inverse = qr.r().try_inverse().unwrap();
+        let norms = jacobian.column_iter().map(|column| column.norm().recip());
+        let scales = DVector::from_vec(norms.collect());
         let scaling = DMatrix::from_diagonal(&scales);
-        covariance = &scaling * &inverse * inverse.transpose() * scaling;
+        let qr = (&jacobian * &scaling).qr();
+        let projected = qr.q().transpose() * &r;
+        let step = qr.r().solve_upper_triangular(&projected).unwrap();
+        x -= step.component_mul(&scales);
+        let inverse = &scaling * qr.r().try_inverse().unwrap();
+        covariance = &inverse * inverse.transpose();
     }
-    for parameter in &found.calibration.parameters {
+    for parameter in &found.parameters {
         let (link, k) = place(&parameter.name);
         let index = 10 * link + k;
-        let difference = (parameter.value - x[index]).abs() / parameter.sigma;
-        assert!(difference < 1e-3, "{}: {difference} sigma", parameter.name);
-        let by_hand = covariance[(index, index)].sqrt();
-        assert!(
-            (parameter.sigma / by_hand - 1.0).abs() < 1e-4,
-            "{}",
-            parameter.name
-        );
+        let off = (parameter.value - x[index]).abs() / parameter.sigma;
+        assert!(off < 1e-3, "{}: {off} sigma", parameter.name);
+        let ratio = parameter.sigma / covariance[(index, index)].sqrt();
+        assert!((ratio - 1.0).abs() < 1e-4, "{}: {ratio}", parameter.name);
     }
-    let r = by_hand(&drawn, &nominal, &sigma, &x);
-    assert!((0.5 * r.norm_squared() / found.calibration.cost - 1.0).abs() < 1e-6);
+    let cost = 0.5 * by_hand(&drawn, &priors, &x).norm_squared();
+    assert!((cost / found.cost - 1.0).abs() < 1e-6);
 }
 
 #[test]
 fn every_method_and_number_of_threads_gives_the_same() {
-    let simulation = Simulation {
-        variant: Some(VARIANT.to_owned()),
-        poses: Poses::Random { count: 700 },
-        random_poses: 10,
-        ..Simulation::new(gantry_tau(), prototype().1)
-    };
-    let simulated = simulate(&simulation).unwrap();
-    let (robot, file, folder) = (gantry_tau(), &simulated.file, &simulated.folder);
-    let variant = robot.variant(VARIANT).unwrap();
+    let simulated = all_sets(1.0, 500, 1);
+    let (robot, folder) = (gantry_tau(), &simulated.folder);
+    let setup = || Setup::new(&robot, variant(&robot), &simulated.file, folder);
     let poses: Vec<usize> = (0..folder.tcp_poses.len()).collect();
-    let start = calibrate(
-        Setup::new(&robot, variant, file, folder),
-        &poses[..40],
-        &Options::default(),
-    );
-    let start = start.unwrap();
+    let start = calibrate(setup(), &poses[..40], &Options::default()).unwrap();
     let division = RowDivision::of_poses(folder, &poses);
-    let sets = Unsolved::of_all_sets(Setup::new(&robot, variant, file, folder), &division, &start)
-        .unwrap();
+    let sets = Unsolved::of_all_sets(setup(), &division, &start).unwrap();
     let problem = sets.problem();
     let run = |method: Method, threads: usize| {
         let options = tau_solver::Options {
@@ -403,19 +323,14 @@ fn every_method_and_number_of_threads_gives_the_same() {
             cost_tolerance: 1e-10,
             ..tau_solver::Options::default()
         };
-        let pool = ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()
-            .unwrap();
-        pool.install(|| solve(&problem, &options).unwrap())
+        let pool = ThreadPoolBuilder::new().num_threads(threads).build();
+        pool.unwrap().install(|| solve(&problem, &options).unwrap())
     };
     let alone = run(Method::SchurCholesky, 1);
     assert!(alone.converged());
     for threads in [2, 3] {
-        assert!(
-            run(Method::SchurCholesky, threads) == alone,
-            "{threads} threads"
-        );
+        let same = run(Method::SchurCholesky, threads) == alone;
+        assert!(same, "{threads} threads");
     }
     let orthogonal = run(Method::Schur, 2);
     assert!((orthogonal.cost / alone.cost - 1.0).abs() < 1e-9);
@@ -425,14 +340,10 @@ fn every_method_and_number_of_threads_gives_the_same() {
 fn too_few_poses_are_refused_as_by_the_ordinary_calibration() {
     let drawn = drawn(3, 12);
     let robot = gantry_tau();
-    let variant = robot.variant(VARIANT).unwrap();
-    let options = Options::default();
-    let (file, folder) = (&drawn.file, &drawn.folder);
-    let few = [0, 1, 2];
-    let ordinary = calibrate(Setup::new(&robot, variant, file, folder), &few, &options).err();
-    let found =
-        errors_in_variables::calibrate(Setup::new(&robot, variant, file, folder), &few, &options)
-            .err();
+    let setup = || Setup::new(&robot, variant(&robot), &drawn.file, &drawn.folder);
+    let (few, options) = ([0, 1, 2], Options::default());
+    let ordinary = calibrate(setup(), &few, &options).err();
+    let found = errors_in_variables::calibrate(setup(), &few, &options).err();
     assert!(matches!(found, Some(Error::Input(_))));
     assert_eq!(found, ordinary);
 }

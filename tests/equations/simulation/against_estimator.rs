@@ -3,129 +3,115 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Rotation3, Vector3};
-use tau::Robot;
-use tau::calibration::{Options, calibrate};
-use tau::effects::CATALOGUE;
-use tau::evaluation::evaluate;
-use tau::measurements::{Poses, Split};
-use tau::robot::{Input, Instance, Owner, ResidualKind, Variant};
-use tau::simulation::{
-    Approach, Build, Conditions, Mounting, SimulatedFolder, Simulation, State, Temperature,
-    simulate,
-};
-
-use super::{LISTED, drawings, parsed, run, with_effects};
-use crate::effects::GANTRY_TAU;
+use nalgebra::Rotation3;
 use tau::Setup;
+use tau::calibration::{Options, calibrate};
+use tau::evaluation::evaluate;
+use tau::kinematics::{Sample, Statics};
+use tau::measurements::{Poses, Split};
+use tau::robot::{Input, Instance, Owner, Parameter, ResidualKind};
+use tau::simulation::{
+    Approach, Build, Conditions, Mounting, SimulatedFolder, Simulation, State, simulate,
+};
+use tau_testkit::number;
+use tau_testkit::robots::{described, gantry_tau, prototype};
 
-/// The variant `Full` with an effect of the catalogue, in the language.
-fn described(effect: &str) -> Robot {
-    let used = effect.split(':').next().unwrap();
-    let body = GANTRY_TAU.trim_end().strip_suffix('}').unwrap();
-    let text = format!("{CATALOGUE}\n{body}variant Truth = Full + {used};\n}}");
-    Robot::from_text(&text).unwrap_or_else(|errors| panic!("{errors:?}"))
-}
+use super::{LISTED, parsed, run, silent, standard, with_effects};
+use crate::blocks::one_by_one;
+use crate::effects::{GANTRY_TAU, with_catalogue};
 
 fn angles(rotation: &Rotation3<f64>) -> [f64; 3] {
     let (a, b, c) = rotation.euler_angles();
     [a, b, c]
 }
 
-/// The true value of each parameter of a variant.
-fn truth(variant: &Variant, simulated: &SimulatedFolder) -> Vec<f64> {
+/// The true value of a parameter.
+fn truth(parameter: &Parameter, simulated: &SimulatedFolder) -> f64 {
     let truth = &simulated.truth;
     let mounting = |set: u8| -> &Mounting { if set == 2 { &truth.set2 } else { &truth.set3 } };
-    variant
-        .parameters
-        .iter()
-        .map(|parameter| {
-            let component = parameter.component.unwrap_or(0);
-            let quantity = parameter.quantity.as_str();
-            match (parameter.owner, quantity) {
-                (Owner::Link(link), "length") => truth.machine.rods[link].length_m,
-                (Owner::Link(link), "plate_joint") => {
-                    truth.machine.rods[link].plate_joint_m[component]
-                }
-                (Owner::Link(link), "track_offset") => {
-                    truth.machine.rods[link].track_offset_m[component]
-                }
-                (Owner::Link(link), "track_direction") => {
-                    truth.machine.rods[link].track_direction[component]
-                }
-                (Owner::Effect(effect), name) => {
-                    let parameters = &truth.machine.effects[effect].parameters;
-                    parameters.iter().find(|(own, _)| own == name).unwrap().1[component]
-                }
-                (Owner::Frame(set), "translation") => mounting(set).translation_m[component],
-                (Owner::Frame(set), "rotation") => angles(&mounting(set).rotation)[component],
-                (Owner::Target { set, track }, "position") => {
-                    mounting(set).targets[track].0[component]
-                }
-                (Owner::Target { set, track }, "rotation") => {
-                    angles(&mounting(set).targets[track].1)[component]
-                }
-                other => panic!("no truth of {other:?}"),
+    let component = parameter.component.unwrap_or(0);
+    match (parameter.owner, parameter.quantity.as_str()) {
+        (Owner::Link(link), quantity) => {
+            let rod = &truth.machine.rods[link];
+            match quantity {
+                "length" => rod.length_m,
+                "plate_joint" => rod.plate_joint_m[component],
+                "track_offset" => rod.track_offset_m[component],
+                "track_direction" => rod.track_direction[component],
+                "pull" => rod.pull_n.unwrap(),
+                other => panic!("no truth of {other}"),
             }
-        })
-        .collect()
+        }
+        (Owner::Crank(track), quantity) => {
+            let crank = truth.machine.cranks[track].as_ref().unwrap();
+            match quantity {
+                "centre" => crank.centre_m[component],
+                _ => crank.axis[component],
+            }
+        }
+        (Owner::Robot, name) => {
+            let built: serde_json::Value = serde_json::from_str(&truth.to_json()).unwrap();
+            number(&built["parameters"][name])
+        }
+        (Owner::Effect(effect), name) => {
+            let mut parameters = truth.machine.effects[effect].parameters.iter();
+            parameters.find(|(own, _)| own == name).unwrap().1[component]
+        }
+        (Owner::Frame(set), "translation") => mounting(set).translation_m[component],
+        (Owner::Frame(set), "rotation") => angles(&mounting(set).rotation)[component],
+        (Owner::Target { set, track }, quantity) => {
+            let (position_m, rotation) = &mounting(set).targets[track];
+            match quantity {
+                "position" => position_m[component],
+                _ => angles(rotation)[component],
+            }
+        }
+        other => panic!("no truth of {other:?}"),
+    }
 }
 
-fn residuals(instance: &Instance, values: &[f64], data: &BTreeMap<Input, f64>) -> Vec<f64> {
-    let data: Vec<f64> = instance.inputs.iter().map(|input| data[input]).collect();
-    let parameters: Vec<f64> = instance
-        .parameters
-        .iter()
-        .map(|&index| values[index])
-        .collect();
-    let shape = instance.family.shape();
-    let (mut prepared, mut residuals) = (vec![0.0; shape.prepared], vec![0.0; shape.residuals]);
-    instance.family.prepare(&data, &mut prepared);
-    instance
-        .family
-        .value(&prepared, &parameters, &mut residuals);
-    residuals
+/// Largest residual of an instance.
+fn largest(instance: &Instance, values: &[f64], data: &BTreeMap<Input, f64>) -> f64 {
+    let value = |input: &Input| match input {
+        Input::Held(index) => values[*index],
+        input => data[input],
+    };
+    let data: Vec<f64> = instance.inputs.iter().map(value).collect();
+    let parameters = instance.parameters.iter().map(|&index| values[index]);
+    let parameters: Vec<f64> = parameters.collect();
+    let [residuals, ..] = one_by_one(&*instance.family, &data, &parameters);
+    residuals.into_iter().map(f64::abs).fold(0.0, f64::max)
 }
 
-/// Data that do not depend on the set.
-fn common(
+/// What residuals read of a measured position.
+fn data(
     commands: &[f64],
-    directions: &[f64],
-    time_s: f64,
-    temperature_c: f64,
+    conditions: &Conditions,
     state: &State,
+    position: [f64; 3],
+    angles: [f64; 3],
 ) -> BTreeMap<Input, f64> {
-    let mut data = BTreeMap::from([(Input::Time, time_s), (Input::Temperature, temperature_c)]);
-    data.extend(
-        commands
-            .iter()
-            .enumerate()
-            .map(|(k, &q)| (Input::Command(k), q)),
-    );
-    data.extend(
-        directions
-            .iter()
-            .enumerate()
-            .map(|(k, &d)| (Input::Direction(k), d)),
-    );
-    data.extend(
-        state
-            .tensions_n
-            .iter()
-            .enumerate()
-            .map(|(k, &f)| (Input::Tension(k), f)),
-    );
+    let mut data = BTreeMap::from([
+        (Input::Time, conditions.time_s),
+        (Input::Temperature, conditions.temperature_c),
+    ]);
+    let mut add = |input: fn(usize) -> Input, values: &[f64]| {
+        data.extend(
+            values
+                .iter()
+                .enumerate()
+                .map(|(k, &value)| (input(k), value)),
+        );
+    };
+    add(Input::Command, commands);
+    add(Input::Direction, &conditions.directions);
+    add(Input::Tension, &state.tensions_n);
+    add(Input::Position, &position);
+    add(Input::Angle, &angles);
     for (track, load) in state.loads_n.iter().enumerate() {
         data.extend((0..3).map(|component| (Input::Load { track, component }, load[component])));
     }
     data
-}
-
-fn measured(data: &mut BTreeMap<Input, f64>, position: [f64; 3], angles: Option<[f64; 3]>) {
-    data.extend((0..3).map(|k| (Input::Position(k), position[k])));
-    if let Some(angles) = angles {
-        data.extend((0..3).map(|k| (Input::Angle(k), angles[k])));
-    }
 }
 
 /// The hand-written physics and the generated equations are two accounts of the same effects: with the
@@ -133,89 +119,123 @@ fn measured(data: &mut BTreeMap<Input, f64>, position: [f64; 3], angles: Option<
 #[test]
 fn generated_residuals_vanish_at_the_truth() {
     for effect in LISTED {
-        let simulated = run(&Simulation {
-            approach: Approach::Random,
-            temperature: Temperature {
-                rise_k: 5.0,
-                ..Temperature::default()
-            },
-            ..with_effects(&[effect])
-        });
-        let robot = described(effect);
+        let mut simulation = with_effects(&[effect]);
+        simulation.approach = Approach::Random;
+        simulation.temperature.rise_k = 5.0;
+        let simulated = run(&simulation);
+        // The variant `Full` with the effect, in the language.
+        let used = effect.split_once(':').unwrap().0;
+        let line = format!("variant Truth = Full + {used};");
+        let robot = described(&with_catalogue(GANTRY_TAU, &line));
         let variant = robot.variant("Truth").unwrap();
-        let values = truth(variant, &simulated);
+        let parameters = variant.parameters.iter();
+        let values: Vec<f64> = parameters.map(|own| truth(own, &simulated)).collect();
         let mut without = values.clone();
         for (value, parameter) in without.iter_mut().zip(&variant.parameters) {
             if matches!(parameter.owner, Owner::Effect(_)) && parameter.search.is_none() {
                 *value = 0.0;
             }
         }
-        let (mut largest, mut missing): (f64, f64) = (0.0, 0.0);
+        let (mut worst, mut missing): (f64, f64) = (0.0, 0.0);
         let mut look = |kind: ResidualKind, of: Option<usize>, data: &BTreeMap<Input, f64>| {
-            for instance in variant
-                .instances_of(kind)
-                .filter(|i| of.is_none_or(|of| i.of == of))
-            {
-                let worst = |values: &[f64]| {
-                    residuals(instance, values, data)
-                        .into_iter()
-                        .map(f64::abs)
-                        .fold(0.0, f64::max)
-                };
-                largest = largest.max(worst(&values));
-                missing = missing.max(worst(&without));
+            let instances = variant.instances_of(kind);
+            for instance in instances.filter(|own| of.is_none_or(|of| own.of == of)) {
+                worst = worst.max(largest(instance, &values, data));
+                missing = missing.max(largest(instance, &without, data));
             }
         };
-        let folder = &simulated.folder;
-        for (pose, state) in folder.tcp_poses.iter().zip(&simulated.truth.tcp_poses) {
-            let (time, warmth) = (
-                pose.conditions.time_s.unwrap(),
-                pose.conditions.temperature_c.unwrap(),
-            );
-            let mut data = common(
-                &pose.commands_m,
-                pose.directions.as_ref().unwrap(),
-                time,
-                warmth,
+        let (folder, truth) = (&simulated.folder, &simulated.truth);
+        for (pose, state) in folder.tcp_poses.iter().zip(&truth.tcp_poses) {
+            let conditions = Conditions {
+                directions: pose.directions.clone().unwrap(),
+                time_s: pose.conditions.time_s.unwrap(),
+                temperature_c: pose.conditions.temperature_c.unwrap(),
+                ..Conditions::default()
+            };
+            let commands = &pose.commands_m;
+            let data = data(
+                commands,
+                &conditions,
                 state,
+                pose.position_m,
+                pose.angles_rad,
             );
-            measured(&mut data, pose.position_m, Some(pose.angles_rad));
             look(ResidualKind::Closure, None, &data);
         }
-        let start = simulated.truth.tcp_poses[0].pose;
-        let state = |commands: &[f64], direction: f64| {
+        let start = truth.tcp_poses[0].pose;
+        let of_cart = |commands: &[f64], direction: f64, position, angles| {
             let conditions = Conditions {
                 directions: vec![direction; 3],
                 temperature_c: 20.0,
                 ..Conditions::default()
             };
-            simulated
-                .truth
-                .machine
-                .solve(commands, &conditions, start)
-                .unwrap()
+            let state = truth.machine.solve(commands, &conditions, start);
+            data(commands, &conditions, &state.unwrap(), position, angles)
         };
         for row in &folder.cart_poses {
             let commands = [row.command_m; 3];
-            let mut data = common(&commands, &[1.0; 3], 0.0, 20.0, &state(&commands, 1.0));
-            measured(&mut data, row.position_m, Some(row.angles_rad));
+            let data = of_cart(&commands, 1.0, row.position_m, row.angles_rad);
             look(ResidualKind::CartPose, Some(row.track), &data);
         }
         for row in &folder.cart_positions {
             let direction = row.direction.unwrap();
-            let state = state(&row.commands_m, direction);
-            let mut data = common(&row.commands_m, &[direction; 3], 0.0, 20.0, &state);
-            measured(&mut data, row.position_m, None);
+            let data = of_cart(&row.commands_m, direction, row.position_m, [0.0; 3]);
             look(ResidualKind::CartPosition, Some(row.track), &data);
         }
         // Rotations of the cart are small ones in the equations and true ones in the machine.
-        let allowed = if effect.starts_with("angular_motion") {
-            1e-8
-        } else {
-            1e-11
-        };
-        assert!(largest < allowed, "{effect}: {largest:e}");
+        let is_turn = effect.starts_with("angular_motion");
+        let allowed = if is_turn { 1e-8 } else { 1e-11 };
+        assert!(worst < allowed, "{effect}: {worst:e}");
         assert!(missing > 1e-5, "{effect} is not seen: {missing:e}");
+    }
+}
+
+/// Points, planes, cranks, drums and belts: links of all standard robots are as long as the equations say.
+#[test]
+fn closures_of_standard_robots_vanish_at_the_truth() {
+    for (name, _) in tau_generated::ROBOTS {
+        let simulation = standard(name, None);
+        let simulated = run(&simulation);
+        let variant = simulation.robot.base().unwrap();
+        let parameters = variant.parameters.iter();
+        let of_set_1 = |own: &Parameter| match own.owner {
+            Owner::Frame(_) | Owner::Target { .. } => f64::NAN,
+            _ => truth(own, &simulated),
+        };
+        let values: Vec<f64> = parameters.map(of_set_1).collect();
+        let poses = &simulated.folder.tcp_poses;
+        assert!(poses.len() >= 30, "{name}");
+        for (pose, state) in poses.iter().zip(&simulated.truth.tcp_poses) {
+            let conditions = Conditions::default();
+            let (position, angles) = (pose.position_m, pose.angles_rad);
+            let data = data(&pose.commands_m, &conditions, state, position, angles);
+            for instance in variant.instances_of(ResidualKind::Closure) {
+                let found = largest(instance, &values, &data);
+                assert!(found < 1e-11, "{name} {}: {found:e}", instance.of);
+            }
+        }
+    }
+}
+
+/// The virtual robot's hold the payload by hand.
+#[test]
+fn forces_are_those_of_the_virtual_robot() {
+    let simulated = run(&Simulation {
+        build: Build::Exact,
+        ..silent()
+    });
+    let statics = Statics::new(&gantry_tau(), &simulated.file).unwrap();
+    let poses = simulated.folder.tcp_poses.iter();
+    for (measured, state) in poses.zip(&simulated.truth.tcp_poses) {
+        let forces = statics.forces(&Sample::from(measured).pose, &measured.commands_m);
+        let found = forces
+            .tensions_n
+            .iter()
+            .chain(forces.loads_n.as_flattened());
+        let expected = state.tensions_n.iter().chain(state.loads_n.as_flattened());
+        for (found, expected) in found.zip(expected) {
+            assert!((found - expected).abs() < 1e-8, "{found} {expected}");
+        }
     }
 }
 
@@ -224,36 +244,11 @@ fn validation_error(simulation: &Simulation, variant: &str) -> f64 {
     let SimulatedFolder { folder, file, .. } = simulate(simulation).unwrap();
     let robot = &simulation.robot;
     let poses = Poses::select(robot, &file, &folder, Split::Alternate).unwrap();
-    let variant = robot.variant(variant).unwrap();
-    let options = Options::default();
-    let calibrated = calibrate(
-        Setup::new(robot, variant, &file, &folder),
-        &poses.division.calibration,
-        &options,
-    )
-    .unwrap();
-    evaluate(&calibrated.machine, &folder, &poses.division.validation)
-        .unwrap()
-        .position_um
-        .mean
-}
-
-#[test]
-fn a_machine_without_errors_is_calibrated_to_the_noise() {
-    let (robot, file) = drawings();
-    let plain = Simulation::new(robot, file);
-    // Three axes of 10 µm are 16 µm in the mean, before what the calibration itself adds.
-    let full = validation_error(&plain, "Full");
-    assert!((14.0..28.0).contains(&full), "{full}");
-    // Joints off the Tau configuration are more than a reduced arm can follow, but for an ideal one.
-    let nominal = validation_error(&plain, "Nominal");
-    assert!(nominal > 2.0 * full, "{nominal}");
-    let ideal = Simulation {
-        variant: Some("Nominal".into()),
-        ..plain
-    };
-    let nominal = validation_error(&ideal, "Nominal");
-    assert!((14.0..28.0).contains(&nominal), "{nominal}");
+    let setup = Setup::new(robot, robot.variant(variant).unwrap(), &file, &folder);
+    let used = &poses.division.calibration;
+    let machine = calibrate(setup, used, &Options::default()).unwrap().machine;
+    let found = evaluate(&machine, &folder, &poses.division.validation);
+    found.unwrap().position_um.mean
 }
 
 /// With effects of the prototype's kinds the variants err like on the prototype's measurements, which
@@ -262,7 +257,7 @@ fn a_machine_without_errors_is_calibrated_to_the_noise() {
 fn a_machine_like_the_prototype_has_errors_like_the_prototype() {
     const PROTOTYPE: [(&str, f64); 3] =
         [("Nominal", 122.0), ("Full", 110.0), ("FullPiecewise", 97.0)];
-    let (robot, file) = drawings();
+    let robot = gantry_tau();
     let effects = [
         "rack_pitch(one): sine=5e-5, period=0.0133",
         "rack_pitch(two): cosine=6e-5, period=0.0133",
@@ -271,44 +266,16 @@ fn a_machine_like_the_prototype_has_errors_like_the_prototype() {
         "cart_compliance(two): along_compliance=1e-6, horizontal_compliance=5e-7",
     ];
     let machine = Simulation {
-        effects: effects.iter().map(|text| parsed(text, &robot)).collect(),
+        effects: effects.map(|text| parsed(text, &robot)).into(),
         build: Build::Drawn {
             links: 0.1,
             tracks: 0.1,
         },
-        ..Simulation::new(robot, file)
+        ..Simulation::new(robot, prototype().1)
     };
     for (variant, wanted) in PROTOTYPE {
         let found = validation_error(&machine, variant);
-        assert!(
-            (found / wanted - 1.0).abs() < 0.25,
-            "{variant}: {found} µm, not {wanted} µm"
-        );
-    }
-}
-
-#[test]
-fn positions_of_the_carts_agree_between_the_sets() {
-    let simulated = run(&with_effects(&[]));
-    let point = |seen: &Mounting, position: [f64; 3], track: usize| {
-        seen.rotation.inverse() * (Vector3::from(position) - seen.translation_m)
-            - seen.targets[track].0
-    };
-    let truth = &simulated.truth;
-    for row in &simulated.folder.cart_positions {
-        let found = point(&truth.set3, row.position_m, row.track);
-        let on_cart: Vec<_> = truth
-            .machine
-            .rods
-            .iter()
-            .filter(|rod| rod.track == Some(row.track))
-            .collect();
-        let q = row.commands_m[row.track];
-        let wanted = on_cart
-            .iter()
-            .map(|rod| rod.track_offset_m + rod.track_direction * q)
-            .sum::<Vector3<f64>>()
-            / on_cart.len() as f64;
-        assert!((found - wanted).norm() < 1e-12);
+        let off = (found / wanted - 1.0).abs();
+        assert!(off < 0.25, "{variant}: {found} µm, not {wanted} µm");
     }
 }
