@@ -1,0 +1,203 @@
+//! Arguments of `tau simulate`: what is written for them, and what is wrong with them.
+
+use proptest::prelude::*;
+use tau::measurements::Folder;
+use tau::robot_file::RobotFile;
+use tau::simulation::Effect;
+use tau_testkit::{Work, robots};
+
+/// Effects, the code of what is wrong with each, and what is marked.
+const EFFECTS: [(&str, &str, &str); 15] = [
+    ("rack_pich(two): sine=8e-5", "T291", "rack_pich"),
+    ("rack_pitch(tow): sine=8e-5, period=0.01", "T292", "tow"),
+    ("rack_pitch(two): sin=8e-5, period=0.01", "T293", "sin"),
+    ("backlash(one): gap=40um", "T217", "40um"),
+    ("backlash(one)", "T293", "backlash(one)"),
+    ("backlash(one): gap=0", "T293", "gap=0"),
+    ("rack_pitch(one): sine=1e-5", "T293", "sine=1e-5"),
+    ("backlash(one): gap=1e-5, gap=2e-5", "T293", "gap"),
+    ("cart_crosstalk(one): gain=1e-5", "T292", "one"),
+    ("cart_crosstalk(one, one): gain=1e-5", "T292", "one"),
+    ("tracker_scale(two): scale=1e-5", "T292", "two"),
+    ("joint_placement(l2b): offset=1e-4", "T293", "1e-4"),
+    ("link_thermal(l2): expansion=1e-5", "T292", "l2"),
+    ("backlash", "T290", "backlash"),
+    ("backlash(one: gap=1e-5", "T290", "backlash(one"),
+];
+
+#[test]
+fn effects_are_read_with_their_place_and_parameters() {
+    let robot = robots::gantry_tau();
+    let read = |text: &str| Effect::parse(text, &robot, "--effect").unwrap().parameters;
+    let rack = read(" rack_pitch( two ) :sine=8e-5,period = 0.0133 ");
+    let expected = [
+        ("sine", 8e-5),
+        ("cosine", 0.0),
+        ("second_sine", 0.0),
+        ("second_cosine", 0.0),
+        ("period", 0.0133),
+    ];
+    assert_eq!(
+        rack,
+        expected.map(|(name, value)| (name.to_owned(), vec![value]))
+    );
+    for vector in ["(1e-8, 0, -2e-8)", "[1e-8,0,-2e-8]"] {
+        let drift = read(&format!("tracker_drift(tcp): rate={vector}"));
+        assert_eq!(drift, [("rate".to_owned(), vec![1e-8, 0.0, -2e-8])]);
+    }
+}
+
+#[test]
+fn mistakes_in_effects_are_marked() {
+    let robot = robots::gantry_tau();
+    let mut words = String::new();
+    for (text, code, marked) in EFFECTS {
+        let error = Effect::parse(text, &robot, "--effect").unwrap_err();
+        let [problem] = error.problems() else {
+            panic!("{error}")
+        };
+        let place = problem.place.as_ref().unwrap();
+        let found = (problem.code.to_string(), &text[place.span.clone()]);
+        assert_eq!(found, (code.to_owned(), marked), "{text}");
+        words += &format!("{}\n", error.render(false));
+    }
+    insta::assert_snapshot!(words);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn no_text_of_an_effect_makes_the_parser_panic(text in "[a-z_(): =,.0-9é\\[\\]-]{0,40}", case in 0..15_usize) {
+        let robot = robots::gantry_tau();
+        let _ = Effect::parse(&text, &robot, "--effect");
+        let name = EFFECTS[case].0.split('(').next().unwrap();
+        let _ = Effect::parse(&format!("{name}({text}"), &robot, "--effect");
+    }
+}
+
+#[test]
+fn all_mistakes_are_named_at_once_and_nothing_is_written() {
+    let work = Work::empty();
+    let bare = std::fs::read_to_string(format!("{}/robot.toml", tau_testkit::PROTOTYPE)).unwrap();
+    let (before, after) = bare.split_once("[payload]").unwrap();
+    let after = after.split_once("\n[").map_or("", |(_, rest)| rest);
+    work.write("bare.toml", format!("{before}[{after}"));
+    let heights = "robot = \"LinearDelta\"\n[noise]\nheights = { height_m = 1e-5 }\n";
+    work.write("delta.toml", heights);
+    let mut words = String::new();
+    for (arguments, expected) in [
+        (
+            "--variant Fulll --effect backlash(four):gap=1e-5 --effect drift(tcp):rate=1 --noise-position=-1 \
+             --noise-drives 0 --outliers 1.5 --serial-noise NaN --grid 18446744073709551615,2,2",
+            &[
+                ("T261", "--noise-position", 0),
+                ("T261", "--noise-drives", 0),
+                ("T261", "--outliers", 0),
+                ("T261", "--serial-noise", 0),
+                ("T261", "--grid", 0),
+                ("T292", "--effect", 1),
+                ("T291", "--effect", 1),
+                ("T263", "--variant", 0),
+            ][..],
+        ),
+        ("--robot DIR/nowhere.toml", &[("T201", "nowhere.toml", 0)]),
+        // What no folder may hold.
+        ("--temperature 70", &[("T261", "--temperature", 0)]),
+        ("--warming 45", &[("T261", "--warming", 0)]),
+        ("--noise-position 0.2", &[("T261", "--noise-position", 0)]),
+        ("--grid 0,2,2", &[("T261", "--grid", 0)]),
+        ("--grid 2,2,2 --grid-step 50,50,50", &[("T532", "poses", 0)]),
+        // Forces need a payload or a link that is pulled, and tensions a link that a drive lengthens.
+        (
+            "--robot DIR/bare.toml --effect link_compliance(l1):strain=1e-8",
+            &[("T295", "bare.toml", 0)],
+        ),
+        (
+            "--robot DIR/bare.toml --effect cart_compliance(all):along_compliance=1e-7",
+            &[("T295", "bare.toml", 0)],
+        ),
+        ("--noise-force 1", &[("T262", "--noise-force", 0)]),
+        (
+            "--noise-force 1 --model hexapod",
+            &[("T295", "--noise-force", 0)],
+        ),
+        // Heights need the noise of heights alone, poses a tracker.
+        (
+            "--robot DIR/delta.toml --measure heights,poses",
+            &[("T347", "--noise-position", 0)],
+        ),
+        // No cart, no plate joints, and a belt whose tension is known.
+        (
+            "--model five_bar --effect backlash(left):gap=1e-5",
+            &[("T292", "--effect", 1)],
+        ),
+        (
+            "--model four_lines --effect joint_placement(a):offset=(1e-3,0,0)",
+            &[("T292", "--effect", 1)],
+        ),
+        (
+            "--model four_belts --effect pull_strain(top_left):strain=3e-6",
+            &[("T292", "--effect", 1)],
+        ),
+    ] {
+        let ran = work.run(&format!("simulate {arguments} --out MEASURED"));
+        ran.refused(expected);
+        assert!(!work.measured().exists(), "{arguments}");
+        words += &format!("$ tau simulate {arguments}\n{}\n", ran.err);
+    }
+    insta::assert_snapshot!(words);
+}
+
+#[test]
+fn a_request_writes_what_it_says() {
+    let work = Work::empty();
+    let arguments = "--effect backlash(one):gap=4e-5 --grid 2,2,2 --track-points 3 --cart-poses 4 --outliers 0.25 \
+                     --noise-position 2e-5 --payload 60";
+    let line = format!("simulate {arguments} --out MEASURED --json -");
+    let said = work.run(&line).json();
+    let counts = ["tcp_poses", "cart_poses", "cart_positions"].map(|file| &said["rows"][file]);
+    assert_eq!(counts, [8, 9, 12]);
+    let effect = &said["effects"][0];
+    assert_eq!([&effect["name"], &effect["place"]], ["backlash", "one"]);
+    assert_eq!([&said["outliers"], &said["out_of_reach"]], [2, 0]);
+    let robot = robots::gantry_tau();
+    let read = Folder::read(&work.measured(), &(&robot).into()).unwrap();
+    assert_eq!(read.tcp_poses.len(), 8);
+    let file = RobotFile::read(&work.measured().join("robot.toml"), &robot).unwrap();
+    assert_eq!(
+        (file.noise.position_m, file.noise.rotation_rad),
+        (2e-5, 4e-5)
+    );
+    assert_eq!(file.payload.unwrap().mass_kg, 60.0);
+}
+
+#[test]
+fn whatever_is_written_is_read_again() {
+    let extreme = "--grid 2,2,2 --track-points 3 --cart-poses 4 --temperature 59 --noise-position 0.1 \
+                   --noise-rotation 0.1 --noise-scale 1e-3,1e-3,1e-3";
+    let work = Work::simulated(extreme);
+    let robot = robots::gantry_tau();
+    Folder::read(&work.measured(), &(&robot).into()).unwrap();
+    RobotFile::read(&work.measured().join("robot.toml"), &robot).unwrap();
+    // Farther scattered, it would be refused.
+    let work = Work::empty();
+    let far = "simulate --grid 2,2,2 --noise-position 0.1 --noise-scale 1e3,1e3,1e3 --out MEASURED";
+    assert!(work.run(far).says("T221"));
+    assert!(!work.measured().exists());
+}
+
+/// Carts beside the plate need a tracker.
+#[test]
+fn what_has_no_noise_is_not_measured() {
+    let heights = "robot = \"LinearDelta\"\n[noise]\nheights = { height_m = 1e-5 }\n";
+    let work = Work::simulated_with(
+        heights,
+        "--robot DIR/robot.toml --measure heights --poses 20 --random",
+    );
+    assert_eq!(work.table("measured/heights.csv").rows.len(), 20);
+    assert_eq!(
+        work.listing("measured"),
+        ["heights.csv", "robot.toml", "truth.json"]
+    );
+}
