@@ -1,0 +1,252 @@
+//! Commands agree: `check`, `calibrate`, `study`, `discover` and `evaluate` of the calibrated file, on one clean folder of each
+//! standard robot, with one variant and `--split all`.
+//!
+//! Where they differ today, [`DIFFERENCES`] lists it with its reason; the test fails where another difference comes, and
+//! where a listed one is gone.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde_json::Value;
+use tau::robot_file::RobotFile;
+use tau_testkit::{Work, list, robots};
+
+/// The fit that all others are compared with.
+const REFERENCE: &str = "calibrate";
+/// Differences below this share of χ² and of degrees of freedom, and below this share of the standard deviation of a
+/// parameter, are rounding: other orders of the same sums, and minima that iterations reach from other starts.
+const ROUNDING: f64 = 1e-3;
+/// Every standard robot.
+const ALL: &[&str] = &[
+    "gantry_tau",
+    "linear_delta",
+    "rotary_delta",
+    "hexapod",
+    "servo_hexapod",
+    "hexaglide",
+    "five_bar",
+    "four_belts",
+    "four_lines",
+];
+/// Those that have as many drives as freedoms: poses of the others are unknowns in every command.
+const NOT_REDUNDANT: &[&str] = &[
+    "gantry_tau",
+    "linear_delta",
+    "rotary_delta",
+    "hexapod",
+    "servo_hexapod",
+    "hexaglide",
+    "five_bar",
+];
+/// Differences that a single fit for all commands would end.
+const DIFFERENCES: &[Difference] = &[
+    Difference {
+        command: "check",
+        quantities: &["χ²", "degrees of freedom", "parameters", "outliers"],
+        robots: ALL,
+        reason: "a first fit is judged by its misfit alone, and none of its figures are stated",
+    },
+    Difference {
+        command: "discover",
+        quantities: &["χ²", "degrees of freedom"],
+        robots: ALL,
+        reason: "residuals are stated by set and link, not as one sum",
+    },
+    Difference {
+        command: "discover",
+        quantities: &["parameters"],
+        robots: ALL,
+        reason: "the search has an estimator of its own, which fits all measured numbers jointly",
+    },
+    Difference {
+        command: "evaluate",
+        quantities: &["χ²", "degrees of freedom"],
+        robots: NOT_REDUNDANT,
+        reason: "predicted poses are compared with measured ones, where calibrate judges closures",
+    },
+    Difference {
+        command: "evaluate",
+        quantities: &["outliers"],
+        robots: &["hexaglide"],
+        reason: "poses are judged by their prediction, closures by their weights: pose 5 is far off for the first alone",
+    },
+    Difference {
+        command: "evaluate",
+        quantities: &["verdict"],
+        robots: &["servo_hexapod"],
+        reason: "χ² of predicted poses is 1.14 times its expectation, beyond chance; that of closures is as expected",
+    },
+];
+
+/// A difference that is known: the command, what differs, the robots of which it does, and why.
+struct Difference {
+    command: &'static str,
+    quantities: &'static [&'static str],
+    robots: &'static [&'static str],
+    reason: &'static str,
+}
+
+/// What a command says of a folder. What it does not say is absent.
+#[derive(Debug, Default)]
+struct Answer {
+    status: Option<String>,
+    chi2: Option<f64>,
+    dof: Option<f64>,
+    /// Values and standard deviations; these are not a number where only the values are known.
+    parameters: Option<BTreeMap<String, (f64, f64)>>,
+    /// What is left out or far off: file and pose.
+    outliers: Option<BTreeSet<String>>,
+}
+
+impl Answer {
+    /// What `fit` and the parameters beside it say.
+    fn of_fit(of: &Value) -> Self {
+        let fit = &of["fit"];
+        let outlier = |own: &Value| format!("{} {}", own["file"], own["pose"]);
+        let far = ["gross_rows", "gross_poses"].map(|key| &of[key]);
+        let far = far.into_iter().filter_map(Value::as_array).flatten();
+        Self {
+            status: fit["status"].as_str().map(str::to_owned),
+            chi2: fit["chi2"].as_f64(),
+            dof: fit["dof"].as_f64(),
+            parameters: of["parameters"].as_array().map(|all| values(all)),
+            outliers: fit["outliers"]
+                .as_array()
+                .map(|all| all.iter().chain(far).map(outlier).collect()),
+        }
+    }
+
+    /// What differs from the reference.
+    fn differences(&self, reference: &Self) -> Vec<&'static str> {
+        let differ = |one: Option<f64>, other: Option<f64>| match (one, other) {
+            (Some(one), Some(other)) => (one - other).abs() > ROUNDING * other.abs(),
+            (one, other) => one.is_some() != other.is_some(),
+        };
+        let names = |of: &Self| -> Option<Vec<String>> {
+            let all = of.parameters.as_ref()?;
+            Some(all.keys().cloned().collect())
+        };
+        let all = reference.parameters.iter().flatten();
+        let values_differ = names(self) != names(reference)
+            || all.into_iter().any(|(name, (value, sigma))| {
+                let own = self.parameters.as_ref().map_or(f64::NAN, |own| own[name].0);
+                (own - value).abs() > ROUNDING * sigma
+            });
+        let found = [
+            ("verdict", self.status != reference.status),
+            ("χ²", differ(self.chi2, reference.chi2)),
+            ("degrees of freedom", differ(self.dof, reference.dof)),
+            ("parameters", values_differ),
+            ("outliers", self.outliers != reference.outliers),
+        ];
+        found
+            .into_iter()
+            .filter_map(|(quantity, differs)| differs.then_some(quantity))
+            .collect()
+    }
+}
+
+fn values(parameters: &[Value]) -> BTreeMap<String, (f64, f64)> {
+    let value = |own: &Value| {
+        let name = own["name"].as_str()?.to_owned();
+        Some((name, (own["value"].as_f64()?, own["sigma"].as_f64()?)))
+    };
+    parameters.iter().filter_map(value).collect()
+}
+
+/// The value of a parameter in a robot file, by its name in a variant.
+fn stated(file: &RobotFile, name: &str) -> Option<f64> {
+    let parts: Vec<&str> = name.split('.').collect();
+    let axis = |axis: &str| "xyz".find(axis).unwrap_or_default();
+    let value = match parts[..] {
+        [parameter] => file.parameters.get(parameter),
+        [owner, quantity, ..] => {
+            let of_crank = file.cranks.get(owner);
+            let of_link = [&file.links, &file.tracks, &file.clusters]
+                .into_iter()
+                .find_map(|all| all.get(owner));
+            match quantity {
+                "centre" => of_crank?.get("centre_m"),
+                "axis" => of_crank?.get("axis"),
+                "length" => of_link?.length.as_ref(),
+                "plate_joint" => of_link?.plate_joint.as_ref(),
+                "track_offset" => of_link?.track_offset.as_ref(),
+                "track_direction" => of_link?.track_direction.as_ref(),
+                "pull" => of_link?.pull.as_ref(),
+                _ => None,
+            }
+        }
+        [] => None,
+    };
+    let index = parts.get(2).map_or(0, |own| axis(own));
+    value.map(|value| value.value[index])
+}
+
+/// What each command says of a clean folder of a robot.
+fn answers(robot: &str) -> Vec<(&'static str, Answer)> {
+    let work = Work::simulated(&format!("--model {robot} --variant Full --seed 1"));
+    let with = format!("--model {robot} --split all --json -");
+    let json = |line: &str| work.run(&format!("{line} {with}")).printed();
+    let calibrated = Answer::of_fit(&json(
+        "calibrate MEASURED --variant Full --out DIR/calibrated",
+    ));
+    let checked = json("check MEASURED --variant Full");
+    let is_fine = list(&checked["mistakes"]).is_empty() && checked["misfit"].is_null();
+    let of_check = Answer {
+        status: is_fine.then(|| "consistent".to_owned()),
+        ..Answer::default()
+    };
+    let study = json("study MEASURED --no-discover --out DIR/study");
+    let found = json("discover MEASURED --base Full --out DIR/discovered");
+    let description = robots::named(robot);
+    let text = work.read("discovered/robot.toml");
+    let file = RobotFile::parse_for(&text, "robot.toml", &description).unwrap();
+    let names = calibrated.parameters.iter().flat_map(BTreeMap::keys);
+    let of_discovery = Answer {
+        status: (found["status"] == "nothing_missing").then(|| "consistent".to_owned()),
+        parameters: names
+            .map(|name| Some((name.clone(), (stated(&file, name)?, f64::NAN))))
+            .collect(),
+        outliers: found["outliers"]
+            .as_array()
+            .map(|all| all.iter().map(Value::to_string).collect()),
+        ..Answer::default()
+    };
+    let of_study = Answer::of_fit(&study["variants"]["Full"]);
+    let line = "evaluate MEASURED --variant Full --robot DIR/calibrated/robot.toml";
+    let evaluated = Answer {
+        // They are those of the file.
+        parameters: calibrated.parameters.clone(),
+        ..Answer::of_fit(&json(line))
+    };
+    vec![
+        (REFERENCE, calibrated),
+        ("check", of_check),
+        ("study", of_study),
+        ("discover", of_discovery),
+        ("evaluate", evaluated),
+    ]
+}
+
+#[test]
+fn commands_agree_on_clean_folders() {
+    let mut found: BTreeMap<(&str, &str), BTreeSet<&str>> = BTreeMap::new();
+    for (robot, _) in tau_generated::ROBOTS {
+        let all = answers(robot);
+        let (_, reference) = &all[0];
+        assert_eq!(reference.status.as_deref(), Some("consistent"), "{robot}");
+        for (command, answer) in &all[1..] {
+            for quantity in answer.differences(reference) {
+                found.entry((command, quantity)).or_default().insert(robot);
+            }
+        }
+    }
+    let mut listed: BTreeMap<_, BTreeSet<_>> = BTreeMap::new();
+    for known in DIFFERENCES {
+        assert!(!known.reason.is_empty());
+        for quantity in known.quantities {
+            let robots = listed.entry((known.command, *quantity)).or_default();
+            robots.extend(known.robots.iter().copied());
+        }
+    }
+    assert_eq!(found, listed);
+}
