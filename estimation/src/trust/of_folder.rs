@@ -130,9 +130,7 @@ pub(super) fn plain<'a>(robot: &'a Robot, variant: &'a Variant, folder: &Folder)
 
 impl From<Mistake> for Error {
     fn from(mistake: Mistake) -> Self {
-        // until Mistake has a code
-        let code = tau_codes::mistakes::COMMANDS;
-        InputError::whole(code, mistake.file, mistake.what)
+        InputError::whole(mistake.kind.code(), mistake.file, mistake.what)
             .help(mistake.mend)
             .into()
     }
