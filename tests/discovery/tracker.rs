@@ -1,0 +1,198 @@
+//! Errors of a tracker: where it measures beside something else, heights and distances tell them from the machine's.
+
+use serde_json::Value;
+use tau_testkit::{Work, effects, list};
+
+use crate::search::{assert_near, at, found_of};
+
+const SCALE_EFFECT: &str = "effect tracker_scale on tcp { param scale: ratio tol 200 ppm; position += scale * (x, y, z); }\n";
+const DRIFT_EFFECT: &str = "effect tracker_drift on tcp { param rate[3]: velocity tol 400 um/h; position += rate * time; }\n";
+pub(crate) const SCALE: &str = "--effect tracker_scale(tcp):scale=1e-4";
+pub(crate) const DRIFT: &str = "--effect tracker_drift(tcp):rate=[1e-7,-1e-7,5e-8]";
+pub(crate) const RATES: [(&str, f64); 3] = [("x", 1e-7), ("y", -1e-7), ("z", 5e-8)];
+
+/// A folder of a hexapod, with a description beside it that has variants whose tracker errs.
+pub(crate) fn hexapod(measures: &str, seed: u64, effect: &str) -> Work {
+    let with = format!("--measure {measures} --poses 60 --random --tilt 0.15 --seed {seed}");
+    let work = Work::simulated(&format!("--model hexapod {with} {effect}"));
+    write_model(&work, include_str!("../../generated/models/hexapod.tau"));
+    work
+}
+
+/// Writes a description with variants whose tracker errs.
+fn write_model(work: &Work, description: &str) {
+    let end = description.rfind('}').unwrap();
+    let variants = "    variant Scaled = Full + tracker_scale(tcp);\n    variant Drifting = Full + tracker_drift(tcp);\n";
+    let parts = [
+        SCALE_EFFECT,
+        DRIFT_EFFECT,
+        &description[..end],
+        variants,
+        "}\n",
+    ];
+    work.write("model.tau", parts.concat());
+}
+
+/// How far an estimate of a calibration is off, in standard deviations, which are below a bound.
+#[track_caller]
+fn deviation(found: &Value, name: &str, truly: f64, most: f64) -> f64 {
+    let own = tau_testkit::estimate(found, name);
+    let [value, sigma] = ["value", "sigma"].map(|key| at(own, key));
+    assert!(sigma < most, "{own}");
+    (value - truly) / sigma
+}
+
+/// Deviations of a scale, or of three rates, that a calibration finds.
+pub(crate) fn deviations(measures: &str, seed: u64, effect: &str) -> Vec<f64> {
+    let work = hexapod(measures, seed, effect);
+    let variant = if effect == SCALE {
+        "Scaled"
+    } else {
+        "Drifting"
+    };
+    let found = work.calibrated(&format!("--model DIR/model.tau --variant {variant}"));
+    assert_eq!(found["fit"]["status"], "consistent", "{}", found["fit"]);
+    if effect == SCALE {
+        return vec![deviation(&found, "tracker_scale(tcp).scale", 1e-4, 5e-6)];
+    }
+    let rate = |axis: &str| format!("tracker_drift(tcp).rate.{axis}");
+    let rates = RATES.iter();
+    rates
+        .map(|&(axis, truly)| deviation(&found, &rate(axis), truly, 6e-9))
+        .collect()
+}
+
+#[test]
+fn a_calibration_tells_them_from_the_machine() {
+    let poses = "poses,heights,distances";
+    for (measures, effect) in [
+        (poses, SCALE),
+        ("positions,heights,distances", SCALE),
+        (poses, DRIFT),
+    ] {
+        for off in deviations(measures, 1, effect) {
+            assert!(off.abs() < 3.0, "{measures} {effect}: {off}");
+        }
+    }
+}
+
+/// Errors in variables know true poses too: what they find of a tracker holds for its poses, of which those that took no part
+/// are foretold to the noise.
+#[test]
+fn errors_in_variables_take_them_off_true_poses() {
+    let work =
+        Work::simulated("--random --poses 100 --seed 1 --effect tracker_scale(tcp):scale=4e-4");
+    write_model(&work, include_str!("../../generated/models/gantry_tau.tau"));
+    let scaled = "--model DIR/model.tau --variant Scaled";
+    let found = work.calibrated(&format!("{scaled} --errors-in-variables"));
+    let off = deviation(&found, "tracker_scale(tcp).scale", 4e-4, 4e-5);
+    assert!(off.abs() < 4.0, "{off}");
+    let errors = work.evaluated(scaled);
+    assert!(at(&errors, "position_um.mean") < 25.0, "{errors}");
+}
+
+/// A robot file that holds a tracker's errors foretells what it measures to the noise, whether poses are compared or all
+/// that was measured; errors of half a millimetre, forgotten or taken for the machine's, would stand out.
+#[test]
+fn an_evaluation_takes_them_off() {
+    for measures in ["poses,heights,distances", "positions,heights,distances"] {
+        let work = hexapod(measures, 3, "--effect tracker_scale(tcp):scale=5e-4");
+        let scaled = "--model DIR/model.tau --variant Scaled";
+        work.calibrated(scaled);
+        let file = work.read("out/robot.toml");
+        assert!(file.contains("tracker_effects = [\"tracker_scale(tcp)\"]"));
+        let found = work.evaluated(scaled);
+        assert_eq!(found["fit"]["status"], "consistent", "{}", found["fit"]);
+    }
+}
+
+/// A search names them, and nothing where there are none. A base that has already what a search found leaves nothing to
+/// be found.
+#[test]
+fn a_search_names_them() {
+    for (effect, name) in [
+        (SCALE, "tracker_scale(tcp)"),
+        (DRIFT, "tracker_drift(tcp)"),
+        ("", ""),
+    ] {
+        let work = hexapod("poses,heights,distances", 1, effect);
+        let searched = work.discovered("");
+        let expected: Vec<&str> = Some(name)
+            .filter(|own| !own.is_empty())
+            .into_iter()
+            .collect();
+        assert_eq!(effects(&searched), expected);
+        assert_eq!(unseen_of_tracker(&searched), [""; 0]);
+        if effect == SCALE {
+            let text = work.read("found/discovered.tau");
+            work.write("again.tau", text.replace("Discovered", "Found"));
+            let again = work.discovered("--model DIR/again.tau --base Found");
+            assert_eq!(again["status"], "nothing_missing", "{}", again["effects"]);
+        } else if effect.is_empty() {
+            assert_eq!(searched["status"], "nothing_missing");
+        }
+    }
+}
+
+/// Names of the tracker's effects that can't be seen because no tracker measured the plate.
+fn unseen_of_tracker(found: &Value) -> Vec<&str> {
+    let unseen = list(&found["cannot_see"]).iter();
+    let names = unseen.filter(|own| own["code"] == "T604");
+    names.map(|own| own["name"].as_str().unwrap()).collect()
+}
+
+/// A drift as large as the one that was simulated is found in positions too, alone and beside heights; where all of the plate
+/// was measured without a tracker, `check` and `discover` both say that they can't see one.
+#[test]
+fn a_tracker_shows_its_errors_in_positions() {
+    for (simulation, rate, unseen) in [
+        ("servo_hexapod --measure positions --poses 150", 5e-8, 0),
+        ("hexapod --measure positions,heights --poses 100", 2e-7, 0),
+        (
+            "four_belts --measure readings --poses 60 --noise-drives 1e-5",
+            0.0,
+            2,
+        ),
+        (
+            "linear_delta --measure positions --poses 40 --track-points 0 --cart-poses 0",
+            0.0,
+            0,
+        ),
+    ] {
+        let hidden = format!(
+            "--effect tracker_drift(tcp):rate=[{rate:e},-{rate:e},{:e}]",
+            0.4 * rate
+        );
+        let hidden = if rate == 0.0 { "" } else { &hidden };
+        let (work, found) = found_of(&format!("--model {simulation} --random {hidden}"));
+        let checked = work.run("check MEASURED --json -").json();
+        let lacking = list(&checked["effects"])
+            .iter()
+            .filter(|own| own["visible"] == false);
+        let lacking = lacking.map(|own| own["name"].as_str().unwrap());
+        let lacking: Vec<&str> = lacking.filter(|name| name.starts_with("tracker")).collect();
+        assert_eq!(unseen_of_tracker(&found), lacking, "{simulation}");
+        assert_eq!(lacking.len(), unseen, "{simulation}");
+        if rate != 0.0 {
+            assert_eq!(effects(&found), ["tracker_drift(tcp)"]);
+            let rates = [("rate_x", rate), ("rate_y", -rate), ("rate_z", 0.4 * rate)];
+            assert_near(&found, &rates);
+        }
+    }
+}
+
+/// Without a tracker there is nothing that its errors could be in; a drift asks for the time of what it measured.
+#[test]
+fn they_ask_for_a_tracker() {
+    let work = hexapod("heights,distances", 1, "");
+    for command in ["calibrate --variant", "discover --base", "check --variant"] {
+        let ran = work.run(&format!(
+            "{command} Scaled MEASURED --model DIR/model.tau --out DIR/out"
+        ));
+        ran.refused(&[("T350", "x", 0)]);
+    }
+    let work = hexapod("positions,heights", 1, "");
+    work.edit("tcp_positions.csv", |table| table.rename("time_s", "clock"));
+    work.run("calibrate MEASURED --model DIR/model.tau --variant Drifting")
+        .refused(&[("T214", "measured/tcp_positions.csv", 1)]);
+}
