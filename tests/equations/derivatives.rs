@@ -52,7 +52,7 @@ fn random_point(robot: &Robot, variant: &Variant, seed: u64) -> Point {
         }
     }
     let mut parameters = Vec::new();
-    for parameter in variant.parameters.iter() {
+    for parameter in &variant.parameters {
         parameters.push(match (parameter.search, parameter.owner) {
             (Some((low, high)), _) => uniform(low.max(high / 3.0), high),
             // Formulas of the machine's parameters have a meaning near their values: an arm is longer than a radius.

@@ -146,24 +146,3 @@ fn an_effect_on_a_cart_is_seen_in_every_set() {
         "{touched:?}"
     );
 }
-
-/// By hand: a reduced arm has no plate joints, no levers, and one length and tension for the links of a
-/// cluster, of which only `l1` is alone.
-#[test]
-fn effects_that_need_a_full_arm_are_refused_on_a_reduced_one() {
-    let model = checked(GANTRY_TAU, "");
-    for effect in &model.effects {
-        for place in places(&model, effect) {
-            let used = written(&model, effect, place);
-            let line = format!("variant On = Nominal + {used};");
-            let refused = check_text(&with_catalogue(GANTRY_TAU, &line)).is_err();
-            let expected = match (effect.name.as_str(), place) {
-                ("angular_motion" | "joint_placement", _)
-                | ("link_compliance", Place::AllLinks) => true,
-                (_, Place::Link(link)) => model.links[link].name != "l1",
-                _ => false,
-            };
-            assert_eq!(refused, expected, "{used}");
-        }
-    }
-}

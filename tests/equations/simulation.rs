@@ -8,6 +8,7 @@ mod noise;
 mod physics;
 
 use nalgebra::{Rotation3, Vector3};
+use tau::measurements::Folder;
 use tau::simulation::{Build, Effect, Noise, Poses, SimulatedFolder, Simulation, simulate};
 use tau_testkit::robots::{gantry_tau, named, prototype};
 
@@ -42,11 +43,14 @@ fn only_poses(mut simulation: Simulation) -> Simulation {
     simulation
 }
 
+fn noise(change: fn(&mut Noise)) -> Noise {
+    let mut noise = Noise::default();
+    change(&mut noise);
+    noise
+}
+
 fn no_noise() -> Noise {
-    Noise {
-        scale: [0.0; 3],
-        ..Noise::default()
-    }
+    noise(|noise| noise.scale = [0.0; 3])
 }
 
 /// The prototype, quickly: few poses of all sets, no noise.
@@ -82,6 +86,10 @@ fn parsed(text: &str, robot: &tau::Robot) -> Effect {
 
 fn run(simulation: &Simulation) -> SimulatedFolder {
     simulate(simulation).unwrap_or_else(|error| panic!("{error}"))
+}
+
+fn folder(simulation: &Simulation) -> Folder {
+    run(simulation).folder
 }
 
 fn zyz([a, b, c]: [f64; 3]) -> Rotation3<f64> {

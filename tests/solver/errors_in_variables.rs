@@ -204,20 +204,17 @@ fn noise_of_a_group_is_estimated_where_it_exceeds_the_stated() {
     }
 }
 
-/// Means and standard deviations of the parameters of links, ten a link.
-struct Priors {
-    means: [[f64; 10]; 6],
-    sigmas: [[f64; 10]; 6],
-}
+/// Mean and standard deviation of each parameter of the links, ten a link.
+type Priors = [[f64; 2]; 60];
 
 /// Residuals of errors in variables, written by hand, over standard deviations: priors, measured
 /// coordinates, closures. The unknowns are ten a link, then translation and rotation vector a pose.
 fn by_hand(drawn: &Drawn, priors: &Priors, x: &DVector<f64>) -> DVector<f64> {
     let tracks = [0, 1, 1, 2, 2, 2];
     let mut residuals = Vec::new();
-    for (link, (means, sigmas)) in priors.means.iter().zip(&priors.sigmas).enumerate() {
-        residuals.extend((0..10).map(|k| (x[10 * link + k] - means[k]) / sigmas[k]));
-    }
+    let own = x.iter().zip(priors);
+    residuals.extend(own.map(|(x, [mean, sigma])| (x - mean) / sigma));
+    let means = priors.map(|[mean, _]| mean);
     for (p, pose) in drawn.folder.tcp_poses.iter().enumerate() {
         let own = x.rows(60 + 6 * p, 6);
         let measured = Pose::from(pose);
@@ -225,13 +222,13 @@ fn by_hand(drawn: &Drawn, priors: &Priors, x: &DVector<f64>) -> DVector<f64> {
         residuals.extend((3..6).map(|k| own[k] / NOISE.rotation_rad));
         let rotation = Rotation3::new(Vector3::new(own[3], own[4], own[5])) * measured.rotation;
         let position = measured.position + own.rows(0, 3);
-        for (link, means) in priors.means.iter().enumerate() {
-            let q = pose.commands_m[tracks[link]];
+        for (link, track) in tracks.into_iter().enumerate() {
+            let q = pose.commands_m[track];
             let vector = |v: &[f64], position: Vector3<f64>, rotation: Rotation3<f64>| {
                 let part = |k: usize| Vector3::new(v[k], v[k + 1], v[k + 2]);
                 position + rotation * part(1) - part(4) - q * part(7)
             };
-            let values = &x.as_slice()[10 * link..10 * link + 10];
+            let [values, means] = [x.as_slice(), &means].map(|all| &all[10 * link..]);
             let along = vector(values, position, rotation);
             let slope = 2.0 * vector(means, measured.position, measured.rotation).norm();
             let closure = values[0] * values[0] - along.norm_squared();
@@ -257,21 +254,16 @@ fn a_dense_solution_by_hand_is_the_same() {
             "track_offset" => 4,
             _ => 7,
         };
-        (link, first + parameter.component.unwrap_or(0))
+        10 * link + first + parameter.component.unwrap_or(0)
     };
-    let mut priors = Priors {
-        means: [[0.0; 10]; 6],
-        sigmas: [[0.0; 10]; 6],
-    };
+    let mut priors: Priors = [[0.0; 2]; 60];
     for parameter in &found.parameters {
-        let (link, k) = place(&parameter.name);
-        priors.means[link][k] = parameter.nominal;
-        priors.sigmas[link][k] = parameter.tolerance.unwrap();
+        let tolerance = parameter.tolerance.unwrap();
+        priors[place(&parameter.name)] = [parameter.nominal, tolerance];
     }
     let unknowns = 60 + 6 * drawn.folder.tcp_poses.len();
     let mut x = DVector::zeros(unknowns);
-    x.rows_mut(0, 60)
-        .copy_from_slice(priors.means.as_flattened());
+    x.as_mut_slice()[..60].copy_from_slice(&priors.map(|[mean, _]| mean));
     let mut covariance = DMatrix::zeros(0, 0);
     for _ in 0..8 {
         let r = by_hand(&drawn, &priors, &x);
@@ -296,8 +288,7 @@ fn a_dense_solution_by_hand_is_the_same() {
         covariance = &inverse * inverse.transpose();
     }
     for parameter in &found.parameters {
-        let (link, k) = place(&parameter.name);
-        let index = 10 * link + k;
+        let index = place(&parameter.name);
         let off = (parameter.value - x[index]).abs() / parameter.sigma;
         assert!(off < 1e-3, "{}: {off} sigma", parameter.name);
         let ratio = parameter.sigma / covariance[(index, index)].sqrt();

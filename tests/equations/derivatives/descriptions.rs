@@ -81,9 +81,12 @@ pub(crate) fn machines() -> impl Strategy<Value = String> {
     parts.prop_map(|((plate, freedoms), more, flags)| {
         let is_body = plate.starts_with("body");
         // One link each on the track, the crank, the drum and the first leg.
-        let legs: String = (1..(freedoms + more).saturating_sub(3))
-            .map(|k| format!("link l{k} actuated length;"))
-            .collect();
+        let legs = (1..(freedoms + more).saturating_sub(3)).map(|k| format!("l{k}"));
+        let legs: Vec<String> = legs.collect();
+        let legs = match legs.join(", ") {
+            none if none.is_empty() => none,
+            some => format!("link {some} actuated length;"),
+        };
         let axis = if plate.ends_with("plane") {
             "axis = (0, 0, 1) exact;"
         } else {

@@ -6,56 +6,34 @@ use tau_testkit::number;
 
 use super::{V, parsed, run, standard};
 
-/// Numbers of `truth.json`.
-struct Built(Value);
-
-impl Built {
-    fn of(simulated: &SimulatedFolder) -> Self {
-        Self(serde_json::from_str(&simulated.truth.to_json()).unwrap())
-    }
-
-    fn parameter(&self, name: &str) -> f64 {
-        number(&self.0["parameters"][name])
-    }
-
-    fn anchor(&self, link: &str) -> V {
-        V::from_fn(|axis, _| number(&self.0["links"][link]["track_offset_m"][axis]))
-    }
+/// Parameters of the whole machine, as `truth.json` has them.
+fn parameters(simulated: &SimulatedFolder) -> Value {
+    let truth: Value = serde_json::from_str(&simulated.truth.to_json()).unwrap();
+    truth["parameters"].clone()
 }
-
-#[track_caller]
-fn close(name: &str, a: f64, b: f64) {
-    assert!((a - b).abs() < 2e-12 * a.abs().max(1.0), "{name}: {a} {b}");
-}
-
-const BELTS: [&str; 4] = ["top_left", "top_right", "bottom_left", "bottom_right"];
 
 /// Without a variant the machine is one of the ordinary variant, `Full`.
 #[test]
 fn what_is_exact_or_held_is_as_drawn() {
-    let [free, held, full, plain] =
-        [Some("Scaled"), Some("Basic"), Some("Full"), None].map(|variant| {
-            let simulation = Simulation {
-                variant: variant.map(str::to_owned),
-                ..standard("linear_delta", None)
-            };
-            Built::of(&run(&simulation))
-        });
-    assert_eq!(full.0, plain.0);
-    let is_drawn = |of: &Built, name: &str, nominal: f64, expected: bool| {
-        assert_eq!(of.parameter(name) != nominal, expected, "{name}");
-    };
+    let variants = [Some("Scaled"), Some("Basic"), Some("Full"), None];
+    let [free, held, full, plain] = variants.map(|variant| {
+        let simulation = Simulation {
+            variant: variant.map(str::to_owned),
+            ..standard("linear_delta", None)
+        };
+        parameters(&run(&simulation))
+    });
+    assert_eq!(full, plain);
     for (name, nominal) in [("scale", 0.0), ("arm_a", 0.333), ("arm_c", 0.333)] {
-        is_drawn(&free, name, nominal, true);
-        is_drawn(&held, name, nominal, false);
-        is_drawn(&full, name, nominal, name != "scale");
+        assert!(free[name] != nominal, "{name}");
+        assert_eq!(held[name], nominal, "{name}");
+        assert_eq!(full[name] == nominal, name == "scale", "{name}");
     }
     for name in ["radius", "endstop_b", "angle_a"] {
-        assert_eq!(free.parameter(name), held.parameter(name), "{name}");
-        assert_eq!(free.parameter(name), full.parameter(name), "{name}");
+        assert_eq!([&free[name], &free[name]], [&held[name], &full[name]]);
     }
     // A constant is nobody's.
-    assert_eq!(free.parameter("angle_c"), std::f64::consts::FRAC_PI_2);
+    assert_eq!(free["angle_c"], std::f64::consts::FRAC_PI_2);
 }
 
 /// Pulled belts have their tension, the others what then holds the sled, gravity along the sheet included; belts yield,
@@ -63,27 +41,26 @@ fn what_is_exact_or_held_is_as_drawn() {
 #[test]
 fn pulled_belts_and_the_balance_of_the_others() {
     let mut simulation = standard("four_belts", Some(12.0));
-    let strain = 1e-6;
-    let effect = format!("link_compliance(all): strain={strain}");
-    simulation.effects = vec![parsed(&effect, &simulation.robot)];
+    let effect = "link_compliance(all): strain=1e-6";
+    simulation.effects = vec![parsed(effect, &simulation.robot)];
     let simulated = run(&simulation);
-    let built = Built::of(&simulated);
+    let parameters = parameters(&simulated);
+    let [zero, scale, height, arm] =
+        ["zero", "scale", "height", "arm"].map(|name| number(&parameters[name]));
     let poses = simulated.folder.tcp_poses.iter();
     for (pose, state) in poses.zip(&simulated.truth.tcp_poses) {
         let mut force = V::new(0.0, -36.0, 0.0);
-        for (k, name) in BELTS.into_iter().enumerate() {
-            let anchor = built.anchor(name);
-            let way = anchor - V::from(pose.position_m);
+        for (k, belt) in simulated.truth.machine.rods.iter().enumerate() {
+            let way = belt.track_offset_m - V::from(pose.position_m);
             let tension = state.tensions_n[k];
             force += way.normalize() * tension;
-            let pull = &built.0["links"][name]["pull_n"];
-            assert_eq!(pull.is_null(), k < 2, "{name}");
-            close(name, pull.as_f64().unwrap_or(tension), tension);
-            let belt =
-                built.parameter("zero") + (1.0 + built.parameter("scale")) * pose.commands_m[k];
-            let level = (belt.powi(2) - built.parameter("height").powi(2)).sqrt();
-            let length = (built.parameter("arm") + level) * (1.0 + strain * tension);
-            assert!((length - way.norm()).abs() < 1e-10, "{length} {way}");
+            assert_eq!(belt.pull_n.is_none(), k < 2, "{k}");
+            let off = tension - belt.pull_n.unwrap_or(tension);
+            assert!(off.abs() < 1e-10, "{k}: {off}");
+            let slope = zero + (1.0 + scale) * pose.commands_m[k];
+            let length = arm + (slope.powi(2) - height.powi(2)).sqrt();
+            let off = length * (1.0 + 1e-6 * tension) - way.norm();
+            assert!(off.abs() < 1e-10, "{k}: {off}");
         }
         assert!(force.xy().norm() < 1e-8, "{force}");
     }

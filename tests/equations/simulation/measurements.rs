@@ -5,17 +5,17 @@ use std::fs;
 
 use tau::measurements::{Folder, PlateKind};
 use tau::robot_file::{RobotFile, Value};
-use tau::simulation::{Approach, Measure, Noise, Poses, Simulation, Temperature, TrackPoints};
+use tau::simulation::{Approach, Measure, Poses, Simulation, Temperature, TrackPoints};
 use tau_codes::files;
 use tau_testkit::Work;
 use tau_testkit::robots::gantry_tau;
 
-use super::{LISTED, V, gantry, mean, run, silent, with_effects};
+use super::{LISTED, V, folder, gantry, mean, noise, run, silent, with_effects};
 
 #[test]
 fn the_seed_decides_everything() {
     let mut simulation = silent();
-    simulation.noise = Noise::default();
+    simulation.noise = noise(|_| ());
     let texts = |simulation: &Simulation| run(simulation).texts();
     let once = texts(&simulation);
     assert_eq!(once, texts(&simulation));
@@ -32,8 +32,8 @@ fn the_seed_decides_everything() {
 fn an_effect_changes_nothing_but_itself() {
     let [plain, moved] = [&[][..], &[LISTED[11]]].map(|effects| {
         let mut simulation = with_effects(effects);
-        simulation.noise = Noise::default();
-        run(&simulation).folder
+        simulation.noise = noise(|_| ());
+        folder(&simulation)
     });
     for (a, b) in plain.tcp_poses.iter().zip(&moved.tcp_poses) {
         assert_eq!((&a.commands_m, a.angles_rad), (&b.commands_m, b.angles_rad));
@@ -50,10 +50,7 @@ fn files_read_back_as_they_were() {
     let work = Work::empty();
     let path = work.path().join("new/folder");
     let mut simulation = with_effects(&LISTED);
-    simulation.noise = Noise {
-        outliers: 0.1,
-        ..Noise::default()
-    };
+    simulation.noise = noise(|own| own.outliers = 0.1);
     simulation.track_points = TrackPoints {
         count: 5,
         jitter: 0.5,
@@ -102,19 +99,18 @@ fn sets_that_are_not_asked_for_are_not_there() {
 
 #[test]
 fn directions_are_those_of_the_moves() {
-    let simulated = run(&silent());
-    for pair in simulated.folder.tcp_poses.windows(2) {
+    for pair in folder(&silent()).tcp_poses.windows(2) {
         for k in 0..3 {
             let moved = pair[1].commands_m[k] - pair[0].commands_m[k];
             assert_eq!(pair[1].directions.as_ref().unwrap()[k], moved.signum());
         }
     }
-    let random = run(&Simulation {
+    let random = folder(&Simulation {
         approach: Approach::Random,
         ..gantry(300)
     });
-    let poses = random.folder.tcp_poses.iter();
-    let signs = poses.flat_map(|pose| pose.directions.clone().unwrap());
+    let signs = random.tcp_poses.iter();
+    let signs = signs.flat_map(|pose| pose.directions.clone().unwrap());
     let signs: Vec<f64> = signs.collect();
     assert!(signs.iter().all(|sign| sign.abs() == 1.0));
     // Of 900 signs the mean varies by a thirtieth.
@@ -123,7 +119,7 @@ fn directions_are_those_of_the_moves() {
 
 #[test]
 fn conditions_follow_their_profile() {
-    let folder = run(&Simulation {
+    let folder = folder(&Simulation {
         temperature: Temperature {
             start_c: 21.0,
             rise_k: 6.0,
@@ -131,8 +127,7 @@ fn conditions_follow_their_profile() {
             jitter_k: 0.0,
         },
         ..silent()
-    })
-    .folder;
+    });
     for (index, pose) in folder.tcp_poses.iter().enumerate() {
         let time = pose.conditions.time_s.unwrap();
         assert_eq!(time, 30.0 * index as f64);
@@ -148,11 +143,10 @@ fn conditions_follow_their_profile() {
 #[test]
 fn points_lie_where_they_are_asked_for() {
     let plan = |track_points| {
-        let simulation = Simulation {
+        let mut folder = folder(&Simulation {
             track_points,
             ..silent()
-        };
-        let mut folder = run(&simulation).folder;
+        });
         folder.cart_poses.retain(|row| row.track == 1);
         folder
     };
@@ -190,12 +184,11 @@ fn points_lie_where_they_are_asked_for() {
 /// Where poses are measured beside them, distances are between the poses of the same numbers.
 #[test]
 fn distances_name_poses_where_each_reading_has_a_number() {
-    let folder = run(&Simulation {
+    let folder = folder(&Simulation {
         readings: 3,
         measures: vec![Measure::Poses, Measure::Distances],
         ..gantry(20)
-    })
-    .folder;
+    });
     assert_eq!((folder.tcp_poses.len(), folder.distances.len()), (60, 60));
     for distance in &folder.distances {
         let [from, to] = distance.poses.map(|number| {
@@ -211,12 +204,11 @@ fn distances_name_poses_where_each_reading_has_a_number() {
 #[test]
 fn no_distance_is_measured_twice() {
     for (count, seed) in (2..8).flat_map(|count| (1..=5).map(move |seed| (count, seed))) {
-        let distances = run(&Simulation {
+        let distances = folder(&Simulation {
             measures: vec![Measure::Distances],
             seed,
             ..gantry(count)
         })
-        .folder
         .distances;
         let pairs = distances.iter().map(|distance| {
             let [one, other] = distance.poses;
