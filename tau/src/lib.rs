@@ -49,6 +49,19 @@
 //! paper behind the models is I. Dressler, T. Brogårdh, A. Robertsson, "A Kinematic Error Model for a
 //! Parallel Gantry-Tau Manipulator", ICRA 2010.
 //!
+//! # Debug builds
+//!
+//! Cargo builds dependencies without optimisation in debug builds, and the numerical code here is many times slower then.
+//! These lines in the `Cargo.toml` of the workspace make `cargo run` and `cargo test` fast:
+//!
+//! ```toml
+//! [profile.dev]
+//! opt-level = 1
+//!
+//! [profile.dev.package."*"]
+//! opt-level = 3
+//! ```
+//!
 //! # Features
 //!
 //! | Feature | Default | Adds |
