@@ -280,7 +280,7 @@ fn long_ways_are_followed_in_one_assembly_mode() {
 }
 
 #[test]
-fn a_pose_at_which_the_plate_is_free_is_singular() {
+fn a_singular_pose_is_named_with_the_motion_that_is_free() {
     // Six parallel links of equal length: it swings sideways.
     let legs = (0..6).map(|k| {
         let (y, x) = (60.0 * f64::from(k)).to_radians().sin_cos();
@@ -295,6 +295,9 @@ fn a_pose_at_which_the_plate_is_free_is_singular() {
     let at = Sample::new(level(0.8), &[0.0; 6]);
     let error = machine.forward(&at).unwrap_err();
     assert!(matches!(error, Error::Singular { smallest, .. } if smallest < 1e-9));
+    let motions = ["move along", "turn about (0.00, 0.00, 1.00)"];
+    let is_named = motions.iter().any(|free| error.to_string().contains(free));
+    assert!(is_named, "{error}");
 }
 
 #[test]
