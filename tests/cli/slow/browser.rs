@@ -1,13 +1,10 @@
 //! The report in a browser: layout, names for those who can't see it, contrast, and the drawing that turns.
 
-mod devtools;
-
-use std::fs;
+use super::devtools::{Browser, absolute};
 
 use serde_json::{Value, json};
 
-use crate::support::tau_in;
-use devtools::{Browser, absolute};
+use tau_testkit::Work;
 
 /// Text width of an A4 page with the margins of the style sheet: 180 mm at 96 pixels an inch.
 const PAPER: u32 = 680;
@@ -78,46 +75,35 @@ struct Report {
 }
 
 /// Reports of three machines: the prototype with what was found, a linear delta, a hexapod; and of a delta whose poses were
-/// not measured.
-fn reports() -> (tempfile::TempDir, Vec<Report>) {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| absolute(&folder.path().join(name).join("report.html"));
-    tau_in(folder.path(), "tau study --quiet --out DIR/prototype");
-    let of_poses = |name: &str| Report {
-        page: at(name),
-        figures: 5,
+/// not measured, of which the machine alone is drawn.
+fn reports() -> (Work, Vec<Report>) {
+    let work = Work::empty();
+    work.run("study --quiet --out DIR/prototype").done();
+    let heights = "--measure heights,distances --random --poses 80 --track-points 0 --cart-poses 0";
+    for (name, model, more) in [
+        ("delta", "linear_delta", ""),
+        ("hexapod", "stewart", ""),
+        ("heights", "linear_delta", heights),
+    ] {
+        let of = format!("--model ROBOTS/{model}.tau");
+        let line = format!("simulate {of} --variant Full {more} --out DIR/{name}-data");
+        work.run(&line).done();
+        let line = format!("study DIR/{name}-data {of} --no-discover --quiet --out DIR/{name}");
+        work.run(&line).done();
+    }
+    let report = |(name, figures)| Report {
+        page: absolute(&work.path().join(name).join("report.html")),
+        figures,
         tables: 6,
     };
-    let mut reports = vec![of_poses("prototype")];
-    for (robot, description) in [("LinearDelta", "linear_delta"), ("Stewart", "stewart")] {
-        let file =
-            format!("robot = \"{robot}\"\n[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n");
-        fs::write(folder.path().join("robot.toml"), file).unwrap();
-        let of = format!("--model ROBOTS/{description}.tau");
-        let line = format!(
-            "tau simulate {of} --robot DIR/robot.toml --variant Full --out DIR/{robot}-data"
-        );
-        tau_in(folder.path(), &line).done();
-        let line =
-            format!("tau study DIR/{robot}-data {of} --no-discover --quiet --out DIR/{robot}");
-        tau_in(folder.path(), &line).done();
-        reports.push(of_poses(robot));
-    }
-    let of = "--model ROBOTS/linear_delta.tau";
-    let line = format!(
-        "tau simulate {of} --variant Full --measure heights,distances --random --poses 80 --track-points 0 \
-         --cart-poses 0 --out DIR/heights-data"
-    );
-    tau_in(folder.path(), &line).done();
-    let line = format!("tau study DIR/heights-data {of} --no-discover --quiet --out DIR/heights");
-    tau_in(folder.path(), &line);
-    // The machine alone is drawn: there are no errors of poses.
-    reports.push(Report {
-        page: at("heights"),
-        figures: 1,
-        tables: 6,
-    });
-    (folder, reports)
+    let reports = [
+        ("prototype", 5),
+        ("delta", 5),
+        ("hexapod", 5),
+        ("heights", 1),
+    ];
+    let reports = reports.map(report).into();
+    (work, reports)
 }
 
 /// One test, because the browser and the studies take a while to get ready.
@@ -126,7 +112,7 @@ fn reports_can_be_read_on_screens_and_on_paper() {
     let Some(mut browser) = Browser::start() else {
         return;
     };
-    let (_folder, reports) = reports();
+    let (_work, reports) = reports();
     for report in &reports {
         let page = &report.page;
         for (width, media, scheme) in [

@@ -1,0 +1,292 @@
+//! What commands compute and write.
+
+use std::fs;
+
+use serde_json::Value;
+use tau_testkit::{PROTOTYPE, Work, estimate, fields, list, number};
+
+/// Mean, largest and root of the mean squared position error.
+fn position_um(of: &Value) -> [f64; 3] {
+    ["mean", "max", "rms"].map(|name| number(&of["position_um"][name]))
+}
+
+#[track_caller]
+fn same_um(one: &Value, other: &Value) {
+    for (one, other) in position_um(one).into_iter().zip(position_um(other)) {
+        assert!((one - other).abs() < 1e-3, "{one} µm, then {other} µm");
+    }
+}
+
+#[test]
+fn a_split_changes_which_poses_take_part() {
+    let evaluated = |options: &str| {
+        let line = format!("evaluate --variant Nominal --json - {options}");
+        let found = Work::empty().run(&line).json();
+        let counts = ["calibration", "validation"].map(|part| number(&found["poses"][part]));
+        (counts, number(&found["position_um"]["mean"]))
+    };
+    assert_eq!(evaluated("--split first:100").0, [100.0, 21.0]);
+    let of_seed = |seed: u32| evaluated(&format!("--split fraction:0.8 --seed {seed}"));
+    assert_eq!(of_seed(2).0, [97.0, 24.0]);
+    assert_eq!(of_seed(2), evaluated("--split fraction:0.8:2"));
+    assert_ne!(of_seed(2).1, of_seed(3).1);
+}
+
+/// A reduced arm, and a full one with an effect.
+#[test]
+fn what_calibrate_writes_evaluates_to_what_it_says() {
+    for variant in ["Nominal", "FullRack"] {
+        let work = Work::empty();
+        let line = format!("calibrate PROTOTYPE --variant {variant} --out DIR/out --json -");
+        let calibrated = work.run(&line).json();
+        let line =
+            format!("evaluate PROTOTYPE --variant {variant} --robot DIR/out/robot.toml --json -");
+        same_um(&calibrated, &work.run(&line).json());
+        let names = [
+            "covariance.csv",
+            "parameters.csv",
+            "robot.toml",
+            "statistics.json",
+            "undetermined.csv",
+        ];
+        assert_eq!(work.listing("out"), names);
+        let statistics: Value = serde_json::from_str(&work.read("out/statistics.json")).unwrap();
+        assert_eq!(statistics, calibrated);
+
+        let (parameters, covariance) = (
+            work.table("out/parameters.csv"),
+            work.table("out/covariance.csv"),
+        );
+        let names = parameters.cells(&parameters.header[0]);
+        assert_eq!(covariance.header[1..], names);
+        assert_eq!(covariance.cells(&covariance.header[0]), names);
+        let sigmas = parameters.numbers(&parameters.header[5]);
+        for (row, name) in (1..).zip(&names) {
+            let sigma = sigmas[row - 1];
+            assert!(
+                (covariance.number(row, name).sqrt() - sigma).abs() < 1e-9 * sigma,
+                "{name}"
+            );
+            for (column, other) in (1..row).zip(&names) {
+                let difference = covariance.number(row, other) - covariance.number(column, name);
+                assert!(
+                    difference.abs() <= 1e-9 * sigma * sigmas[column - 1],
+                    "{name} {other}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn errors_in_variables_stand_beside_the_closure_fit() {
+    let work = Work::empty();
+    let of = |flag: &str, out: &str| {
+        let line =
+            format!("calibrate PROTOTYPE --variant FullRack {flag} --out DIR/{out} --json -");
+        work.run(&line).json()
+    };
+    let (ordinary, found) = (of("", "closures"), of("--errors-in-variables", "poses"));
+    let comparison = &found["errors_in_variables"];
+    fields(comparison, ["unknowns", "closure_m", "groups"]);
+    let closure_fit = &comparison["closure_fit"];
+    assert_eq!(position_um(closure_fit), position_um(&ordinary));
+    assert_eq!(position_um(comparison), position_um(&found));
+    for difference in list(&closure_fit["parameters"]) {
+        let name = difference["name"].as_str().unwrap();
+        let (before, after) = (estimate(&ordinary, name), estimate(&found, name));
+        assert_eq!(before["value"], difference["value"]);
+        let change = number(&after["value"]) - number(&before["value"]);
+        let sigmas = number(&difference["difference_sigma"]);
+        assert!(
+            (sigmas * number(&before["sigma"]) - change).abs() < 1e-12,
+            "{name}"
+        );
+    }
+    let line = "evaluate PROTOTYPE --variant FullRack --robot DIR/poses/robot.toml --json -";
+    same_um(&found, &work.run(line).json());
+}
+
+#[test]
+fn sensitivities_are_proportional_to_the_step() {
+    let work = Work::empty();
+    work.run("calibrate PROTOTYPE --variant Full --out DIR/full -q")
+        .done();
+    let of = |with: &str| {
+        let line =
+            format!("sensitivity {with} --robot DIR/full/robot.toml --variant Full --json -");
+        work.run(&line).json()
+    };
+    let found = of("PROTOTYPE --step 5e-5");
+    assert_eq!([&found["poses"], &found["step"]].map(number), [60.0, 5e-5]);
+    let names = [
+        "L", "Px", "Py", "Pz", "Offset_x", "Offset_y", "Offset_z", "Orient_1", "Orient_2",
+        "Orient_3",
+    ];
+    for table in ["position_mm", "orientation_rad", "cost_m4"] {
+        for link in ["l1", "l2a", "l2b", "l3a", "l3b", "l3c"] {
+            fields(&found[table][link], names);
+        }
+    }
+    let length = |found: &Value| number(&found["position_mm"]["l1"]["L"]);
+    let halved = length(&of("PROTOTYPE --step 2.5e-5"));
+    assert!(
+        (2.0 * halved / length(&found) - 1.0).abs() < 1e-3,
+        "{halved}"
+    );
+    // Without a folder and a step they are those of the measurements that ship, by the paper's step.
+    assert_eq!(of(""), found);
+}
+
+#[test]
+fn simulate_writes_a_folder_that_calibrates() {
+    let work = Work::empty();
+    let line =
+        "simulate --out MEASURED --seed 5 --poses 60 --effect backlash(two):gap=4e-5 --json -";
+    let made = work.run(line).json();
+    let effect = &made["effects"][0];
+    assert_eq!([&effect["name"], &effect["place"]], ["backlash", "two"]);
+    assert_eq!(made["rows"]["tcp_poses"], 60);
+    let names = [
+        "cart_poses.csv",
+        "cart_positions.csv",
+        "robot.toml",
+        "tcp_poses.csv",
+        "truth.json",
+    ];
+    assert_eq!(work.listing("measured"), names);
+    let mean_um = position_um(&work.calibrated("--variant Full"))[0];
+    assert!((15.0..60.0).contains(&mean_um), "{mean_um} µm");
+}
+
+/// Commands that the machine of the drawings reaches are out of the true one's reach here and there.
+#[test]
+fn poses_that_the_true_machine_does_not_reach_are_left_out() {
+    // A joint so far off its place that the rod is too short for the highest poses.
+    let line = "simulate --model ROBOTS/hexaglide.tau --seed 7 --random --noise-position 1e-5 --noise-rotation 4e-5 \
+                --effect joint_placement(l1):offset=(0,0,-0.035) --out MEASURED --json -";
+    let made = Work::empty().run(line).json();
+    let left_out = number(&made["out_of_reach"]);
+    assert!((1.0..20.0).contains(&left_out), "{made:#}");
+    let poses = number(&made["rows"]["tcp_poses"]);
+    let positions = number(&made["rows"]["cart_positions"]) / 6.0;
+    assert_eq!(poses + positions + left_out, 176.0 + 150.0);
+}
+
+#[test]
+fn generate_writes_what_is_checked_in() {
+    let work = Work::empty();
+    let line = "generate GANTRY --out DIR/code";
+    let check = || {
+        let ran = work.run(&format!("{line} --check"));
+        (ran.code, ran.codes())
+    };
+    let stale = (1, vec!["T283".to_owned()]);
+    assert_eq!(check(), stale, "it is missing");
+    assert_eq!(work.listing("").len(), 0);
+
+    work.run(line).done();
+    let written = work.read("code/gantry_tau.rs");
+    let checked_in = include_str!("../../generated/src/models/gantry_tau.rs");
+    let code = |text: &str| text.split_once('\n').unwrap().1.to_owned();
+    assert_eq!(code(&written), code(checked_in));
+    assert_eq!(check(), (0, vec![]));
+
+    // The header's command is one that a user can run.
+    let command = written.lines().next().unwrap().split('`').nth(1).unwrap();
+    work.remove("code/gantry_tau.rs");
+    work.run(command.strip_prefix("tau ").unwrap()).done();
+    assert_eq!(work.read("code/gantry_tau.rs"), written);
+
+    work.write("code/gantry_tau.rs", written.replacen("const", "static", 1));
+    assert_eq!(check(), stale, "it was edited");
+    work.run(line).done();
+    assert_eq!(work.read("code/gantry_tau.rs"), written);
+}
+
+#[test]
+fn a_description_of_ones_own_is_compiled_at_run_time() {
+    let work = Work::empty();
+    for (out, model) in [("built_in", ""), ("typed", "--model GANTRY")] {
+        work.run(&format!(
+            "calibrate PROTOTYPE --variant Full {model} --out DIR/{out}"
+        ))
+        .done();
+    }
+    for file in ["robot.toml", "covariance.csv", "statistics.json"] {
+        let [a, b] = ["built_in", "typed"].map(|model| work.read(&format!("{model}/{file}")));
+        assert!(a == b, "{file}");
+    }
+}
+
+/// However its places are spaced, and told where the variant does not have it.
+#[test]
+fn an_effect_of_a_robot_file_takes_effect_or_is_told() {
+    let work = Work::empty();
+    let robot = fs::read_to_string(format!("{PROTOTYPE}/robot.toml")).unwrap();
+    let mean_um = |effect: &str| {
+        let effect = format!("[effects.\"{effect}\"]\nsine = {{ value = 1e-3, tol = 1.0 }}\n");
+        work.write("robot.toml", format!("{robot}\n{effect}"));
+        let ran = work.run("evaluate PROTOTYPE --variant FullRack --robot DIR/robot.toml --json -");
+        let is_told = ran.says("T255");
+        (position_um(&ran.json())[0], is_told)
+    };
+    let moved = mean_um("rack_pitch(two)");
+    assert!(!moved.1);
+    assert_eq!(mean_um("rack_pitch( two )"), moved);
+    let unmoved = mean_um("rack_pich(two)");
+    assert!(unmoved.1);
+    assert!((moved.0 - unmoved.0).abs() > 100.0, "{moved:?} {unmoved:?}");
+}
+
+/// A folder of a standard robot needs no description: its parameters say which one it is.
+#[test]
+fn robot_files_name_standard_robots() {
+    let work = Work::simulated("--model five_bar");
+    assert_eq!(work.calibrated("--variant Full")["robot"], "FiveBar");
+    work.run("kinematics forward --robot DIR/out/robot.toml --variant Full --commands 0,0")
+        .done();
+    work.run("simulate --robot DIR/out/robot.toml --out DIR/again")
+        .done();
+    let other = work.run("calibrate MEASURED --model rotary_delta --variant Full --out DIR/other");
+    assert_eq!(other.code, 2, "the description that is asked for counts");
+}
+
+#[test]
+fn a_file_for_another_robot_is_remarked() {
+    let work = Work::prototype();
+    work.replace("\"GantryTau\"", "\"GantryTau2\"");
+    for line in [
+        "calibrate PROTOTYPE --robot MEASURED/robot.toml --variant Nominal --out DIR/calibrated",
+        "kinematics forward --robot MEASURED/robot.toml --variant Full --commands 0,0,0",
+    ] {
+        let ran = work.run(line);
+        assert_eq!(
+            (ran.code, ran.says("T253")),
+            (0, true),
+            "{line}: {}",
+            ran.err
+        );
+    }
+    let study = work
+        .run("study PROTOTYPE --robot MEASURED/robot.toml --no-discover --out DIR/study --json -");
+    assert_eq!(study.json()["remark_codes"][0], "T253");
+}
+
+/// Readings of more drives than freedoms are measurements, whose noise nobody stated.
+#[test]
+fn exact_readings_of_redundant_drives_are_remarked() {
+    for (with, is_remarked) in [
+        ("four_belts --measure readings", true),
+        ("four_lines", true),
+        ("four_belts --measure readings --noise-drives 1e-4", false),
+        ("five_bar", false),
+    ] {
+        let ran = Work::empty().run(&format!(
+            "simulate --model {with} --poses 12 --out DIR/out --json -"
+        ));
+        assert_eq!(ran.says("T347"), is_remarked, "{with}: {}", ran.err);
+        // Sets of carts that a machine lacks are not counted.
+        assert_eq!(ran.json()["rows"]["cart_poses"], 0, "{with}");
+    }
+}

@@ -1,0 +1,169 @@
+//! `tau kinematics`.
+
+use serde_json::Value;
+use tau_testkit::{Table, Work, list, number};
+
+/// A reduced arm on paths by points, and a full one.
+#[test]
+fn inverse_undoes_forward() {
+    for variant in ["Piecewise", "Full"] {
+        let work = Work::prototype();
+        let line = format!(
+            "kinematics forward MEASURED --variant {variant} --poses MEASURED/tcp_poses.csv --out DIR/f.csv"
+        );
+        work.run(&line).done();
+        let line = format!("kinematics inverse MEASURED --variant {variant} --poses DIR/f.csv -q");
+        let back = work.run(&line).table();
+        let (measured, poses) = (work.table("measured/tcp_poses.csv"), work.table("f.csv"));
+        let largest = |one: &Table, other: &Table, column: &str| {
+            let pairs = one.numbers(column).into_iter().zip(other.numbers(column));
+            pairs
+                .map(|(one, other)| (one - other).abs())
+                .fold(0.0, f64::max)
+        };
+        for command in ["q1_m", "q2_m", "q3_m"] {
+            assert_eq!(back.rows.len(), measured.rows.len());
+            assert!(
+                largest(&back, &measured, command) < 1e-9,
+                "{variant}: {command}"
+            );
+        }
+        // Nominal values predict the measured positions within the tolerances of the tracks.
+        for axis in ["x_m", "y_m", "z_m"] {
+            assert!(largest(&poses, &measured, axis) < 0.02, "{variant}: {axis}");
+        }
+        let has_angles = poses.header.contains(&"alpha_rad".to_owned());
+        assert_eq!(has_angles, variant == "Full");
+    }
+}
+
+#[test]
+fn poses_of_a_path_are_those_of_its_points() {
+    let work = Work::empty();
+    let path = [-0.5, -0.2, 0.1, 0.4].map(|q: f64| format!("{q},{},{}", 0.3 * q, -0.2 * q));
+    work.write("path.csv", format!("q1_m,q2_m,q3_m\n{}\n", path.join("\n")));
+    let forward = "kinematics forward PROTOTYPE --variant Full";
+    let together = work.run(&format!("{forward} --poses DIR/path.csv")).table();
+    assert_eq!(together.numbers("pose"), [1.0, 2.0, 3.0, 4.0]);
+    for (row, commands) in (1..).zip(&path) {
+        let alone = work
+            .run(&format!("{forward} --commands {commands}"))
+            .table();
+        for name in &alone.header[1..] {
+            let difference = alone.number(1, name) - together.number(row, name);
+            assert!(difference.abs() < 1e-9, "{name} at {commands}");
+        }
+    }
+}
+
+#[test]
+fn the_start_chooses_how_the_arm_is_assembled() {
+    let x = |options: &str| {
+        let line = format!(
+            "kinematics forward PROTOTYPE --variant Nominal --commands 0,0,0 {options} --json -"
+        );
+        number(&Work::empty().run(&line).json()["poses"][0]["position_m"][0])
+    };
+    // The carts lie near x = -3.1 m; mirrored at them, the plate hangs on the other side.
+    assert!(x("") > -3.0);
+    assert!(x("--start -4.9,-4.5,0,1.5,1.8,-1.5") < -3.3);
+    assert!((x("--start -1.4,-4.5,0,1.5,1.8,-1.5") - x("")).abs() < 1e-9);
+}
+
+#[test]
+fn json_says_what_the_csv_says() {
+    let work = Work::empty();
+    let run = |variant: &str, with: &str| {
+        work.run(&format!(
+            "kinematics inverse --variant {variant} --pose -1.5,-4.6,0.2 {with}"
+        ))
+    };
+    let csv = run("Full", "").table();
+    let json = run("Full", "--json -").json();
+    assert_eq!(json["variant"], "Full");
+    let names = ["commands_m", "position_m", "angles_rad"];
+    let all: Vec<f64> = names
+        .iter()
+        .flat_map(|name| list(&json["poses"][0][*name]))
+        .map(number)
+        .collect();
+    assert_eq!(all.len(), 9);
+    for (name, value) in csv.header[1..].iter().zip(all) {
+        // The reader of JSON rounds the last bit as it likes.
+        assert!((csv.number(1, name) - value).abs() < 1e-14, "{name}");
+    }
+    let reduced = run("Nominal", "--json -").json();
+    assert_eq!(reduced["poses"][0]["angles_rad"], Value::Null);
+}
+
+#[test]
+fn a_pose_out_of_reach_fails_and_writes_nothing() {
+    let work = Work::empty();
+    work.write(
+        "poses.csv",
+        "pose,x_m,y_m,z_m\n7,-1.5,-4.6,0.2\n8,-1.5,-4.6,5\n",
+    );
+    let ran = work.run("kinematics inverse --variant Full --poses DIR/poses.csv --out DIR/out.csv");
+    assert_eq!((ran.code, ran.problems()[0].code.as_str()), (1, "T507"));
+    assert!(ran.err.contains("pose 8"), "{}", ran.err);
+    assert_eq!(work.listing(""), ["poses.csv"]);
+}
+
+#[test]
+fn columns_of_a_csv_reach_the_effects_that_read_them() {
+    let work = Work::empty();
+    work.write(
+        "robot.toml",
+        "robot = \"LinearDelta\"\n[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n\
+         [effects.\"backlash(a)\"]\ngap = { value = 1e-3, tol = 1e-3 }\n",
+    );
+    let with = "--model ROBOTS/linear_delta.tau --robot DIR/robot.toml --variant Warm";
+    work.write(
+        "poses.csv",
+        "x_m,y_m,z_m,dir1,dir2,dir3,temperature_c\n\
+         0.01,0,-0.6,1,1,1,20\n0.01,0,-0.6,-1,1,1,20\n0.01,0,-0.6,1,1,1,30\n",
+    );
+    let inverse = work
+        .run(&format!("kinematics inverse {with} --poses DIR/poses.csv"))
+        .table();
+    // Half a gap to either side, which the command makes up for; 12 ppm/K make the links longer.
+    let q1 = inverse.numbers("q1_m");
+    assert!((q1[1] - q1[0] - 1e-3).abs() < 1e-9, "{q1:?}");
+    assert!((q1[2] - q1[0]).abs() > 5e-5, "{q1:?}");
+    let commands = ["q1_m", "q2_m", "q3_m"]
+        .map(|name| inverse.cell(2, name))
+        .join(",");
+    work.write(
+        "commands.csv",
+        format!("q1_m,q2_m,q3_m,dir1,dir2,dir3,temperature_c\n{commands},-1,1,1,20\n"),
+    );
+    let line = format!("kinematics forward {with} --poses DIR/commands.csv --start 0,0,-0.6,0,0,0");
+    let x = work.run(&line).table().number(1, "x_m");
+    assert!((x - 0.01).abs() < 1e-9, "{x}");
+}
+
+/// Four belts hold a plate with three freedoms: commands that fit no pose have the nearest, or none where they miss by too much.
+#[test]
+fn a_robot_with_too_many_links_reaches_no_impossible_pose() {
+    let at = |commands: &str| {
+        Work::empty().run(&format!(
+            "kinematics forward --model four_belts --variant Full --commands={commands}"
+        ))
+    };
+    let exact = at("1.85274014,1.85274014,1.85274014,1.85274014");
+    assert_eq!(
+        (exact.code, exact.says("T541")),
+        (0, false),
+        "{}",
+        exact.err
+    );
+    let near = at("1.85274,1.85274,1.85274,1.8532");
+    assert_eq!((near.code, near.says("T541")), (0, true), "{}", near.err);
+    let far = at("1.85274,1.85274,1.85274,2.2");
+    assert_eq!(
+        (far.code, far.says("T508"), far.out.as_str()),
+        (1, true, ""),
+        "{}",
+        far.err
+    );
+}

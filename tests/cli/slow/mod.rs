@@ -1,0 +1,4 @@
+//! What needs a browser.
+
+mod browser;
+mod devtools;
