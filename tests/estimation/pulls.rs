@@ -1,57 +1,50 @@
 //! Tensions to which links are pulled, known to a tolerance: parameters of each variant that reads a force.
 
-use std::fs;
-use std::path::Path;
-
 use nalgebra::{Matrix2, Vector2};
 use serde_json::Value;
-use tau::Robot;
 use tau::kinematics::{Pose, Statics};
 use tau::robot_file::RobotFile;
-use tempfile::TempDir;
-
-use crate::support::effects;
-use crate::support::{number, tau_in};
+use tau_testkit::{Work, effects, estimate, number, robots, truth_of};
 
 const STRAIN: f64 = 3e-6;
+const BELTS: &str = include_str!("../../generated/models/four_belts.tau");
 
-/// Four belts that yield, two of them pulled.
-fn belts() -> TempDir {
-    let standard = include_str!("../../generated/models/four_belts.tau");
+/// Four belts that yield, two of them pulled, measured.
+fn belts(seed: u64) -> Work {
     let elastic = "effect link_compliance on link {
             param strain: 1/N tol 1e-5 1/N;
             length += length * strain * tension;
         }
         variant Elastic = Full + link_compliance(all);
         variant Anchors";
-    let text = standard.replace("robot FourBelts", "robot Router");
-    let folder = TempDir::new().unwrap();
-    let path = folder.path().join("machine.tau");
-    fs::write(path, text.replace("variant Anchors", elastic)).unwrap();
-    folder
+    let text = BELTS.replace("robot FourBelts", "robot Router");
+    of_model(
+        &text.replace("variant Anchors", elastic),
+        &format!(
+            "--seed {seed} --poses 120 --noise-drives 1e-5 --effect link_compliance(all):strain={STRAIN:e}"
+        ),
+    )
 }
 
-fn simulated(work: &Path, seed: u64) -> Value {
-    let line = format!(
-        "tau simulate --model DIR/machine.tau --seed {seed} --poses 120 --noise-drives 1e-5 --out DIR/m \
-         --effect link_compliance(all):strain={STRAIN:e}"
-    );
-    fs::remove_dir_all(work.join("m")).ok();
-    tau_in(work, &line).done();
-    serde_json::from_str(&fs::read_to_string(work.join("m/truth.json")).unwrap()).unwrap()
+fn of_model(text: &str, simulate: &str) -> Work {
+    let work = Work::empty();
+    work.write("machine.tau", text);
+    let line = format!("simulate --model DIR/machine.tau {simulate} --out MEASURED -q");
+    work.run(&line).done();
+    work
 }
 
-fn true_pulls(truth: &Value) -> [f64; 2] {
-    ["bottom_left", "bottom_right"].map(|name| number(&truth["links"][name]["pull_n"]))
+/// How far a number is off, in its standard deviations.
+fn off(own: &Value, truth: f64) -> f64 {
+    (number(&own["value"]) - truth) / number(&own["sigma"])
 }
 
 /// Forces at a pull are those at another plus the difference times its share, and the held belts balance both.
 #[test]
 fn forces_are_linear_in_a_pull() {
-    let text = include_str!("../../generated/models/four_belts.tau");
     let forces = |pull: f64| {
-        let text = text.replacen("pulled = 140 N", &format!("pulled = {pull} N"), 1);
-        let robot = Robot::from_text(&text).unwrap();
+        let text = BELTS.replacen("pulled = 140 N", &format!("pulled = {pull} N"), 1);
+        let robot = robots::described(&text);
         let file = RobotFile::described(&robot).unwrap().completed(&robot);
         let pose = Pose::from_zyz([1.3, 0.8, 0.0], [0.0; 3]);
         let statics = Statics::new(&robot, &file).unwrap();
@@ -77,41 +70,31 @@ fn forces_are_linear_in_a_pull() {
 /// much; the file that is written holds the pulls, and serves as it is.
 #[test]
 fn pulls_are_calibrated_with_the_stretch() {
-    let work = belts();
+    let with = "--model DIR/machine.tau --variant Elastic";
     let mut squares = [0.0; 2];
-    for seed in 1..=12 {
-        let truth = simulated(work.path(), seed);
-        let line = "tau calibrate DIR/m --model DIR/machine.tau --variant Elastic --force --out DIR/c --json -";
-        let found = tau_in(work.path(), line).json();
+    for seed in 1..=4 {
+        let work = belts(seed);
+        let found = work.calibrated(&format!("{with} --force"));
         assert_eq!(found["fit"]["status"], "consistent", "{seed}");
-        let parameters = found["parameters"].as_array().unwrap();
-        let off = |name: &str, truth: f64| {
-            let own = parameters.iter().find(|own| own["name"] == name).unwrap();
-            (number(&own["value"]) - truth) / number(&own["sigma"])
-        };
-        squares[0] += off("link_compliance(all).strain", STRAIN).powi(2);
-        let [left, right] = true_pulls(&truth);
-        squares[1] +=
-            off("bottom_left.pull", left).powi(2) + off("bottom_right.pull", right).powi(2);
+        squares[0] += off(estimate(&found, "link_compliance(all).strain"), STRAIN).powi(2);
+        for pull in ["bottom_left.pull", "bottom_right.pull"] {
+            squares[1] += off(estimate(&found, pull), truth_of(&work.truth(), pull)).powi(2);
+        }
+        if seed > 1 {
+            continue;
+        }
+        let text = work.read("out/robot.toml");
+        assert_eq!(text.matches("pull_N = { value = ").count(), 2, "{text}");
+        let line = format!("evaluate MEASURED {with} --robot DIR/out/robot.toml");
+        work.run(&line).done();
+        let held = text.replace("[links.bottom_left]", "[links.top_left]");
+        work.write("out/robot.toml", &held);
+        let line_of_pull = held.lines().position(|own| own.starts_with("pull_N"));
+        let expected = ("T250", "out/robot.toml", line_of_pull.unwrap() + 1);
+        work.run(&line).refused(&[expected]);
     }
-    // χ² of 12 and 24 beyond one of a thousand; to the second, both pulls go together.
-    assert!(squares[0] < 32.9 && squares[1] < 60.0, "{squares:?}");
-    let text = fs::read_to_string(work.path().join("c/robot.toml")).unwrap();
-    assert_eq!(text.matches("pull_N = { value = ").count(), 2, "{text}");
-    let line =
-        "tau evaluate DIR/m --model DIR/machine.tau --robot DIR/c/robot.toml --variant Elastic";
-    tau_in(work.path(), line).done();
-    let held = text.replace("[links.bottom_left]", "[links.top_left]");
-    fs::write(work.path().join("c/robot.toml"), held).unwrap();
-    let refused = tau_in(work.path(), line);
-    assert_eq!(refused.code, 2, "{}", refused.err);
-    for words in [
-        "robot.toml:",
-        "`top_left` is not pulled",
-        "`pulled = … N tol … N;`",
-    ] {
-        assert!(refused.err.contains(words), "{}", refused.err);
-    }
+    // χ² of 4 and 8 beyond one of ten thousand; to the second, both pulls go together.
+    assert!(squares[0] < 23.5 && squares[1] < 47.0, "{squares:?}");
 }
 
 /// A camera on cables between towers, drawn to decimetres.
@@ -134,77 +117,46 @@ const CAMERA: &str = "robot Camera {
 /// Forces are those of the machine that is found, not of its drawing.
 #[test]
 fn forces_follow_the_dimensions_that_are_found() {
-    let work = TempDir::new().unwrap();
-    fs::write(work.path().join("camera.tau"), CAMERA).unwrap();
     // Where the drives read little noise, poses are unknown; where they read none, closures are fitted.
-    for (seed, noise) in [
-        (2, "--noise-drives 1e-6"),
-        (4, "--noise-drives 1e-6"),
-        (4, ""),
-    ] {
-        fs::remove_dir_all(work.path().join("m")).ok();
-        let line = format!(
-            "tau simulate --model DIR/camera.tau --payload 60 --random --seed {seed} {noise} \
-             --out DIR/m --effect link_compliance(all):strain=2e-6"
-        );
-        tau_in(work.path(), &line).done();
-        let line =
-            "tau calibrate DIR/m --model DIR/camera.tau --variant Elastic --out DIR/c --json -";
-        let found = tau_in(work.path(), line).json();
-        let parameters = found["parameters"].as_array().unwrap();
-        let own = parameters
-            .iter()
-            .find(|own| own["name"] == "stretch(all).k");
-        let own = own.unwrap();
-        let off = (number(&own["value"]) - 2e-6) / number(&own["sigma"]);
-        assert!(off.abs() < 4.0, "{seed} {noise}: {off}");
-        assert_eq!(found["fit"]["status"], "consistent", "{seed} {noise}");
+    for noise in ["--seed 2 --noise-drives 1e-6", "--seed 4"] {
+        let simulate =
+            format!("--payload 60 --random {noise} --effect link_compliance(all):strain=2e-6");
+        let work = of_model(CAMERA, &simulate);
+        let found = work.calibrated("--model DIR/machine.tau --variant Elastic");
+        let off = off(estimate(&found, "stretch(all).k"), 2e-6);
+        assert!(off.abs() < 3.9, "{noise}: {off}");
+        assert_eq!(found["fit"]["status"], "consistent", "{noise}");
     }
 }
 
-/// Errors of pulls are no errors of scale.
-#[test]
-fn stretch_at_rough_pulls_is_one_effect() {
-    let work = belts();
-    for seed in 21..=24 {
-        simulated(work.path(), seed);
-        let line = "tau discover DIR/m --model DIR/machine.tau --base Full --out DIR/d --json -";
-        let found = tau_in(work.path(), line).json();
-        assert_eq!(effects(&found), ["link_compliance(all)"], "{seed}");
-        let strain = &found["effects"][0]["parameters"]["strain"];
-        let [value, sigma] = ["value", "sigma"].map(|key| number(&strain[key]));
-        assert!(
-            (value - STRAIN).abs() < 3.5 * sigma,
-            "{seed}: {value} ± {sigma}"
-        );
-        assert!(sigma > 0.05 * STRAIN, "{seed}: {sigma}");
-    }
-}
-
-/// An effect that reads tensions brings the pulls as parameters in front of all others. Closures that it does not touch are
-/// taken over from the model before, with the values that the variant holds: another parameter's would put joints centimetres
-/// off, and a family without a name would be told in place of the effect.
+/// Errors of pulls are no errors of scale. An effect that reads tensions brings the pulls as parameters in front of all others:
+/// closures that it does not touch are taken over from the model before, with the values that the variant holds, since another
+/// parameter's would put joints centimetres off, and a family without a name would be told in place of the effect.
 #[test]
 fn effects_of_tensions_are_named_where_pulls_are_known_to_a_tolerance() {
-    let folder = tempfile::tempdir().unwrap();
-    let stated = "robot = \"FourBelts\"\n[drives]\nnoise_m = 2e-4\n[payload]\nmass_kg = 9.0\n\
-                  centre_m = [0.0, 0.0, 0.0]\ngravity_m_s2 = [0.0, -9.81, 0.0]\n";
-    fs::write(folder.path().join("drawing.toml"), stated).unwrap();
-    for seed in 1..=3 {
-        let line = format!(
-            "tau simulate --model four_belts --robot DIR/drawing.toml --measure readings --random --poses 160 --seed {seed} \
-             --effect anchor_compliance(top_left):yielding=8e-6 --out DIR/{seed}"
-        );
-        tau_in(folder.path(), &line).done();
-        let line = format!("tau discover DIR/{seed} --out DIR/found{seed} --json -");
-        let found = tau_in(folder.path(), &line).json();
-        assert_eq!(found["status"], "explained", "{seed}: {found:#}");
-        assert_eq!(effects(&found), ["anchor_compliance(top_left)"], "{seed}");
-        let yielding = &found["effects"][0]["parameters"]["yielding"];
-        let [value, sigma] = ["value", "sigma"].map(|key| number(&yielding[key]));
-        assert!(
-            (value - 8e-6).abs() < 4.0 * sigma,
-            "{seed}: {value} ± {sigma}"
-        );
+    let anchors = Work::simulated_with(
+        "robot = \"FourBelts\"\n[drives]\nnoise_m = 2e-4\n[payload]\nmass_kg = 9.0\n\
+         centre_m = [0.0, 0.0, 0.0]\ngravity_m_s2 = [0.0, -9.81, 0.0]\n",
+        "--model four_belts --robot DIR/robot.toml --measure readings --random --poses 160 --seed 1 \
+         --effect anchor_compliance(top_left):yielding=8e-6",
+    );
+    for (work, model, effect, parameter, size) in [
+        (
+            belts(21),
+            "--model DIR/machine.tau --base Full",
+            "link_compliance(all)",
+            "strain",
+            STRAIN,
+        ),
+        (anchors, "", "anchor_compliance(top_left)", "yielding", 8e-6),
+    ] {
+        let found = work.discovered(model);
+        assert_eq!(found["status"], "explained", "{found:#}");
+        assert_eq!(effects(&found), [effect]);
+        let own = &found["effects"][0]["parameters"][parameter];
+        assert!(off(own, size).abs() < 3.9, "{own}");
+        if effect == "link_compliance(all)" {
+            assert!(number(&own["sigma"]) > 0.05 * size, "{own}");
+        }
     }
 }

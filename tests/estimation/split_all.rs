@@ -1,11 +1,7 @@
 //! Where all measurements calibrate, nothing is said to have been held out.
 
-use std::fs;
-use std::path::Path;
-
 use serde_json::Value;
-
-use crate::support::tau_in;
+use tau_testkit::{Work, reasons};
 
 /// Claims that something took no part in anything. Blocks of neighbours that confirm an effect are held out in turn, always.
 const CLAIMS: [&str; 9] = [
@@ -19,140 +15,93 @@ const CLAIMS: [&str; 9] = [
     " validate",
     "foretold",
 ];
+const COMMANDS: [&str; 3] = ["calibrate", "evaluate", "study"];
 
-/// Text of a page, without its tags.
-fn text_of(page: &str) -> String {
-    let mut text = String::new();
-    for piece in page.split('<') {
-        text += piece.split_once('>').map_or(piece, |parts| parts.1);
-    }
-    text
+fn simulated(model: &str, measure: &str) -> Work {
+    Work::simulated(&format!(
+        "--model {model} --variant Full {measure} --poses 60 --random --seed 5"
+    ))
 }
 
-/// Claims that a text makes.
-fn claims(text: &str) -> Vec<&'static str> {
-    let text = text.split_whitespace().collect::<Vec<_>>().join(" ");
-    CLAIMS
-        .into_iter()
-        .filter(|own| text.contains(own))
-        .collect()
-}
-
-/// Screen, page and JSON of a command.
-fn ran(folder: &Path, command: &str, model: &str, split: &str) -> (String, String, Value) {
+/// Number of claims on the screen and the page of a command, and its JSON.
+fn ran(work: &Work, command: &str, split: &str) -> (usize, Value) {
     let more = match command {
         "calibrate" => "--variant Full --out DIR/calibrate",
         "evaluate" => "--variant Full --robot DIR/calibrate/robot.toml",
-        "discover" => "--out DIR/discover",
         _ => "--out DIR/study",
     };
-    let line = format!(
-        "tau {command} DIR/measured --model {model} --split {split} --json DIR/found.json {more}"
-    );
-    let said = tau_in(folder, &line).done();
-    let page = fs::read_to_string(folder.join(command).join("report.html")).unwrap_or_default();
-    let json = fs::read(folder.join("found.json")).unwrap();
-    (said, text_of(&page), serde_json::from_slice(&json).unwrap())
-}
-
-fn simulated(model: &str, measure: &str) -> tempfile::TempDir {
-    let work = tempfile::tempdir().unwrap();
-    let line = format!(
-        "tau simulate --model {model} --variant Full {measure} --poses 60 --random --seed 5 --out DIR/measured"
-    );
-    tau_in(work.path(), &line).done();
-    work
-}
-
-fn nothing_is_claimed(model: &str, measure: &str) {
-    let work = simulated(model, measure);
-    for command in ["calibrate", "evaluate", "discover", "study"] {
-        let (said, page, json) = ran(work.path(), command, model, "all");
-        let none: [&str; 0] = [];
-        assert_eq!(claims(&said), none, "{command}: {said}");
-        assert_eq!(claims(&page), none, "{command}");
-        if !json["poses"].is_null() {
-            assert_ne!(json["evaluated_on"], "held_out", "{command}");
-            assert_eq!(
-                json["poses"]["validation"].as_u64().unwrap_or(0),
-                0,
-                "{command}"
-            );
-        }
-        for found in [&json, &json["discovery"]] {
-            assert_ne!(found["validation"]["held_out"], true, "{command}");
-        }
-        let variants = json["variants"].as_object();
-        for own in variants
-            .into_iter()
-            .flat_map(|own| own.values())
-            .chain([&json])
-        {
-            assert!(own["held_out"].is_null(), "{command}: {own:#}");
-            let why = own["fit"]["why"].to_string();
-            assert_eq!(claims(&why), none, "{command}");
+    let line = format!("{command} MEASURED --split {split} --json DIR/found.json {more}");
+    let mut text = work.run(&line).done();
+    if command == "study" {
+        for piece in work.read("study/report.html").split('<') {
+            text += piece.split_once('>').map_or(piece, |parts| parts.1);
         }
     }
-    // The robot file says it, where the command does not.
-    let line = format!(
-        "tau evaluate DIR/measured --model {model} --variant Full --robot DIR/calibrate/robot.toml --json -"
-    );
-    let found = tau_in(work.path(), &line).json();
-    assert_eq!(found["evaluated_on"], "calibration");
-    if !found["poses"]["total"].is_null() {
-        let of = |key: &str| found["poses"][key].as_u64();
-        assert_eq!(
-            (of("validation"), of("calibration")),
-            (Some(0), of("evaluated"))
-        );
+    let text = text.split_whitespace().collect::<Vec<_>>().join(" ");
+    let claims = CLAIMS.iter().filter(|own| text.contains(**own));
+    let json = serde_json::from_str(&work.read("found.json")).unwrap();
+    (claims.count(), json)
+}
+
+/// Results of variants, or of the only one.
+fn variants(json: &Value) -> Vec<&Value> {
+    match json["variants"].as_object() {
+        Some(all) => all.values().collect(),
+        None => vec![json],
     }
 }
 
 #[test]
-fn of_readings_nothing_is_held_out() {
-    nothing_is_claimed("four_belts", "--measure readings --noise-drives 1e-4");
-}
-
-#[test]
-fn of_heights_and_distances_nothing_is_held_out() {
-    nothing_is_claimed("linear_delta", "--measure heights,distances");
-}
-
-#[test]
-fn of_positions_nothing_is_held_out() {
-    nothing_is_claimed("linear_delta", "--measure positions");
-}
-
-#[test]
-fn of_poses_nothing_is_held_out() {
-    nothing_is_claimed("linear_delta", "");
+fn nothing_is_claimed_where_all_calibrate() {
+    for (model, measure) in [
+        ("four_belts", "--measure readings --noise-drives 1e-4"),
+        ("linear_delta", "--measure heights,distances"),
+        ("linear_delta", ""),
+    ] {
+        let work = simulated(model, measure);
+        for command in COMMANDS {
+            let (claims, json) = ran(&work, command, "all");
+            assert_eq!(claims, 0, "{model} {measure}, {command}");
+            if !json["poses"].is_null() {
+                assert_ne!(json["evaluated_on"], "held_out", "{command}");
+                let held_out = json["poses"]["validation"].as_u64().unwrap_or(0);
+                assert_eq!(held_out, 0, "{command}");
+            }
+            for found in [&json, &json["discovery"]] {
+                assert_ne!(found["validation"]["held_out"], true, "{command}");
+            }
+            for own in variants(&json) {
+                assert!(own["held_out"].is_null(), "{command}: {own:#}");
+                if !own["fit"].is_null() {
+                    assert!(!reasons(&own["fit"]).contains(&"T385"), "{command}");
+                }
+            }
+        }
+        // The robot file says it, where the command does not.
+        let line = "evaluate MEASURED --variant Full --robot DIR/calibrate/robot.toml --json -";
+        let found = work.run(line).json();
+        assert_eq!(found["evaluated_on"], "calibration");
+        if !found["poses"]["total"].is_null() {
+            assert_eq!(found["poses"]["validation"], 0);
+            assert_eq!(found["poses"]["calibration"], found["poses"]["evaluated"]);
+        }
+    }
 }
 
 /// Where every other pose validates, all of this is claimed.
 #[test]
 fn what_is_held_out_is_said_to_be() {
     let work = simulated("linear_delta", "--measure heights,distances");
-    for command in ["calibrate", "evaluate", "discover", "study"] {
-        let (said, page, json) = ran(work.path(), command, "linear_delta", "alternate");
-        let is_page_there = ["discover", "study"].contains(&command);
-        assert!(!claims(&said).is_empty(), "{command}: {said}");
-        assert_eq!(claims(&page).is_empty(), !is_page_there, "{command}");
-        let found = if command == "study" {
-            &json["discovery"]
-        } else {
-            &json
-        };
-        if is_page_there {
-            assert_eq!(found["validation"]["held_out"], true, "{command}");
+    for command in COMMANDS {
+        let (claims, json) = ran(&work, command, "alternate");
+        assert_ne!(claims, 0, "{command}");
+        if command == "study" {
+            assert_eq!(json["discovery"]["validation"]["held_out"], true);
+            for own in variants(&json) {
+                assert!(own["held_out"].is_object() && own["errors_of_fit"].is_null());
+            }
         } else {
             assert_ne!(json["poses"]["validation"], 0, "{command}");
-        }
-        for own in json["variants"]
-            .as_object()
-            .into_iter()
-            .flat_map(|own| own.values())
-        {
-            assert!(own["held_out"].is_object() && own["errors_of_fit"].is_null());
         }
     }
 }

@@ -1,187 +1,86 @@
-//! Calibration from any measurements: against truth, against the fit of closures, and what is said of what is left open.
+//! Calibration from any measurements: against truth, against the fit of closures, and gross rows by their places.
 
-use nalgebra::{Rotation3, Vector3};
-use tau::Robot;
-use tau::calibration::{self, Options, ParameterEstimate};
-use tau::kinematics::Pose;
-use tau::measurements::{Conditions, Folder, PlateKind, Split, TcpPose};
+use tau::calibration::{self, Calibration, Options, ParameterEstimate};
+use tau::measurements::{Folder, PlateKind, Split};
+use tau::robot::Owner;
 use tau::robot_file::{RobotFile, Value};
-use tau::simulation::{
-    Build, Machine, Measure, Noise, Poses, SimulatedFolder, Simulation, TrackPoints, simulate,
-};
+use tau::simulation::{Build, Machine, Measure, Noise, SimulatedFolder, Simulation, simulate};
 use tau::unknown_poses::{RowDivision, UnknownPoses};
+use tau::{Robot, Setup};
+use tau_testkit::{Random, Work, list, number, robots, symmetric};
 
-use crate::support::{Random, robot, simulation, tau_in};
-use tau::Setup;
+const HEIGHTS: Measure = Measure::Rows(PlateKind::Height);
+const POSITIONS: Measure = Measure::Rows(PlateKind::Position);
 
-fn fit(robot: &Robot, variant: &str, file: &RobotFile, folder: &Folder) -> UnknownPoses {
+fn fit(robot: &Robot, file: &RobotFile, folder: &Folder) -> UnknownPoses {
     let division = RowDivision::of(folder, Split::All);
-    let variant = robot.variant(variant).unwrap();
-    let setup = Setup::new(robot, variant, file, folder);
+    let setup = Setup::new(robot, robot.variant("Full").unwrap(), file, folder);
     let found = tau::unknown_poses::calibrate(setup, &division, &Options::default());
     found.unwrap_or_else(|error| panic!("{error}"))
 }
 
-fn simulated(
-    robot: &Robot,
-    file: &RobotFile,
-    variant: &str,
-    measures: &[Measure],
-    poses: usize,
-) -> SimulatedFolder {
-    simulate(&simulation(robot, file, variant, measures, poses)).unwrap()
+/// A machine, its file and what was measured of it at random poses.
+struct Measured {
+    robot: Robot,
+    file: RobotFile,
+    made: SimulatedFolder,
 }
 
-/// A number of a machine, and its size: its own, or that of the vector that it is of where it is zero.
-struct TrueValue {
-    value: f64,
-    size: f64,
+impl Measured {
+    fn new(
+        (robot, file): (Robot, RobotFile),
+        measures: &[Measure],
+        poses: usize,
+        change: impl FnOnce(&mut Simulation),
+    ) -> Self {
+        let mut simulation = robots::measured_at_random(&robot, &file, "Full", measures, poses);
+        change(&mut simulation);
+        let made = simulate(&simulation).unwrap();
+        Self { robot, file, made }
+    }
+
+    fn fit(&self) -> UnknownPoses {
+        fit(&self.robot, &self.file, &self.made.folder)
+    }
+
+    fn fit_of_closures(&self) -> Calibration {
+        let folder = &self.made.folder;
+        let poses: Vec<usize> = (0..folder.tcp_poses.len()).collect();
+        let variant = self.robot.variant("Full").unwrap();
+        let setup = Setup::new(&self.robot, variant, &self.file, folder);
+        calibration::calibrate(setup, &poses, &Options::default()).unwrap()
+    }
 }
 
-/// Poses of a hexapod with commands by the definition of a length, and nominal values off by a millimetre, which tolerances
-/// do not hold back.
-fn hexapod(poses: usize, noise_m: f64) -> (Robot, RobotFile, Folder, Vec<TrueValue>) {
-    let (robot, truth) = robot("stewart", "");
-    let mut random = Random(7);
-    let tcp_poses = (0..poses).map(|index| {
-        let mut spread = |size: f64| Vector3::from_fn(|_, _| size * random.uniform());
-        let position = Vector3::new(0.0, 0.0, 0.8) + spread(0.15);
-        let pose = Pose {
-            position,
-            rotation: Rotation3::new(spread(0.4)),
-        };
-        let commands = truth.links.values().map(|link| {
-            let vector = |value: &Option<tau::robot_file::Value>| {
-                Vector3::from_column_slice(&value.as_ref().unwrap().value)
-            };
-            let way = pose.position + pose.rotation * vector(&link.plate_joint)
-                - vector(&link.track_offset);
-            way.norm() - link.length.as_ref().unwrap().value[0]
-        });
-        let commands: Vec<f64> = commands.collect();
-        let seen = Pose {
-            position: pose.position + Vector3::from_fn(|_, _| noise_m * random.normal()),
-            rotation: Rotation3::new(Vector3::from_fn(|_, _| 4.0 * noise_m * random.normal()))
-                * pose.rotation,
-        };
-        TcpPose {
-            pose: index as u32 + 1,
-            line: index + 2,
-            commands_m: commands,
-            position_m: seen.position_m(),
-            angles_rad: seen.angles_rad(),
-            conditions: Conditions::default(),
-            directions: None,
-            tensions_n: None,
-            sigmas: tau::measurements::PoseSigmas::default(),
-        }
+/// Poses of a hexapod, whose drawing is off by a millimetre, which tolerances do not hold back.
+fn hexapod(poses: usize, noise: f64) -> Measured {
+    let drawn = robots::drawn("hexapod", "");
+    let mut measured = Measured::new(drawn, &[Measure::Poses], poses, |simulation| {
+        simulation.build = Build::Exact;
+        simulation.noise.scale = [noise; 3];
     });
-    let folder = Folder {
-        name: "hexapod".to_owned(),
-        tcp_poses: tcp_poses.collect(),
-        ..Folder::default()
-    };
-    let mut file = truth.clone();
-    let mut values = vec![];
-    for link in file.links.values_mut() {
-        for value in [
+    let mut random = Random(7);
+    for link in measured.file.links.values_mut() {
+        let own = [
             &mut link.length,
             &mut link.plate_joint,
             &mut link.track_offset,
-        ]
-        .into_iter()
-        .flatten()
-        {
-            let norm = value.value.iter().map(|own| own * own).sum::<f64>().sqrt();
+        ];
+        for value in own.into_iter().flatten() {
             for component in &mut value.value {
-                values.push(TrueValue {
-                    value: *component,
-                    size: if *component == 0.0 {
-                        norm
-                    } else {
-                        component.abs()
-                    },
-                });
-                *component += 1e-3 * random.uniform();
+                *component += 1e-3 * symmetric(&mut random);
             }
             value.tol = 1e3;
         }
     }
-    (robot, file, folder, values)
+    measured
 }
 
-/// Largest error of parameters, each over its own size.
-fn largest_relative_error(found: &[ParameterEstimate], truth: &[TrueValue]) -> f64 {
-    assert_eq!(found.len(), truth.len());
-    let pairs = found.iter().zip(truth);
-    pairs.fold(0.0, |most, (found, truth)| {
-        most.max((found.value - truth.value).abs() / truth.size)
-    })
-}
-
-#[test]
-fn the_42_parameters_of_a_hexapod_follow_from_18_exact_poses() {
-    let (robot, file, folder, truth) = hexapod(18, 0.0);
-    assert_eq!(truth.len(), 42);
-    let found = fit(&robot, "Full", &file, &folder);
-    let off = largest_relative_error(&found.calibration.parameters, &truth);
-    assert!(off < 1e-9, "{off:e}");
-
-    // So does the fit of the closures.
-    let poses: Vec<usize> = (0..18).collect();
-    let variant = robot.variant("Full").unwrap();
-    let closures = calibration::calibrate(
-        Setup::new(&robot, variant, &file, &folder),
-        &poses,
-        &Options::default(),
-    )
-    .unwrap();
-    let off = largest_relative_error(&closures.parameters, &truth);
-    assert!(off < 1e-9, "{off:e}");
-}
-
-/// Where poses are measured fully and drives are exact, the fit of the closures each for itself is another estimate from
-/// the same data, and no estimate that is linear in them can be better than the one that weighs them rightly
-/// (Gauss and Markov).
-#[test]
-fn fully_measured_poses_tell_no_less_than_their_closures() {
-    let (robot, file, folder, _) = hexapod(40, 1e-5);
-    let found = fit(&robot, "Full", &file, &folder);
-    let poses: Vec<usize> = (0..40).collect();
-    let variant = robot.variant("Full").unwrap();
-    let options = Options::default();
-    let closures = calibration::calibrate(
-        Setup::new(&robot, variant, &file, &folder),
-        &poses,
-        &options,
-    )
-    .unwrap();
-    let mut is_better = false;
-    for (own, closures) in found
-        .calibration
-        .parameters
-        .iter()
-        .zip(&closures.parameters)
-    {
-        let off = (own.value - closures.value).abs() / closures.sigma;
-        assert!(off < 3.0, "{}: {off}", own.name);
-        let ratio = own.sigma / closures.sigma;
-        assert!((0.5..1.01).contains(&ratio), "{}: {ratio}", own.name);
-        is_better |= ratio < 0.99;
-    }
-    assert!(is_better);
-}
-
-/// True values of the parameters that the data know, in standard deviations off.
-fn deviations(found: &UnknownPoses, machine: &Machine) -> Vec<f64> {
-    let parameters = found
-        .calibration
-        .parameters
-        .iter()
-        .zip(&found.calibration.used);
-    let of = |(own, &index): (&calibration::ParameterEstimate, &usize)| {
-        let parameter = &found.calibration.machine.variant.parameters[index];
-        let tau::robot::Owner::Link(link) = parameter.owner else {
+/// Errors of the numbers of links, with their standard deviations.
+fn errors(found: &Calibration, machine: &Machine) -> Vec<(f64, f64)> {
+    let of = |(own, &index): (&ParameterEstimate, &usize)| {
+        let parameter = &found.machine.variant.parameters[index];
+        let Owner::Link(link) = parameter.owner else {
             return None;
         };
         let rod = &machine.rods[link];
@@ -191,148 +90,87 @@ fn deviations(found: &UnknownPoses, machine: &Machine) -> Vec<f64> {
             ("track_offset", Some(axis)) => rod.track_offset_m[axis],
             _ => return None,
         };
-        Some((own.value - truth) / own.sigma)
+        Some((own.value - truth, own.sigma))
     };
-    parameters.filter_map(of).collect()
+    found
+        .parameters
+        .iter()
+        .zip(&found.used)
+        .filter_map(of)
+        .collect()
+}
+
+/// The largest error of a number of links, in its standard deviations.
+fn largest_deviation(found: &UnknownPoses, machine: &Machine) -> f64 {
+    let errors = errors(&found.calibration, machine).into_iter();
+    errors.fold(0.0, |most, (off, sigma)| most.max((off / sigma).abs()))
+}
+
+/// So does the fit of the closures.
+#[test]
+fn the_42_parameters_of_a_hexapod_follow_from_18_exact_poses() {
+    let measured = hexapod(18, 0.0);
+    for found in [measured.fit().calibration, measured.fit_of_closures()] {
+        let errors = errors(&found, &measured.made.truth.machine);
+        assert_eq!(errors.len(), 42);
+        let off = errors
+            .iter()
+            .fold(0.0, |most: f64, own| most.max(own.0.abs()));
+        assert!(off < 1e-10, "{off:e} m");
+    }
+}
+
+/// Where poses are measured fully and drives are exact, the fit of the closures each for itself is another estimate from
+/// the same data, and no estimate that is linear in them can be better than the one that weighs them rightly
+/// (Gauss and Markov).
+#[test]
+fn fully_measured_poses_tell_no_less_than_their_closures() {
+    let measured = hexapod(40, 1.0);
+    let found = measured.fit().calibration;
+    let closures = measured.fit_of_closures();
+    let mut is_better = false;
+    for (own, closures) in found.parameters.iter().zip(&closures.parameters) {
+        let off = (own.value - closures.value).abs() / closures.sigma;
+        assert!(off < 3.0, "{}: {off}", own.name);
+        let ratio = own.sigma / closures.sigma;
+        assert!((0.5..1.01).contains(&ratio), "{}: {ratio}", own.name);
+        is_better |= ratio < 0.99;
+    }
+    assert!(is_better);
 }
 
 #[test]
-fn readings_of_redundant_drives_calibrate_them_and_leave_frames_open() {
-    let (robot, file) = robot("eight_legs", "[drives]\nnoise_m = 1e-5\n");
-    let simulated = simulated(
-        &robot,
-        &file,
-        "Full",
-        &[Measure::Rows(PlateKind::Reading)],
-        60,
-    );
-    let found = fit(&robot, "Full", &simulated.file, &simulated.folder);
+fn readings_of_redundant_drives_calibrate_them() {
+    let drives = "[drives]\nnoise_m = 1e-5\n";
+    let readings = [Measure::Rows(PlateKind::Reading)];
+    let drawn = robots::drawn("eight_legs", drives);
+    let measured = Measured::new(drawn, &readings, 60, |_| ());
+    let found = measured.fit();
     // Two of eight readings are left by the six freedoms of each pose.
     assert_eq!(found.rank.rows - found.rank.spent, 120);
-    let words: Vec<&str> = found
-        .rank
-        .open
-        .iter()
-        .map(|open| open.words.as_str())
-        .collect();
-    assert_eq!(
-        words,
-        [
-            "position of the machine along x",
-            "position of the machine along y",
-            "position of the machine along z",
-            "rotation of the machine about x",
-            "rotation of the machine about y",
-            "rotation of the machine about z",
-            "position of the TCP on the plate along its x",
-            "position of the TCP on the plate along its y",
-            "position of the TCP on the plate along its z",
-            "orientation of the TCP on the plate about its x",
-            "orientation of the TCP on the plate about its y",
-            "orientation of the TCP on the plate about its z",
-        ]
-    );
-    assert!(found.rank.has_mirror_image);
+    assert_eq!(found.rank.open.len(), 12);
+    assert!(found.rank.has_mirror_image && found.gross.is_empty());
     assert!((found.residual_over_noise() - 1.0).abs() < 0.25);
-    let off = deviations(&found, &simulated.truth.machine);
-    let rms = (off.iter().map(|z| z * z).sum::<f64>() / off.len() as f64).sqrt();
+    let errors = errors(&found.calibration, &measured.made.truth.machine);
+    let squares = errors.iter().map(|(off, sigma)| (off / sigma).powi(2));
+    let rms = (squares.sum::<f64>() / errors.len() as f64).sqrt();
     assert!(rms < 1.5, "{rms}");
-}
-
-#[test]
-fn gross_readings_are_named_by_row_and_drive() {
-    let (robot, file) = robot("eight_legs", "[drives]\nnoise_m = 1e-5\n");
-    let mut simulated = simulated(
-        &robot,
-        &file,
-        "Full",
-        &[Measure::Rows(PlateKind::Reading)],
-        60,
-    );
-    simulated.folder.plate_rows[17].commands_m[4] += 5e-4;
-    let found = fit(&robot, "Full", &simulated.file, &simulated.folder);
-    let named: Vec<_> = found
-        .gross
-        .iter()
-        .map(|row| (row.place.line, row.place.drive))
-        .collect();
-    assert_eq!(named, [(simulated.folder.plate_rows[17].line, Some(4))]);
-    assert!(found.is_consistent(), "{}", found.residual_over_noise());
-}
-
-#[test]
-fn a_scale_that_nothing_determines_is_refused_unless_asked_for() {
-    let (robot, file) = robot("eight_carts", "[drives]\nnoise_m = 1e-5\n");
-    let readings = [Measure::Rows(PlateKind::Reading)];
-    let simulated = simulated(&robot, &file, "Full", &readings, 80);
-    let division = RowDivision::of(&simulated.folder, Split::All);
-    let variant = robot.variant("Full").unwrap();
-    let fit = |free_scale: bool| {
-        let options = Options {
-            free_scale,
-            ..Options::default()
-        };
-        let (file, folder) = (&simulated.file, &simulated.folder);
-        tau::unknown_poses::calibrate(
-            Setup::new(&robot, variant, file, folder),
-            &division,
-            &options,
-        )
-    };
-    let error = fit(false).err().unwrap().to_string();
-    let expected = "nothing determines the scale of the whole machine";
-    assert!(error.contains(expected), "{error}");
-    let open = fit(true).unwrap().rank.open;
-    assert!(open.iter().any(|open| open.is_scale));
-}
-
-#[test]
-fn heights_leave_the_level_frame_open_and_say_so() {
-    let (robot, file) = robot("linear_delta", "");
-    let simulated = simulated(
-        &robot,
-        &file,
-        "Nominal",
-        &[Measure::Rows(PlateKind::Height)],
-        60,
-    );
-    let found = fit(&robot, "Nominal", &simulated.file, &simulated.folder);
-    let words: Vec<&str> = found
-        .rank
-        .open
-        .iter()
-        .map(|open| open.words.as_str())
-        .collect();
-    assert_eq!(
-        words,
-        [
-            "position of the machine along x",
-            "position of the machine along y",
-            "rotation of the machine about z",
-        ]
-    );
 }
 
 #[test]
 fn noise_is_estimated_by_kind() {
     let more = "[noise.heights]\nheight_m = \"estimate\"\n[noise.distances]\ndistance_m = 3e-5\n[drives]\nnoise_m = 1e-6\n";
-    let (robot, file) = robot("linear_delta", more);
-    let measures = [Measure::Rows(PlateKind::Height), Measure::Distances];
-    let simulated = simulate(&Simulation {
-        noise: Noise {
+    let drawn = robots::drawn("linear_delta", more);
+    let measured = Measured::new(drawn, &[HEIGHTS, Measure::Distances], 150, |simulation| {
+        simulation.noise = Noise {
             scale: [3.0; 3],
             ..Noise::default()
-        },
-        ..simulation(&robot, &file, "Nominal", &measures, 150)
+        };
     });
-    let simulated = simulated.unwrap();
-    let found = fit(&robot, "Nominal", &file, &simulated.folder);
+    let found = measured.fit();
     let of = |file: &str| {
-        found
-            .kinds
-            .iter()
-            .find(|fit| fit.kind.of.file() == file)
-            .unwrap()
+        let mut kinds = found.kinds.iter();
+        kinds.find(|fit| fit.kind.of.file() == file).unwrap()
     };
     // The simulation takes the general noise, 10 µm, for what is to be estimated, three times as large as stated.
     let heights = of("heights.csv").kind.sigma;
@@ -343,35 +181,23 @@ fn noise_is_estimated_by_kind() {
 
 #[test]
 fn gross_rows_are_named_by_file_and_line() {
-    let (robot, file) = robot("linear_delta", "");
-    let simulated = simulate(&Simulation {
-        noise: Noise {
+    let drawn = robots::drawn("hexapod", "");
+    let measured = Measured::new(drawn, &[HEIGHTS, POSITIONS], 100, |simulation| {
+        simulation.noise = Noise {
             outliers: 0.03,
             ..Noise::default()
-        },
-        variant: Some("Nominal".to_owned()),
-        poses: Poses::Random { count: 100 },
-        measures: vec![
-            Measure::Rows(PlateKind::Height),
-            Measure::Rows(PlateKind::Position),
-        ],
-        track_points: TrackPoints {
-            count: 0,
-            ..TrackPoints::default()
-        },
-        random_poses: 0,
-        ..Simulation::new(robot.clone(), file.clone())
-    })
-    .unwrap();
-    let found = fit(&robot, "Nominal", &file, &simulated.folder);
-    let mut named: Vec<(&str, usize)> = found
+        };
+    });
+    let found = measured.fit();
+    let named = found
         .gross
         .iter()
-        .map(|row| (row.place.file, row.place.line))
-        .collect();
-    let mut truth = simulated.truth.gross_rows.clone();
+        .map(|row| (row.place.file, row.place.line));
+    let mut named: Vec<(&str, usize)> = named.collect();
+    let mut truth = measured.made.truth.gross_rows.clone();
     named.sort_unstable();
     truth.sort_unstable();
+    assert!(!truth.is_empty());
     assert_eq!(named, truth);
     assert!(found.is_consistent(), "{}", found.residual_over_noise());
 }
@@ -379,15 +205,12 @@ fn gross_rows_are_named_by_file_and_line() {
 /// Repeats are readings of one true pose: four rows are worth as much as their mean with half the noise.
 #[test]
 fn repeats_are_readings_of_one_pose() {
-    let (robot, file) = robot("linear_delta", "");
-    let positions = [Measure::Rows(PlateKind::Position)];
-    let simulated = simulate(&Simulation {
-        readings: 4,
-        ..simulation(&robot, &file, "Nominal", &positions, 60)
-    })
-    .unwrap();
-    let mut means = simulated.folder.clone();
-    means.plate_rows = (simulated.folder.plate_rows.chunks(4))
+    let drawn = robots::drawn("hexapod", "");
+    let measured = Measured::new(drawn, &[POSITIONS], 40, |simulation| {
+        simulation.readings = 4
+    });
+    let mut means = measured.made.folder.clone();
+    means.plate_rows = (measured.made.folder.plate_rows.chunks(4))
         .map(|rows| {
             let mut row = rows[0].clone();
             for axis in 0..3 {
@@ -398,101 +221,70 @@ fn repeats_are_readings_of_one_pose() {
             row
         })
         .collect();
-    let repeated = fit(&robot, "Nominal", &file, &simulated.folder);
-    let meant = fit(&robot, "Nominal", &file, &means);
-    assert_eq!(
-        (repeated.poses, repeated.rank.spent),
-        (60, meant.rank.spent)
-    );
-    let pairs = repeated
-        .calibration
-        .parameters
-        .iter()
-        .zip(&meant.calibration.parameters);
-    for (own, other) in pairs {
-        assert!(
-            (own.value - other.value).abs() < 1e-5 * own.sigma,
-            "{}",
-            own.name
-        );
-        assert!((own.sigma / other.sigma - 1.0).abs() < 1e-5, "{}", own.name);
+    let repeated = measured.fit();
+    let meant = fit(&measured.robot, &measured.file, &means);
+    assert_eq!(repeated.poses, 40);
+    assert_eq!(repeated.rank.spent, meant.rank.spent);
+    let [repeated, meant] = [&repeated, &meant].map(|found| &found.calibration.parameters);
+    for (own, other) in repeated.iter().zip(meant) {
+        let off = (own.value - other.value).abs() / own.sigma;
+        let ratio = own.sigma / other.sigma;
+        assert!(off < 1e-5 && (ratio - 1.0).abs() < 1e-5, "{}", own.name);
     }
 }
 
 #[test]
 fn a_folder_of_mixed_measurements_is_checked_and_calibrated() {
-    let folder = tempfile::tempdir().unwrap();
-    let run = |line: &str| tau_in(folder.path(), line);
-    run("tau simulate --model ROBOTS/linear_delta.tau --variant Nominal --measure poses,heights,distances,ball-bar \
-         --poses 80 --track-points 0 --cart-poses 0 --out DIR/mixed")
-    .done();
-    let model = "--model ROBOTS/linear_delta.tau --variant Nominal --json -";
-    let check = run(&format!("tau check DIR/mixed {model}")).json();
-    assert_eq!(
-        check["variants"]["Nominal"]["gauge"]["open"],
-        serde_json::json!([])
+    let work = Work::simulated(
+        "--model hexapod --measure poses,heights,distances,ball-bar --poses 80 --seed 1",
     );
-    let found = run(&format!("tau calibrate DIR/mixed {model} --out DIR/out")).json();
+    let check = work.run("check MEASURED --json -").json();
+    let open = &check["variants"]["Full"]["gauge"]["open"];
+    assert_eq!(list(open).len(), 0, "{open}");
+    let found = work.calibrated("--variant Full");
     assert_eq!(found["fit"]["status"], "consistent");
-    assert_eq!(found["kinds"].as_array().unwrap().len(), 6);
-    let predicted = found["held_out"]["predicted"].as_array().unwrap();
-    assert!(
-        predicted
-            .iter()
-            .all(|kind| crate::support::number(&kind["rms_m"]) < 3e-5),
-        "{predicted:?}"
-    );
+    let kinds = list(&found["kinds"]);
+    assert!(kinds.iter().all(|kind| number(&kind["rows"]) > 0.0));
+    let files = kinds.iter().map(|kind| kind["file"].as_str().unwrap());
+    let files: Vec<_> = files.collect();
+    for file in [
+        "tcp_poses.csv",
+        "heights.csv",
+        "distances.csv",
+        "ball_bar.csv",
+    ] {
+        assert!(files.contains(&file), "{files:?}");
+    }
+    for kind in list(&found["held_out"]["predicted"]) {
+        assert!(number(&kind["rms_m"]) < 3e-5, "{kind}");
+    }
     // The calibrated file is read again, and predicts.
-    let again = run(
-        "tau kinematics forward --model ROBOTS/linear_delta.tau --variant Nominal --robot DIR/out/robot.toml \
-                     --commands 0,0,0 --json -",
-    );
-    again.done();
+    work.run(
+        "kinematics forward --model hexapod --variant Full --robot DIR/out/robot.toml --commands 0,0,0,0,0,0",
+    )
+    .done();
 }
 
 /// Lines wound on drums that read to 20 mrad, 60 µm of line: a machine that is right is called so, with nothing missing,
 /// by commands that compare poses; were drives taken for exact, residuals would exceed their noise many times.
 #[test]
 fn positions_of_a_point_are_its_poses() {
-    let folder = tempfile::tempdir().unwrap();
-    let text = "robot = \"FourLines\"\n[noise]\nposition_m = 5e-4\nrotation_rad = 1e-4\n[drives]\nnoise_m = 2e-2\n";
-    std::fs::write(folder.path().join("robot.toml"), text).unwrap();
-    let run = |line: &str| tau_in(folder.path(), line).json();
-    let common = "--model four_lines";
-    tau_in(
-        folder.path(),
-        &format!(
-            "tau simulate {common} --robot DIR/robot.toml --variant Full --seed 3 --random --poses 60 \
-             --measure positions --out DIR/lines -q"
-        ),
-    )
-    .done();
-    tau_in(
-        folder.path(),
-        &format!("tau calibrate DIR/lines {common} --variant Full --out DIR/fit -q"),
-    )
-    .done();
-    let evaluated = run(&format!(
-        "tau evaluate DIR/lines {common} --variant Full --robot DIR/fit/robot.toml --json -"
-    ));
+    let work = Work::simulated_with(
+        "robot = \"FourLines\"\n[noise]\nposition_m = 5e-4\nrotation_rad = 1e-4\n[drives]\nnoise_m = 2e-2\n",
+        "--model four_lines --robot DIR/robot.toml --variant Full --seed 3 --random --poses 60 --measure positions",
+    );
+    work.calibrated("--variant Full");
+    let evaluated = work.evaluated("--variant Full");
     assert_eq!(evaluated["fit"]["status"], "consistent", "{evaluated:#}");
     assert_eq!(evaluated["poses"]["evaluated"], 30);
-    let found = run(&format!(
-        "tau discover DIR/lines {common} --out DIR/found --json -"
-    ));
+    let found = work.discovered("");
     assert_eq!(found["status"], "nothing_missing", "{found:#}");
 }
 
 /// A ball beside a machine that moves in a plane: its distances depend on the square of its height over the plane alone.
 /// Every second ball lies in the plane, where noise may make that square negative.
-#[test]
-fn a_ball_beside_a_plane_calibrates_a_five_bar() {
-    const FOLDERS: u64 = 40;
-    let robot = Robot::from(&tau_generated::five_bar::ROBOT);
-    let text = "robot = \"FiveBar\"\n[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n";
-    let file = RobotFile::parse_for(text, "robot.toml", &robot).unwrap();
-    let file = file.completed(&robot);
-    let (mut within, mut told, mut chi2, mut dof) = (0, 0, 0.0, 0.0);
+pub(crate) fn a_ball_calibrates_a_five_bar(folders: u64) {
+    let (robot, file) = robots::drawn("five_bar", "");
     let mut in_plane = file.clone();
     let place = Value {
         value: vec![0.05, -0.2, 0.0],
@@ -500,70 +292,64 @@ fn a_ball_beside_a_plane_calibrates_a_five_bar() {
         sigma: None,
     };
     in_plane.measuring.balls.insert("low".to_owned(), place);
-    for seed in 0..FOLDERS {
+    let (mut without, mut told, mut chi2, mut dof) = (0, 0, 0.0, 0.0);
+    for seed in 0..folders {
         let with = if seed % 2 == 0 { &file } else { &in_plane };
-        let made = simulate(&Simulation {
-            poses: Poses::Random { count: 60 },
-            measures: vec![Measure::Rows(PlateKind::BallBar)],
-            track_points: TrackPoints {
-                count: 0,
-                ..TrackPoints::default()
-            },
-            random_poses: 0,
-            seed,
-            ..Simulation::new(robot.clone(), with.clone())
-        })
-        .unwrap();
-        let found = fit(&robot, "Full", &file, &made.folder);
+        let ball = [Measure::Rows(PlateKind::BallBar)];
+        let drawn = (robot.clone(), with.clone());
+        let measured = Measured::new(drawn, &ball, 60, |simulation| simulation.seed = seed);
+        let found = fit(&robot, &file, &measured.made.folder);
         chi2 += found.chi2;
         dof += found.dof;
-        let truth = &made.truth.machine.parameters;
+        let truth = &measured.made.truth.machine.parameters;
         for estimate in &found.calibration.parameters {
             // Where the prior says more than the data, the drawing is tested and not the fit.
-            let is_told = estimate
-                .tolerance
-                .is_some_and(|tol| estimate.sigma < 0.2 * tol);
+            let mut tolerance = estimate.tolerance.into_iter();
+            let is_told = tolerance.any(|tol| estimate.sigma < 0.2 * tol);
             let true_values = truth.get(&estimate.name).filter(|_| is_told);
             for value in true_values.into_iter().flatten() {
                 told += 1;
-                within += i32::from((estimate.value - value).abs() < 1.96 * estimate.sigma);
+                without += usize::from((estimate.value - value).abs() > 1.96 * estimate.sigma);
             }
         }
     }
-    // Some two of a folder, which go together: fewer than 85 % of eighty would be within once in thousands of runs.
-    let share = f64::from(within) / f64::from(told);
-    assert!(told > 40 && share > 0.85, "{within} of {told}");
-    // Four standard deviations.
-    let spread = 4.0 * (2.0_f64 / dof).sqrt();
+    // Some two of a folder, which go together: of half as many, each out in one of twenty.
+    let rare = 2 * tau_testkit::rare_count(told / 2, 0.05);
+    assert!(
+        u64::from(told) > folders && without <= rare,
+        "{without} of {told}"
+    );
+    // Once in ten thousand.
+    let spread = 3.89 * (2.0_f64 / dof).sqrt();
     assert!((chi2 / dof - 1.0).abs() < spread, "{chi2} of {dof}");
 }
 
-/// Of the first thousand machines each with exact and with noisy drives, these ended elsewhere while noise was the stated
-/// one from the start, 7 to 20 standard deviations off. `cargo bench --bench unknown_poses` counts all.
 #[test]
-fn positions_of_a_hexapod_lead_to_the_machine() {
-    let exact = [429, 491, 643, 761, 906];
-    let noisy = [218, 420, 429, 491, 580, 643, 906];
-    lead_to_the_machine("", &exact);
-    lead_to_the_machine("[drives]\nnoise_m = 1e-5\n", &noisy);
+fn a_ball_beside_a_plane_calibrates_a_five_bar() {
+    a_ball_calibrates_a_five_bar(2);
 }
 
-fn lead_to_the_machine(drives: &str, seeds: &[u64]) {
-    let (robot, file) = robot("stewart", drives);
-    let positions = [Measure::Rows(PlateKind::Position)];
-    let [links, tracks] = [1.0; 2];
+/// Machines each with exact and with noisy drives that ended elsewhere while noise was the stated one from the start, 7 to 20
+/// standard deviations off. `cargo bench --bench unknown_poses` counts all.
+pub(crate) fn lead_to_the_machine(drives: &str, seeds: &[u64]) {
     for &seed in seeds {
-        let build = Build::Drawn { links, tracks };
-        let simulated = simulate(&Simulation {
-            build,
-            seed,
-            ..simulation(&robot, &file, "Full", &positions, 40)
-        })
-        .unwrap();
-        let found = fit(&robot, "Full", &file, &simulated.folder);
+        let drawn = robots::drawn("hexapod", drives);
+        let measured = Measured::new(drawn, &[POSITIONS], 40, |simulation| {
+            simulation.seed = seed;
+            let [links, tracks] = [1.0; 2];
+            simulation.build = Build::Drawn { links, tracks };
+        });
+        let found = measured.fit();
         assert!(found.is_consistent(), "{seed}: {}", found.chi2);
-        let off = deviations(&found, &simulated.truth.machine);
-        let most = off.iter().fold(0.0, |most: f64, z| most.max(z.abs()));
+        let most = largest_deviation(&found, &measured.made.truth.machine);
         assert!(most < 5.0, "{seed}: {most}");
     }
+}
+
+pub(crate) const NOISY_DRIVES: &str = "[drives]\nnoise_m = 1e-5\n";
+
+#[test]
+fn positions_of_a_hexapod_lead_to_the_machine() {
+    lead_to_the_machine("", &[643]);
+    lead_to_the_machine(NOISY_DRIVES, &[218, 906]);
 }
