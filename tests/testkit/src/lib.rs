@@ -23,7 +23,7 @@ pub mod robots;
 mod table;
 mod work;
 
-pub use ran::{Problem, Ran, said};
+pub use ran::{Problem, Ran, said, show};
 pub use table::Table;
 pub use tau_estimation::numerics::distribution::Random;
 pub use work::Work;

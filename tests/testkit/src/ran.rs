@@ -75,6 +75,24 @@ impl Ran {
         self.codes().iter().any(|said| said == code)
     }
 
+    /// Compares the lines that end with a code, on either stream, with the snapshot of this code: see [`show`].
+    ///
+    /// # Panics
+    /// There are none, or the words are others.
+    #[track_caller]
+    pub fn shows(&self, code: &str) {
+        let end = format!("[{code}]");
+        let lines = [&self.err, &self.out]
+            .into_iter()
+            .flat_map(|text| text.lines());
+        let said: Vec<&str> = lines
+            .filter(|line| line.contains(&end))
+            .map(str::trim)
+            .collect();
+        assert!(!said.is_empty(), "{code} in {}{}", self.err, self.out);
+        show(code, &said.join("\n"));
+    }
+
     /// The errors that it ends with.
     pub fn problems(&self) -> Vec<Problem> {
         let mut found: Vec<Problem> = Vec::new();
@@ -123,6 +141,20 @@ impl Ran {
         assert_eq!(found, expected, "{}", self.err);
         assert_eq!(self.code, 2, "{}", self.err);
     }
+}
+
+/// Compares a message with the snapshot of its code in `tests/messages`: the only place that holds its words. One test
+/// shows a code; others ask for it.
+///
+/// # Panics
+/// The words are others.
+#[track_caller]
+pub fn show(code: &str, message: &str) {
+    let mut settings = insta::Settings::clone_current();
+    settings.set_snapshot_path(concat!(env!("CARGO_MANIFEST_DIR"), "/../messages"));
+    settings.set_prepend_module_to_snapshot(false);
+    settings.set_omit_expression(true);
+    settings.bind(|| insta::assert_snapshot!(code, message));
 }
 
 /// Codes in brackets in a text, in order.
