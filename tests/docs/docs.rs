@@ -1,31 +1,49 @@
 //! Statements of the documentation, checked.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
+
+use tau::robot_file::RobotFile;
+use tau_testkit::{Work, list, number};
 
 fn root() -> &'static Path {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .parent()
-        .expect("the workspace's root")
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap()
 }
 
 fn read(path: impl AsRef<Path>) -> String {
     let path = root().join(path);
-    std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+    fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// Blocks of code in a language, without their fences.
-fn blocks(text: &str, language: &str) -> Vec<String> {
-    let fence = format!("```{language}\n");
-    text.split(&fence)
-        .skip(1)
-        .map(|rest| rest.split("```").next().unwrap_or("").to_owned())
+/// Blocks of code with their language, in order.
+fn blocks(page: &str) -> Vec<(String, String)> {
+    let text = read(page);
+    let fenced = text.split("```").skip(1).step_by(2);
+    let blocks = fenced.filter_map(|block| block.split_once('\n'));
+    blocks
+        .map(|(language, code)| (language.to_owned(), code.to_owned()))
         .collect()
+}
+
+fn blocks_in(page: &str, language: &str) -> Vec<String> {
+    let all = blocks(page).into_iter();
+    all.filter_map(|(own, code)| (own == language).then_some(code))
+        .collect()
+}
+
+/// Pages in some folders.
+fn pages(folders: &[&str]) -> Vec<String> {
+    let entries = folders.iter().flat_map(|folder| {
+        let entries = fs::read_dir(root().join(folder)).unwrap();
+        entries.map(|entry| Path::new(folder).join(entry.unwrap().file_name()))
+    });
+    let pages = entries.filter(|page| page.extension().is_some_and(|end| end == "md"));
+    pages.map(|page| page.display().to_string()).collect()
 }
 
 #[test]
 fn descriptions_in_the_readme_compile() {
-    let blocks = blocks(&read("README.md"), "tau");
+    let blocks = blocks_in("README.md", "tau");
     assert!(!blocks.is_empty());
     for block in blocks {
         tau::Robot::from_text(&block).unwrap_or_else(|errors| panic!("{errors:?}\n{block}"));
@@ -34,101 +52,115 @@ fn descriptions_in_the_readme_compile() {
 
 #[test]
 fn table_of_the_readme_is_what_the_study_prints() {
-    let robot = tau::Robot::from(&tau_generated::gantry_tau::ROBOT);
-    let session = tau::Session::open_with_robot(robot, tau::Files::prototype()).unwrap();
-    let study = tau::study::run(&session, &mut |_| {}).unwrap();
-    let printed = tau_report::terminal::study(&study, 100);
-    let table = &blocks(&read("README.md"), "text")[0];
+    let work = Work::empty();
+    let printed = work.run("study --no-discover --out DIR/study").done();
+    let table = &blocks_in("README.md", "text")[0];
     assert!(
-        printed.contains(table.as_str()),
+        printed.contains(table),
         "README shows\n{table}\nprinted\n{printed}"
     );
 }
 
 #[test]
-fn operation_counts_of_the_readme_are_those_of_the_generated_code() {
-    let generated = read("generated/src/models/gantry_tau.rs");
-    assert!(generated.contains("//   full::closure: 25 / 34 / 56\n"));
-    assert!(read("README.md").contains("takes 56 operations per iteration, after 25 that"));
-}
-
-/// The page of the benchmark shows the table of constants, and there are few.
-#[test]
 fn constants_of_discovery_are_those_of_the_page() {
     let page = read("docs/discovery-benchmark.md");
     let (_, page) = page.split_once("## Constants").unwrap();
     let table = tau::discovery::Constants::default().table();
-    let rows: Vec<String> = (table.iter())
-        .map(|(name, value, reason)| format!("| `{name}` | {value:?} | {} |", reason.trim()))
-        .collect();
+    let row = |(name, value, reason): &(&str, f64, &str)| {
+        format!("| `{name}` | {value:?} | {} |", reason.trim())
+    };
+    let rows: Vec<String> = table.iter().map(row).collect();
     let shown: Vec<&str> = page
         .lines()
         .filter(|line| line.starts_with("| `"))
         .collect();
     assert_eq!(shown, rows);
-    assert!(rows.len() <= 25, "{}", rows.len());
 }
 
 #[test]
 fn links_lead_somewhere() {
-    let pages: Vec<PathBuf> = ["", "docs", "benches/results"]
-        .iter()
-        .flat_map(|folder| {
-            let entries = std::fs::read_dir(root().join(folder)).unwrap();
-            entries.map(|entry| Path::new(folder).join(entry.unwrap().file_name()))
-        })
-        .filter(|page| page.extension().is_some_and(|end| end == "md"))
-        .collect();
-    assert!(pages.len() > 16, "{pages:?}");
-    for page in &pages {
-        let text = read(page);
-        let folder = page.parent().unwrap();
-        for target in text
+    for page in pages(&["", "docs", "benches/results"]) {
+        let text = read(&page);
+        let targets = text
             .split("](")
             .skip(1)
-            .filter_map(|rest| rest.split(')').next())
-        {
-            if target.starts_with("http") || target.starts_with('#') {
-                continue;
-            }
-            let file = target.split('#').next().unwrap();
-            assert!(
-                root().join(folder).join(file).exists(),
-                "{} links to {target}",
-                page.display()
-            );
+            .filter_map(|rest| rest.split([')', '#']).next());
+        for target in targets.filter(|target| !target.is_empty() && !target.starts_with("http")) {
+            let file = root().join(&page).parent().unwrap().join(target);
+            assert!(file.exists(), "{page} links to {target}");
         }
     }
 }
 
+/// What `.ci/run` tests is what the README and the page for contributors name, beside the plain tier alone.
+#[test]
+fn test_commands_of_the_pages_are_those_that_must_pass() {
+    let script = read(".ci/run");
+    let run: Vec<&str> = script
+        .lines()
+        .filter(|line| line.starts_with("cargo test"))
+        .collect();
+    assert!(run.iter().any(|line| line.contains("slow")), "{run:?}");
+    for page in ["README.md", "CONTRIBUTING.md"] {
+        let shown: String = blocks_in(page, "sh").concat();
+        let is_shown = |line: &&str| {
+            shown
+                .lines()
+                .any(|own| own.split('#').next().unwrap().trim() == *line)
+        };
+        assert!(run.iter().all(is_shown), "{page}: {run:?}");
+        assert!(is_shown(&"cargo test"), "{page}");
+    }
+}
+
+/// Options and arguments of every command exist: with `--help` behind them they are read, and not obeyed.
+#[test]
+fn commands_of_the_pages_are_read() {
+    let mut commands = 0;
+    for page in pages(&["", "docs"]) {
+        for text in blocks_in(&page, "sh") {
+            for line in text.lines() {
+                let line = line.split(" #").next().unwrap();
+                let line = ["tau ", "cargo run --release -- "]
+                    .iter()
+                    .find_map(|start| line.strip_prefix(start));
+                let Some(line) = line else { continue };
+                let (code, _, err) = run(&format!("tau {line} --help"), |word| word);
+                assert_eq!(code, 0, "{page}: {line}: {err}");
+                commands += 1;
+            }
+        }
+    }
+    assert!(commands > 20, "{commands}");
+}
+
 #[test]
 fn robot_file_of_the_documentation_is_read() {
-    let texts = blocks(&read("docs/files.md"), "toml");
+    let texts = blocks_in("docs/files.md", "toml");
     let [measuring, text] = &texts[..] else {
         panic!("{} blocks", texts.len());
     };
-    let file = tau::robot_file::RobotFile::parse(text, "robot.toml").unwrap();
+    let file = RobotFile::parse(text, "robot.toml").unwrap();
     assert_eq!(file.links["l1"].length.as_ref().unwrap().value, [2.04399]);
     // Sections of other measurements may stand in the same file.
     let with_more = format!("robot = \"GantryTau\"\n{measuring}");
-    let file = tau::robot_file::RobotFile::parse(&with_more, "robot.toml").unwrap();
+    let file = RobotFile::parse(&with_more, "robot.toml").unwrap();
     assert_eq!(file.measuring.balls["first"].value, [0.1, 0.0, -0.7]);
 }
 
-/// Blocks of code with their language, in order.
-fn all_blocks(text: &str) -> Vec<(&str, &str)> {
-    let fenced = text.split("```").skip(1).step_by(2);
-    fenced.filter_map(|block| block.split_once('\n')).collect()
-}
-
-/// Words of a line, quoted ones whole.
-fn words(line: &str) -> Vec<String> {
-    let pieces = line.split('\'').enumerate();
-    let split = pieces.flat_map(|(index, piece)| match index % 2 {
-        0 => piece.split_whitespace().map(str::to_owned).collect(),
-        _ => vec![piece.to_owned()],
-    });
-    split.collect()
+/// Runs a line, of which words in quotes are whole.
+fn run(line: &str, place: impl Fn(String) -> String) -> (u8, String, String) {
+    let words = line
+        .split('\'')
+        .enumerate()
+        .flat_map(|(index, piece)| match index % 2 {
+            0 => piece.split_whitespace().map(str::to_owned).collect(),
+            _ => vec![piece.to_owned()],
+        });
+    let (mut out, mut err) = (Vec::new(), Vec::new());
+    let code = tau_cli::run(words.map(|word| place(word).into()), &mut out, &mut err);
+    let text = |bytes| String::from_utf8(bytes).unwrap();
+    (code, text(out), text(err))
 }
 
 /// Text as one line, so that it does not matter where lines are broken.
@@ -139,52 +171,48 @@ fn flowing(text: &str) -> String {
 /// The tutorial from its first to its last command, in an empty folder; what it says is printed.
 #[test]
 fn the_tutorial_does_what_it_says() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name).display().to_string();
-    let page = read("docs/tutorial.md");
+    let work = Work::empty();
+    let folder = format!("{}/", work.path().display());
+    let names = [
+        "delta.tau",
+        "robot.toml",
+        "measured",
+        "calibrated",
+        "found",
+        "path.csv",
+        "commands.csv",
+    ];
+    let place = |word: String| match names.contains(&word.split('/').next().unwrap()) {
+        true => format!("{folder}{word}"),
+        false => word,
+    };
     let mut said = None;
     let mut commands = 0;
-    for (language, text) in all_blocks(&page) {
-        match language {
-            "tau" => fs::write(path("delta.tau"), text).unwrap(),
-            "csv" => fs::write(path("path.csv"), text).unwrap(),
+    for (language, text) in blocks("docs/tutorial.md") {
+        match language.as_str() {
+            "tau" => _ = work.write("delta.tau", text),
+            "csv" => _ = work.write("path.csv", text),
+            // For the Cargo.toml of a program.
+            "toml" if text.starts_with("[profile") => {}
             "toml" => {
-                let mut file = fs::read_to_string(path("robot.toml")).unwrap();
+                let mut file = work.read("robot.toml");
                 for line in text.lines() {
                     let (key, _) = line.split_once(" = ").unwrap();
                     let blank = format!("{key} = \"?\"");
                     assert!(file.contains(&blank), "{blank} in {file}");
                     file = file.replace(&blank, line);
                 }
-                fs::write(path("robot.toml"), file).unwrap();
+                work.write("robot.toml", file);
             }
             "sh" => {
-                let names = [
-                    "delta.tau",
-                    "robot.toml",
-                    "measured",
-                    "calibrated",
-                    "found",
-                    "path.csv",
-                    "commands.csv",
-                ];
-                let mut line = words(text);
-                for word in line.iter_mut().skip(1) {
-                    if names.contains(&word.split('/').next().unwrap()) {
-                        *word = path(word);
-                    }
-                }
-                if line[1] == "init" {
-                    line.extend(["--out".to_owned(), path("robot.toml")]);
-                }
-                let (mut out, mut err) = (Vec::new(), Vec::new());
-                let code = tau_cli::run(line.into_iter().map(Into::into), &mut out, &mut err);
-                let err = String::from_utf8(err).unwrap();
+                let out = if text.starts_with("tau init") {
+                    " --out robot.toml"
+                } else {
+                    ""
+                };
+                let (code, out, err) = run(&format!("{}{out}", text.trim()), place);
                 assert_eq!(code, 0, "{text}{err}");
-                let out = String::from_utf8(out).unwrap();
-                said = Some(flowing(
-                    &out.replace(&format!("{}/", folder.path().display()), ""),
-                ));
+                said = Some(flowing(&out.replace(&folder, "")));
                 commands += 1;
             }
             // The sketch comes before the first command.
@@ -198,38 +226,29 @@ fn the_tutorial_does_what_it_says() {
         }
     }
     assert_eq!(commands, 9);
-    let csv = fs::read_to_string(path("commands.csv")).unwrap();
-    let column = |name: &str| -> Vec<f64> {
-        let mut rows = csv.lines().map(|line| line.split(',').collect::<Vec<_>>());
-        let place = rows
-            .next()
-            .unwrap()
-            .iter()
-            .position(|own| *own == name)
-            .unwrap();
-        rows.map(|row| row[place].parse().unwrap()).collect()
-    };
-    let q = column("q2_m");
+    let commands = work.table("commands.csv");
+    let q = commands.numbers("q2_m");
     assert!((1e6 * (q[1] - q[0]).abs() - 80.0).abs() < 0.1, "{q:?}");
-    assert_eq!(column("inside"), [1.0, 1.0, 0.0]);
-    let sigma = column("sigma_x_m");
+    assert_eq!(commands.numbers("inside"), [1.0, 1.0, 0.0]);
+    let sigma = commands.numbers("sigma_x_m");
     assert!(sigma[0] < 3e-6 && sigma[2] > 3.0 * sigma[0], "{sigma:?}");
 }
 
 /// The printer can be simulated as it stands, about its reference.
 #[test]
 fn the_printer_of_the_language_stands_where_it_says() {
-    let all = blocks(&read("docs/language.md"), "tau");
+    let all = blocks_in("docs/language.md", "tau");
     let printer = all.iter().find(|block| block.contains("robot Printer"));
-    let folder = tempfile::tempdir().unwrap();
-    fs::write(folder.path().join("printer.tau"), printer.unwrap()).unwrap();
-    let line = "tau simulate --model DIR/printer.tau --poses 20 --out DIR/m";
-    crate::support::tau_in(folder.path(), line).done();
+    let work = Work::empty();
+    work.write("printer.tau", printer.unwrap());
+    let line = "simulate --model DIR/printer.tau --poses 20 --out MEASURED";
+    work.run(line).done();
     // Carriages stand at endstop + √(arm² − radius²) − q, and the tool below them by that root.
-    let line = "tau kinematics forward --model DIR/printer.tau --variant Full --commands 0.2,0.2,0.2 --json -";
-    let found = crate::support::tau_in(folder.path(), line).json();
-    for (axis, expected) in [0.0, 0.0, 0.3 - 0.2].into_iter().enumerate() {
-        let value = found["poses"][0]["position_m"][axis].as_f64().unwrap();
-        assert!((value - expected).abs() < 1e-9, "{axis}: {value}");
+    let line =
+        "kinematics forward --model DIR/printer.tau --variant Full --commands 0.2,0.2,0.2 --json -";
+    let found = work.run(line).json();
+    let position = list(&found["poses"][0]["position_m"]).iter().map(number);
+    for (value, expected) in position.zip([0.0, 0.0, 0.3 - 0.2]) {
+        assert!((value - expected).abs() < 1e-9, "{value} {expected}");
     }
 }

@@ -5,17 +5,21 @@ use std::fs;
 use std::path::{Component, Path, PathBuf};
 use std::process::Command;
 
-/// Files of the package that stands in a folder.
-fn packaged(folder: &Path) -> BTreeSet<PathBuf> {
-    let listed = Command::new(std::env::var_os("CARGO").unwrap_or("cargo".into()))
-        .args(["package", "--list", "--allow-dirty", "--offline", "--quiet"])
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap()
+}
+
+/// Runs cargo in a folder, without the network, and returns what it prints.
+fn cargo(folder: &Path, arguments: &[&str]) -> String {
+    let ran = Command::new(std::env::var_os("CARGO").unwrap_or("cargo".into()))
+        .args(arguments)
+        .args(["--offline", "--quiet"])
         .current_dir(folder)
         .output()
         .expect("cargo runs");
-    let said = String::from_utf8_lossy(&listed.stderr);
-    assert!(listed.status.success(), "{}: {said}", folder.display());
-    let files = String::from_utf8(listed.stdout).expect("paths in UTF-8");
-    files.lines().map(PathBuf::from).collect()
+    let said = String::from_utf8_lossy(&ran.stderr);
+    assert!(ran.status.success(), "{}: {said}", folder.display());
+    String::from_utf8(ran.stdout).expect("UTF-8")
 }
 
 /// Files that a source file of a package takes in where it is compiled, from the folder of the package.
@@ -45,8 +49,7 @@ fn included(folder: &Path, source: &Path) -> Vec<PathBuf> {
 /// The workspace builds with files that a package lacks; who depends on the package cannot.
 #[test]
 fn packages_hold_the_files_that_their_code_includes() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
-    let folders = fs::read_dir(root)
+    let folders = fs::read_dir(root())
         .unwrap()
         .map(|entry| entry.unwrap().path());
     let published = folders.filter(|folder| {
@@ -56,7 +59,8 @@ fn packages_hold_the_files_that_their_code_includes() {
     let mut names = BTreeSet::new();
     let mut missing = Vec::new();
     for folder in published {
-        let files = packaged(&folder);
+        let files = cargo(&folder, &["package", "--list", "--allow-dirty"]);
+        let files: BTreeSet<PathBuf> = files.lines().map(PathBuf::from).collect();
         let sources = (files.iter()).filter(|file| file.extension().is_some_and(|end| end == "rs"));
         for file in sources.flat_map(|source| included(&folder, source)) {
             if !files.contains(&file) {
@@ -75,20 +79,9 @@ fn packages_hold_the_files_that_their_code_includes() {
 /// Generated code runs where there is no standard library, and nothing else in the workspace builds it so.
 #[test]
 fn generated_code_needs_no_standard_library() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
     let target = tempfile::tempdir().unwrap();
-    let checked = Command::new(std::env::var_os("CARGO").unwrap_or("cargo".into()))
-        .args(["check", "--offline", "--quiet", "--package", "tau-runtime"])
-        .args([
-            "--no-default-features",
-            "--features",
-            "libm",
-            "--target-dir",
-        ])
-        .arg(target.path())
-        .current_dir(root)
-        .output()
-        .expect("cargo runs");
-    let said = String::from_utf8_lossy(&checked.stderr);
-    assert!(checked.status.success(), "{said}");
+    let features = ["--no-default-features", "--features", "libm"];
+    let check = ["check", "--package", "tau-runtime", "--target-dir"];
+    let target = [target.path().to_str().expect("UTF-8")];
+    cargo(root(), &[&check[..], &target, &features].concat());
 }
