@@ -4,7 +4,7 @@
 use std::fmt::Write;
 
 use serde_json::{Value, json};
-use tau_testkit::{Work, effects, list, number, reasons};
+use tau_testkit::{Work, list, number, reasons};
 
 /// A machine with its measurements: what the drawing's file states, what is measured, and a parameter that changes by many
 /// standard deviations.
@@ -187,7 +187,7 @@ fn what_any_machine_would_fit_is_not_judged() {
     assert_eq!(files, ["heights.csv"]);
 }
 
-/// Variants are compared by rows that took no part, and the search follows.
+/// Variants are compared by rows that took no part.
 #[test]
 fn studies_compare_variants_by_what_was_held_out() {
     let work = measured(&DELTA, 80, 1);
@@ -214,26 +214,12 @@ fn studies_compare_variants_by_what_was_held_out() {
     });
     assert!(expected[0] > expected[1], "{expected:?}");
     assert!(!work.read("study/report.html").contains("NaN"));
-
-    let work = Work::simulated_with(
-        BELTS.stated,
-        "--model four_belts --variant Full --robot DIR/robot.toml --effect length_scale(top_right):scale=0.003 \
-         --measure readings --random --poses 100",
-    );
-    let study = work
-        .run("study MEASURED --out DIR/study --json - -q")
-        .json();
-    assert_eq!(effects(&study["discovery"]), ["length_scale(top_right)"]);
-    for (name, variant) in study["variants"].as_object().unwrap() {
-        assert_eq!(variant["fit"]["status"], "inconsistent", "{name}");
-    }
 }
 
 /// Rotations of piecewise tracks refer to the paths of the file, and their points are known to their noise.
-#[test]
-fn piecewise_tracks_of_a_file_predict_what_took_no_part() {
+pub(crate) fn piecewise_tracks_predict(seeds: u64) {
     let (mut squares, mut expected) = (0.0, 0.0);
-    for seed in 1..=2 {
+    for seed in 1..=seeds {
         let work = Work::simulated(&format!("--seed {seed}"));
         work.calibrated("--variant FullPiecewise");
         let fit = work.evaluated("--variant FullPiecewise")["fit"].take();
@@ -241,9 +227,15 @@ fn piecewise_tracks_of_a_file_predict_what_took_no_part() {
         squares += number(&fit["chi2"]);
         expected += number(&fit["dof"]);
     }
-    // A tenth of the residuals' size: the file does not hold how parameters go with points.
+    // Once in ten thousand, and a tenth more: the file does not hold how parameters go with points.
+    let level = 3.89 * (2.0 / expected).sqrt() + 0.1;
     let ratio = squares / expected;
-    assert!((ratio - 1.0).abs() < 0.2, "{squares} for {expected}");
+    assert!((ratio - 1.0).abs() < level, "{squares} for {expected}");
+}
+
+#[test]
+fn piecewise_tracks_of_a_file_predict_what_took_no_part() {
+    piecewise_tracks_predict(1);
 }
 
 /// Tolerances that are ten thousand times what rows tell leave parameters where these would have them, to a share of a

@@ -2,13 +2,12 @@
 
 use std::fmt::Write;
 
-use tau::Setup;
 use tau::calibration::Options;
-use tau::measurements::{PlateKind, Split};
-use tau::robot_file::RobotFile;
-use tau::simulation::{Measure, simulate};
-use tau::unknown_poses::{RowDivision, calibrate};
+use tau::measurements::PlateKind;
+use tau::simulation::Measure;
 use tau_testkit::{Work, list, robots};
+
+use crate::unknown_poses::Measured;
 
 /// A machine of a robot, measured.
 fn measured(robot: &str, variant: &str, how: &str, seed: u32) -> Work {
@@ -81,21 +80,14 @@ fn readings_know_no_scale_of_drums_and_belts() {
 /// Narrow tolerances and a precise ball bar make a scale that is known to a millionth no less known.
 #[test]
 fn narrow_tolerances_free_no_scale() {
-    let robot = robots::named("five_bar");
-    let text = "robot = \"FiveBar\"\n[noise]\nball_bar = { distance_m = 1e-6 }\n";
-    let file = RobotFile::parse_for(text, "robot.toml", &robot).unwrap();
-    let mut file = file.completed(&robot);
+    let precise = "[noise.ball_bar]\ndistance_m = 1e-6\n";
+    let (robot, mut file) = robots::drawn("five_bar", precise);
     for link in file.links.values_mut() {
         link.length.as_mut().unwrap().tol /= 30.0;
     }
-    let measures = [Measure::Rows(PlateKind::BallBar)];
-    let simulation = robots::measured_at_random(&robot, &file, "Full", &measures, 60);
-    let simulated = simulate(&simulation).unwrap();
-    let folder = &simulated.folder;
-    let variant = robot.variant("Full").unwrap();
-    let setup = Setup::new(&robot, variant, &simulated.file, folder);
-    let division = RowDivision::of(folder, Split::All);
-    let found = calibrate(setup, &division, &Options::default()).unwrap();
+    let ball = [Measure::Rows(PlateKind::BallBar)];
+    let measured = Measured::new((robot, file), "Full", (&ball, 60), |_| ());
+    let found = measured.fit(&Options::default());
     assert!(!found.rank.open.iter().any(|open| open.is_scale));
 }
 

@@ -3,14 +3,15 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use tau::calibration::Options;
-use tau::measurements::{Folder, PlateKind, Split};
+use tau::measurements::PlateKind;
 use tau::robot_file::RobotFile;
-use tau::simulation::{Effect, Measure, Noise, Simulation, simulate};
-use tau::trust::{Status, Verdict};
-use tau::unknown_poses::{KindRepeats, RowDivision, UnknownPoses, calibrate};
+use tau::simulation::{Effect, Measure, Noise, Simulation};
+use tau::trust::{Reason, Status, Verdict};
+use tau::unknown_poses::{KindRepeats, UnknownPoses};
 use tau::weighing::Treatment;
-use tau::{Robot, Setup};
 use tau_testkit::{Random, Work, list, number, robots, said};
+
+use crate::unknown_poses::Measured;
 
 /// Standard deviations that one of twelve sums exceeds, on either side, once in ten thousand runs.
 const RARE: f64 = 4.46;
@@ -21,78 +22,51 @@ const DRIVES_M: f64 = 2e-5;
 const ESTIMATED: &str =
     "[noise.heights]\nheight_m = \"estimate\"\n[noise.distances]\ndistance_m = \"estimate\"\n";
 
-/// A machine and what was measured of it.
-struct Measured {
-    robot: Robot,
-    variant: &'static str,
-    file: RobotFile,
-    folder: Folder,
+/// Heights and distances of a printer, three readings each.
+fn heights(more: &str, change: impl FnOnce(&mut Simulation)) -> Measured {
+    let drawn = robots::drawn("linear_delta", more);
+    let measures = [Measure::Rows(PlateKind::Height), Measure::Distances];
+    Measured::new(drawn, "Basic", (&measures, 25), |simulation| {
+        simulation.readings = 3;
+        change(simulation);
+    })
 }
 
-impl Measured {
-    /// Heights and distances of a printer, three readings each.
-    fn heights(more: &str, change: impl FnOnce(&mut Simulation)) -> Self {
-        let (robot, file) = robots::drawn("linear_delta", more);
-        let measures = [Measure::Rows(PlateKind::Height), Measure::Distances];
-        let mut simulation = Simulation {
-            readings: 3,
-            ..robots::measured_at_random(&robot, &file, "Basic", &measures, 25)
-        };
-        change(&mut simulation);
-        let folder = simulate(&simulation).unwrap().folder;
-        Self {
-            robot,
-            variant: "Basic",
-            file,
-            folder,
+/// Four readings of positions, and of drives with noise, of which each moves two links of a plate that keeps level.
+fn positions(seed: u64) -> Measured {
+    let robot = robots::described(&robots::text("linear_delta"));
+    let noise = format!(
+        "robot = \"LinearDelta\"\n[noise]\nposition_m = {NOISE_M:e}\nrotation_rad = 4e-5\n"
+    );
+    let file = |more: &str| {
+        let file = RobotFile::parse_for(&format!("{noise}{more}"), "robot.toml", &robot);
+        file.unwrap().completed(&robot)
+    };
+    let drawn = (robot.clone(), file(""));
+    let measures = [Measure::Rows(PlateKind::Position)];
+    let mut measured = Measured::new(drawn, "Full", (&measures, 20), |simulation| {
+        simulation.seed = seed;
+        simulation.readings = 4;
+    });
+    let mut random = Random(seed);
+    for row in &mut measured.made.folder.plate_rows {
+        for command in &mut row.commands_m {
+            *command += DRIVES_M * random.normal();
         }
     }
+    measured.file = file(&format!("[drives]\nnoise_m = {DRIVES_M:e}\n"));
+    measured
+}
 
-    /// Four readings of positions, and of drives with noise, of which each moves two links of a plate that keeps level.
-    fn positions(seed: u64) -> Self {
-        let robot = robots::described(&robots::text("linear_delta"));
-        let text = format!(
-            "robot = \"LinearDelta\"\n[noise]\nposition_m = {NOISE_M:e}\nrotation_rad = 4e-5\n"
-        );
-        let file = |more: &str| {
-            let file = RobotFile::parse_for(&format!("{text}{more}"), "robot.toml", &robot);
-            file.unwrap().completed(&robot)
-        };
-        let measures = [Measure::Rows(PlateKind::Position)];
-        let simulated = simulate(&Simulation {
-            seed,
-            readings: 4,
-            ..robots::measured_at_random(&robot, &file(""), "Full", &measures, 20)
-        });
-        let mut folder = simulated.unwrap().folder;
-        let mut random = Random(seed);
-        for row in &mut folder.plate_rows {
-            for command in &mut row.commands_m {
-                *command += DRIVES_M * random.normal();
-            }
-        }
-        let file = file(&format!("[drives]\nnoise_m = {DRIVES_M:e}\n"));
-        Self {
-            robot,
-            variant: "Full",
-            file,
-            folder,
-        }
-    }
-
-    fn fit(&self) -> UnknownPoses {
-        let variant = self.robot.variant(self.variant).unwrap();
-        let options = Options {
-            treatment: Treatment {
-                loss: None,
-                keep_outliers: true,
-            },
-            ..Options::default()
-        };
-        let division = RowDivision::of(&self.folder, Split::All);
-        let setup = Setup::new(&self.robot, variant, &self.file, &self.folder);
-        calibrate(setup, &division, &options).unwrap()
-    }
+/// The fit that leaves no reading out.
+fn fit(measured: &Measured) -> UnknownPoses {
+    measured.fit(&Options {
+        treatment: Treatment {
+            loss: None,
+            keep_outliers: true,
+        },
+        ..Options::default()
+    })
 }
 
 fn repeats_of(found: &UnknownPoses, file: &str) -> KindRepeats {
@@ -102,7 +76,7 @@ fn repeats_of(found: &UnknownPoses, file: &str) -> KindRepeats {
 
 /// Codes of what a verdict says of a file, or of several.
 fn said_of(verdict: &Verdict, file: &str) -> Vec<String> {
-    let facts = verdict.why.iter().flat_map(|reason| reason.facts());
+    let facts = verdict.why.iter().flat_map(Reason::facts);
     let of_file = facts.filter(|fact| {
         let mut all = [&fact.file, &fact.place].into_iter().flatten();
         all.any(|own| own.contains(file))
@@ -128,10 +102,10 @@ fn pooled<K: Ord>(values: impl Iterator<Item = (K, f64)>) -> (f64, usize) {
 pub(crate) fn right_models_repeat_as_simulated(machines: u64) {
     let mut by_kind: BTreeMap<&str, Vec<KindRepeats>> = BTreeMap::new();
     for seed in 1..=machines {
-        let measured = Measured::heights("", |simulation| simulation.seed = seed);
-        let found = measured.fit();
-        let heights = measured.folder.plate_rows.iter();
-        let distances = measured.folder.distances.iter();
+        let measured = heights("", |simulation| simulation.seed = seed);
+        let found = fit(&measured);
+        let heights = measured.made.folder.plate_rows.iter();
+        let distances = measured.made.folder.distances.iter();
         let by_hand = [
             pooled(heights.map(|row| (row.pose, row.values[0].unwrap()))),
             // A distance is that from either end.
@@ -144,7 +118,7 @@ pub(crate) fn right_models_repeat_as_simulated(machines: u64) {
             assert!((ratio - 1.0).abs() < 1e-6, "{file}: {ratio}");
             by_kind.entry(file).or_default().push(repeats);
         }
-        let found = Measured::positions(seed).fit();
+        let found = fit(&positions(seed));
         for file in ["tcp_positions.csv", "drives"] {
             let repeats = repeats_of(&found, file);
             if file == "drives" {
@@ -210,16 +184,16 @@ fn an_effect_shows_as_lack_of_fit_and_noise_as_scatter() {
         ("", noisy, "T326", false),
         ("", shared, "T328", true),
     ] {
-        let found = Measured::heights(more, change).fit();
+        let found = fit(&heights(more, change));
         let repeats = repeats_of(&found, "heights.csv");
         let test = repeats.lack_of_fit.unwrap();
         let has_misfit = code != "T326";
         assert_eq!(test.p_value < 1e-6, has_misfit, "{test:?}");
         assert!(has_misfit || test.p_value > 1e-4, "{test:?}");
         let verdict = found.verdict();
-        let mut heights = said_of(&verdict, "heights.csv");
-        heights.retain(|own| ["T305", "T326", "T327", "T328"].contains(&own.as_str()));
-        assert_eq!(heights, [code], "{}", verdict.reasons());
+        let mut said_of_heights = said_of(&verdict, "heights.csv");
+        said_of_heights.retain(|own| ["T305", "T326", "T327", "T328"].contains(&own.as_str()));
+        assert_eq!(said_of_heights, [code], "{}", verdict.reasons());
         let all = said(&verdict.reasons());
         assert_eq!(all.contains(&"T329".to_owned()), or_drives, "{all:?}");
         if code == "T327" {
@@ -281,11 +255,11 @@ pub(crate) fn estimated_noise_proves_no_model(machines: u64) {
     let mut alarms = 0;
     for seed in 1..=machines {
         for readings in [1, 3] {
-            let measured = Measured::heights(ESTIMATED, |simulation| {
+            let measured = heights(ESTIMATED, |simulation| {
                 simulation.seed = 500 + seed;
                 simulation.readings = readings;
             });
-            let verdict = measured.fit().verdict();
+            let verdict = fit(&measured).verdict();
             alarms += usize::from(verdict.status > Status::Consistent);
             let said = said_of(&verdict, "heights.csv");
             // By the size of residuals, or beside what repeats tell.
@@ -310,14 +284,14 @@ fn noise_that_is_estimated_proves_no_model() {
 #[test]
 fn stated_noise_is_tested_beside_estimated_noise() {
     let more = "[noise.heights]\nheight_m = \"estimate\"\n";
-    let mut measured = Measured::heights(more, |simulation| simulation.readings = 1);
-    assert_eq!(measured.fit().verdict().status, Status::Consistent);
+    let mut measured = heights(more, |simulation| simulation.readings = 1);
+    assert_eq!(fit(&measured).verdict().status, Status::Consistent);
     // The distances' own error, of 1.6 times their noise beside it.
     let mut random = Random(1);
-    for row in &mut measured.folder.distances {
+    for row in &mut measured.made.folder.distances {
         row.distance_m += 1.6 * NOISE_M * random.normal();
     }
-    let verdict = measured.fit().verdict();
+    let verdict = fit(&measured).verdict();
     assert_eq!(verdict.status, Status::Inconsistent, "{:?}", verdict.why);
 }
 
@@ -325,25 +299,20 @@ fn stated_noise_is_tested_beside_estimated_noise() {
 /// repeatability, and no angle is a number of nothing.
 #[test]
 fn repeats_are_said_by_the_command() {
-    for readings in [1, 3] {
-        let work = Work::simulated(&format!(
-            "--model linear_delta --measure heights,distances --poses 20 --readings {readings} --random"
-        ));
-        let found = work.calibrated("--variant Full --split all");
-        let mut kinds = list(&found["kinds"]).iter();
-        let heights = kinds.find(|kind| kind["file"] == "heights.csv");
-        let repeats = &heights.unwrap()["repeats"];
-        assert_eq!(repeats.is_null(), readings == 1, "{repeats}");
-        if readings > 1 {
-            assert_eq!(repeats["quantities"], 20);
-            assert_eq!(repeats["readings"], 60);
-            assert_eq!(repeats["repeatability"]["dof"], 40.0);
-            assert!(repeats["lack_of_fit"]["p_value"].is_f64());
-        }
-    }
+    let work = Work::simulated(
+        "--model linear_delta --measure heights,distances --poses 20 --readings 3 --random",
+    );
+    let found = work.calibrated("--variant Full --split all");
+    let mut kinds = list(&found["kinds"]).iter();
+    let heights = kinds.find(|kind| kind["file"] == "heights.csv");
+    let repeats = &heights.unwrap()["repeats"];
+    assert_eq!(repeats["quantities"], 20);
+    assert_eq!(repeats["readings"], 60);
+    assert_eq!(repeats["repeatability"]["dof"], 40.0);
+    assert!(repeats["lack_of_fit"]["p_value"].is_f64());
     let work = Work::simulated("--model servo_hexapod --random --poses 60 --seed 2");
     work.edit("tcp_poses.csv", |table| {
-        for mut row in table.rows[..30].to_vec() {
+        for mut row in table.rows.clone().into_iter().take(30) {
             row[0] = (row[0].parse::<u32>().unwrap() + 1000).to_string();
             table.append(&row);
         }

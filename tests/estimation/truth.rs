@@ -191,36 +191,31 @@ fn robots_are_measured_as_the_list_says() {
 /// Effects that were planted are named, with their size, on tracks, points, planes, cranks and drums.
 #[test]
 fn discovery_names_what_was_planted_in_standard_robots() {
-    let [thermal, compliance] = [["link_thermal", "expansion"], ["link_compliance", "strain"]];
-    for (robot, plan, [effect, parameter], place, size) in [
+    for (machine, effect, size) in [
         (
-            "rotary_delta",
-            "--seed 6 --payload 10",
-            compliance,
-            "all",
+            "rotary_delta --seed 6 --payload 10",
+            "link_compliance(all)",
             4e-6,
         ),
-        ("servo_hexapod", "--seed 3", thermal, "all", 1e-4),
-        ("five_bar", "--seed 3 --random", thermal, "all", 4e-5),
-        ("hexaglide", "--seed 3", thermal, "all", 4e-5),
-        ("four_lines", "--seed 4", thermal, "b", 2e-5),
+        ("servo_hexapod --seed 3", "link_thermal(all)", 1e-4),
+        ("five_bar --seed 3 --random", "link_thermal(all)", 4e-5),
+        ("hexaglide --seed 3", "link_thermal(all)", 4e-5),
+        ("four_lines --seed 4", "link_thermal(b)", 2e-5),
     ] {
+        let is_of_forces = effect.starts_with("link_compliance");
+        let parameter = if is_of_forces { "strain" } else { "expansion" };
         let work = Work::simulated(&format!(
-            "--model {robot} --variant Full --warming 6 {plan} --effect {effect}({place}):{parameter}={size}"
+            "--model {machine} --variant Full --warming 6 --effect {effect}:{parameter}={size}"
         ));
         let found = work.discovered("--base Full");
-        assert_eq!(effects(&found), [format!("{effect}({place})")], "{robot}");
-        assert_eq!(found["status"], "explained", "{robot} {effect}");
+        assert_eq!(effects(&found), [effect], "{machine}");
+        assert_eq!(found["status"], "explained", "{machine} {effect}");
         let of = &found["effects"][0]["parameters"][parameter];
         let [value, sigma] = ["value", "sigma"].map(|key| number(&of[key]));
         // The estimator's forces are those of the machine as drawn, which is some thousandths off.
-        let of_forces = if effect == "link_compliance" {
-            0.02 * size
-        } else {
-            0.0
-        };
+        let of_forces = if is_of_forces { 0.02 * size } else { 0.0 };
         let off = (value - size).abs();
-        assert!(off < 4.0 * sigma + of_forces, "{robot} {effect}: {of}");
+        assert!(off < 4.0 * sigma + of_forces, "{machine}: {of}");
     }
 }
 

@@ -15,7 +15,7 @@ use tau_estimation::samples;
 use tau_estimation::samples::frames::Frames;
 use tau_testkit::{Work, fields, number, robots};
 
-pub(crate) fn robot(name: &str) -> (Robot, RobotFile) {
+fn robot(name: &str) -> (Robot, RobotFile) {
     let robot = robots::named(name);
     let file = match name {
         "gantry_tau" => robots::prototype().1,

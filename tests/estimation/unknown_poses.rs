@@ -1,7 +1,7 @@
 //! Calibration from any measurements: against truth, against the fit of closures, and gross rows by their places.
 
 use tau::calibration::{self, Calibration, Options, ParameterEstimate};
-use tau::measurements::{Folder, PlateKind, Split};
+use tau::measurements::{PlateKind, Split};
 use tau::robot::Owner;
 use tau::robot_file::{RobotFile, Value};
 use tau::simulation::{Build, Machine, Measure, Noise, SimulatedFolder, Simulation, simulate};
@@ -12,50 +12,52 @@ use tau_testkit::{Random, Work, list, number, robots, symmetric};
 const HEIGHTS: Measure = Measure::Rows(PlateKind::Height);
 const POSITIONS: Measure = Measure::Rows(PlateKind::Position);
 
-fn fit(robot: &Robot, file: &RobotFile, folder: &Folder) -> UnknownPoses {
-    let division = RowDivision::of(folder, Split::All);
-    let setup = Setup::new(robot, robot.variant("Full").unwrap(), file, folder);
-    let found = tau::unknown_poses::calibrate(setup, &division, &Options::default());
-    found.unwrap_or_else(|error| panic!("{error}"))
-}
-
 /// A machine, its file and what was measured of it at random poses.
-struct Measured {
-    robot: Robot,
-    file: RobotFile,
-    made: SimulatedFolder,
+pub(crate) struct Measured {
+    pub(crate) robot: Robot,
+    variant: &'static str,
+    pub(crate) file: RobotFile,
+    pub(crate) made: SimulatedFolder,
 }
 
 impl Measured {
-    fn new(
+    pub(crate) fn new(
         (robot, file): (Robot, RobotFile),
-        measures: &[Measure],
-        poses: usize,
+        variant: &'static str,
+        (measures, poses): (&[Measure], usize),
         change: impl FnOnce(&mut Simulation),
     ) -> Self {
-        let mut simulation = robots::measured_at_random(&robot, &file, "Full", measures, poses);
+        let mut simulation = robots::measured_at_random(&robot, &file, variant, measures, poses);
         change(&mut simulation);
         let made = simulate(&simulation).unwrap();
-        Self { robot, file, made }
+        Self {
+            robot,
+            variant,
+            file,
+            made,
+        }
     }
 
-    fn fit(&self) -> UnknownPoses {
-        fit(&self.robot, &self.file, &self.made.folder)
+    fn setup(&self) -> Setup<'_> {
+        let variant = self.robot.variant(self.variant).unwrap();
+        Setup::new(&self.robot, variant, &self.file, &self.made.folder)
+    }
+
+    pub(crate) fn fit(&self, options: &Options) -> UnknownPoses {
+        let division = RowDivision::of(&self.made.folder, Split::All);
+        tau::unknown_poses::calibrate(self.setup(), &division, options).unwrap()
     }
 
     fn fit_of_closures(&self) -> Calibration {
-        let folder = &self.made.folder;
-        let poses: Vec<usize> = (0..folder.tcp_poses.len()).collect();
-        let variant = self.robot.variant("Full").unwrap();
-        let setup = Setup::new(&self.robot, variant, &self.file, folder);
-        calibration::calibrate(setup, &poses, &Options::default()).unwrap()
+        let poses: Vec<usize> = (0..self.made.folder.tcp_poses.len()).collect();
+        calibration::calibrate(self.setup(), &poses, &Options::default()).unwrap()
     }
 }
 
 /// Poses of a hexapod, whose drawing is off by a millimetre, which tolerances do not hold back.
 fn hexapod(poses: usize, noise: f64) -> Measured {
     let drawn = robots::drawn("hexapod", "");
-    let mut measured = Measured::new(drawn, &[Measure::Poses], poses, |simulation| {
+    let mut measured = Measured::new(drawn, "Full", (&[Measure::Poses], poses), |simulation| {
         simulation.build = Build::Exact;
         simulation.noise.scale = [noise; 3];
     });
@@ -110,7 +112,10 @@ fn largest_deviation(found: &UnknownPoses, machine: &Machine) -> f64 {
 #[test]
 fn the_42_parameters_of_a_hexapod_follow_from_18_exact_poses() {
     let measured = hexapod(18, 0.0);
-    for found in [measured.fit().calibration, measured.fit_of_closures()] {
+    for found in [
+        measured.fit(&Options::default()).calibration,
+        measured.fit_of_closures(),
+    ] {
         let errors = errors(&found, &measured.made.truth.machine);
         assert_eq!(errors.len(), 42);
         let off = errors
@@ -126,7 +131,7 @@ fn the_42_parameters_of_a_hexapod_follow_from_18_exact_poses() {
 #[test]
 fn fully_measured_poses_tell_no_less_than_their_closures() {
     let measured = hexapod(40, 1.0);
-    let found = measured.fit().calibration;
+    let found = measured.fit(&Options::default()).calibration;
     let closures = measured.fit_of_closures();
     let mut is_better = false;
     for (own, closures) in found.parameters.iter().zip(&closures.parameters) {
@@ -144,8 +149,8 @@ fn readings_of_redundant_drives_calibrate_them() {
     let drives = "[drives]\nnoise_m = 1e-5\n";
     let readings = [Measure::Rows(PlateKind::Reading)];
     let drawn = robots::drawn("eight_legs", drives);
-    let measured = Measured::new(drawn, &readings, 60, |_| ());
-    let found = measured.fit();
+    let measured = Measured::new(drawn, "Full", (&readings, 60), |_| ());
+    let found = measured.fit(&Options::default());
     // Two of eight readings are left by the six freedoms of each pose.
     assert_eq!(found.rank.rows - found.rank.spent, 120);
     assert_eq!(found.rank.open.len(), 12);
@@ -161,13 +166,18 @@ fn readings_of_redundant_drives_calibrate_them() {
 fn noise_is_estimated_by_kind() {
     let more = "[noise.heights]\nheight_m = \"estimate\"\n[noise.distances]\ndistance_m = 3e-5\n[drives]\nnoise_m = 1e-6\n";
     let drawn = robots::drawn("linear_delta", more);
-    let measured = Measured::new(drawn, &[HEIGHTS, Measure::Distances], 150, |simulation| {
-        simulation.noise = Noise {
-            scale: [3.0; 3],
-            ..Noise::default()
-        };
-    });
-    let found = measured.fit();
+    let measured = Measured::new(
+        drawn,
+        "Full",
+        (&[HEIGHTS, Measure::Distances], 150),
+        |simulation| {
+            simulation.noise = Noise {
+                scale: [3.0; 3],
+                ..Noise::default()
+            };
+        },
+    );
+    let found = measured.fit(&Options::default());
     let of = |file: &str| {
         let mut kinds = found.kinds.iter();
         kinds.find(|fit| fit.kind.of.file() == file).unwrap()
@@ -182,13 +192,13 @@ fn noise_is_estimated_by_kind() {
 #[test]
 fn gross_rows_are_named_by_file_and_line() {
     let drawn = robots::drawn("hexapod", "");
-    let measured = Measured::new(drawn, &[HEIGHTS, POSITIONS], 100, |simulation| {
+    let measured = Measured::new(drawn, "Full", (&[HEIGHTS, POSITIONS], 100), |simulation| {
         simulation.noise = Noise {
             outliers: 0.03,
             ..Noise::default()
         };
     });
-    let found = measured.fit();
+    let found = measured.fit(&Options::default());
     let named = found
         .gross
         .iter()
@@ -206,8 +216,8 @@ fn gross_rows_are_named_by_file_and_line() {
 #[test]
 fn repeats_are_readings_of_one_pose() {
     let drawn = robots::drawn("hexapod", "");
-    let measured = Measured::new(drawn, &[POSITIONS], 40, |simulation| {
-        simulation.readings = 4
+    let mut measured = Measured::new(drawn, "Full", (&[POSITIONS], 40), |simulation| {
+        simulation.readings = 4;
     });
     let mut means = measured.made.folder.clone();
     means.plate_rows = (measured.made.folder.plate_rows.chunks(4))
@@ -221,8 +231,9 @@ fn repeats_are_readings_of_one_pose() {
             row
         })
         .collect();
-    let repeated = measured.fit();
-    let meant = fit(&measured.robot, &measured.file, &means);
+    let repeated = measured.fit(&Options::default());
+    measured.made.folder = means;
+    let meant = measured.fit(&Options::default());
     assert_eq!(repeated.poses, 40);
     assert_eq!(repeated.rank.spent, meant.rank.spent);
     let [repeated, meant] = [&repeated, &meant].map(|found| &found.calibration.parameters);
@@ -297,8 +308,11 @@ pub(crate) fn a_ball_calibrates_a_five_bar(folders: u64) {
         let with = if seed % 2 == 0 { &file } else { &in_plane };
         let ball = [Measure::Rows(PlateKind::BallBar)];
         let drawn = (robot.clone(), with.clone());
-        let measured = Measured::new(drawn, &ball, 60, |simulation| simulation.seed = seed);
-        let found = fit(&robot, &file, &measured.made.folder);
+        let mut measured = Measured::new(drawn, "Full", (&ball, 60), |simulation| {
+            simulation.seed = seed;
+        });
+        measured.file = file.clone();
+        let found = measured.fit(&Options::default());
         chi2 += found.chi2;
         dof += found.dof;
         let truth = &measured.made.truth.machine.parameters;
@@ -334,12 +348,12 @@ fn a_ball_beside_a_plane_calibrates_a_five_bar() {
 pub(crate) fn lead_to_the_machine(drives: &str, seeds: &[u64]) {
     for &seed in seeds {
         let drawn = robots::drawn("hexapod", drives);
-        let measured = Measured::new(drawn, &[POSITIONS], 40, |simulation| {
+        let measured = Measured::new(drawn, "Full", (&[POSITIONS], 40), |simulation| {
             simulation.seed = seed;
             let [links, tracks] = [1.0; 2];
             simulation.build = Build::Drawn { links, tracks };
         });
-        let found = measured.fit();
+        let found = measured.fit(&Options::default());
         assert!(found.is_consistent(), "{seed}: {}", found.chi2);
         let most = largest_deviation(&found, &measured.made.truth.machine);
         assert!(most < 5.0, "{seed}: {most}");
