@@ -5,6 +5,13 @@ use tau_testkit::{list, number};
 
 use crate::search::{at, found_in_trial, found_of, of_effect, remarks};
 
+/// The only entry of a list.
+#[track_caller]
+fn only(list: &Value) -> &Value {
+    assert_eq!(list.as_array().map_or(0, Vec::len), 1, "{list}");
+    &list[0]
+}
+
 fn is_flat(pattern: &Value) -> bool {
     let bins = list(&pattern["bins"]);
     let is_zero = |bin: &Value| at(bin, "after").abs() < 4.0 * at(bin, "sigma");
@@ -14,12 +21,11 @@ fn is_flat(pattern: &Value) -> bool {
 #[test]
 fn a_spectrum_peaks_at_the_hidden_period_and_residuals_follow_it() {
     const PERIOD_M: f64 = 0.00942;
-    let (_, found) = found_of(&format!(
-        "--effect rack_pitch(two):sine=3e-5,period={PERIOD_M}"
-    ));
-    let [evidence] = list(&found["evidence"]) else {
-        panic!("{}", found["effects"]);
-    };
+    let hidden = format!("rack_pitch(two):sine=3e-5,period={PERIOD_M}");
+    let (_, found) = found_of(&format!("--effect {hidden}"));
+    let added = "variant Discovered = Full + rack_pitch(two) tol * 10;";
+    assert!(found["model_text"].as_str().unwrap().contains(added));
+    let evidence = only(&found["evidence"]);
     let spectrum = &evidence["spectrum"];
     assert_eq!(spectrum["parameter"], "period");
     assert_eq!(spectrum["unit"], "m");
@@ -30,15 +36,11 @@ fn a_spectrum_peaks_at_the_hidden_period_and_residuals_follow_it() {
     let highest = points.iter().max_by(|a, b| a[1].total_cmp(&b[1])).unwrap();
     // Commands range over 1.4 m, so that peaks are 0.7 / m wide.
     let off = highest[0].recip() - PERIOD_M.recip();
-    assert!(
-        off.abs() < 0.7 && highest[1] > 5.0 * threshold,
-        "{highest:?}"
-    );
+    let is_high = highest[1] > 5.0 * threshold;
+    assert!(off.abs() < 0.7 && is_high, "{highest:?}");
     assert!(points.len() <= 48 && points.iter().all(|point| point[2] < threshold));
 
-    let [pattern] = list(&evidence["residuals"]) else {
-        panic!("{evidence}");
-    };
+    let pattern = only(&evidence["residuals"]);
     assert_eq!(pattern["place"], "two");
     assert_eq!(pattern["target"], "along");
     let bins = list(&pattern["bins"]);
@@ -56,9 +58,7 @@ fn a_spectrum_peaks_at_the_hidden_period_and_residuals_follow_it() {
 #[test]
 fn residuals_against_the_side_of_approach_show_the_gap() {
     let found = found_in_trial("03");
-    let [pattern] = list(&found["evidence"][0]["residuals"]) else {
-        panic!("{}", found["evidence"]);
-    };
+    let pattern = only(&found["evidence"][0]["residuals"]);
     assert_eq!(pattern["against"], "direction");
     let [back, forth] = list(&pattern["bins"]) else {
         panic!("{pattern}");
@@ -68,7 +68,7 @@ fn residuals_against_the_side_of_approach_show_the_gap() {
     // The base takes up some of it.
     assert!((0.65 * 119.0..119.0).contains(&gap), "{gap}");
     assert!(is_flat(pattern), "{pattern}");
-    assert!(at(&found, "remaining_um") < 0.2 * at(&found, "ceiling_um"));
+    assert!(at(found, "remaining_um") < 0.2 * at(found, "ceiling_um"));
 }
 
 #[test]
@@ -82,8 +82,8 @@ fn serial_noise_is_told_from_white_noise() {
     assert!(at(after, "p_value") < 1e-4);
     assert_eq!(remarks(&serial, SERIAL), 1);
     let white = found_in_trial("01");
-    assert!(at(&white, "whiteness.after.p_value") > 0.01);
-    assert_eq!(remarks(&white, SERIAL), 0);
+    assert!(at(white, "whiteness.after.p_value") > 0.01);
+    assert_eq!(remarks(white, SERIAL), 0);
 }
 
 /// The only link on a track looks like its track when both lengthen; three links of one cluster do not.
@@ -99,15 +99,13 @@ fn look_alikes_are_listed_before_anything_is_found() {
         })
     };
     assert!(is_pair(["link_thermal", "l1"], ["track_thermal", "one"]));
-    assert!(!is_pair(
-        ["link_thermal", "l3a"],
-        ["track_thermal", "three"]
-    ));
+    let not_alone = ["link_thermal", "l3a"];
+    assert!(!is_pair(not_alone, ["track_thermal", "three"]));
     for pair in pairs {
         let [kappa, reverse] = ["kappa", "kappa_reverse"].map(|key| at(pair, key));
         assert!(kappa > 0.64 && kappa <= 1.0 && (0.0..=kappa).contains(&reverse));
         for [name, place] in [["name", "place"], ["with_name", "with_place"]] {
-            let seen = of_effect(&found, "detectable", pair[name].as_str().unwrap());
+            let seen = of_effect(found, "detectable", pair[name].as_str().unwrap());
             assert!(seen.iter().any(|own| own["place"] == pair[place]), "{pair}");
         }
     }

@@ -1,20 +1,32 @@
 //! How these tests search.
 
-use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::OnceLock;
 
 use serde_json::Value;
-use tau::Robot;
-use tau::discovery::{Discovery, Options, Outcome, discover};
-use tau::measurements::Folder;
-use tau::robot_file::RobotFile;
-use tau_testkit::{PROTOTYPE, Work, list, number};
+use tau_testkit::{PROTOTYPE, Work, effects, list, number};
 
 /// A folder of the virtual robot, and what is found in it.
 #[track_caller]
 pub(crate) fn found_of(simulation: &str) -> (Work, Value) {
     let work = Work::simulated(simulation);
     let found = work.discovered("");
+    (work, found)
+}
+
+/// A folder in which an effect is hidden, such as `backlash(one):gap=6e-5`, and what is found in it: fails unless that is just
+/// this effect, with its values.
+#[track_caller]
+pub(crate) fn hidden_is_found(simulation: &str, hidden: &str, arguments: &str) -> (Work, Value) {
+    let work = Work::simulated(&format!("{simulation} --effect {hidden}"));
+    let found = work.discovered(arguments);
+    let mut parts = hidden.split([':', ',']);
+    assert_eq!(effects(&found), [parts.next().unwrap()], "{simulation}");
+    assert_eq!(found["status"], "explained", "{hidden}");
+    // Of several parameters the first one is known well.
+    for (value, share) in parts.zip([0.5, f64::INFINITY, f64::INFINITY]) {
+        let (parameter, value) = value.split_once('=').unwrap();
+        assert_near(&found, share, &[(parameter, value.parse().unwrap())]);
+    }
     (work, found)
 }
 
@@ -32,34 +44,10 @@ pub(crate) fn trial(name: &str) -> Work {
 }
 
 /// What is found there from `Full`; each trial is searched once.
-pub(crate) fn found_in_trial(name: &str) -> Arc<Value> {
-    type Cell = Arc<OnceLock<Arc<Value>>>;
-    static FOUND: Mutex<BTreeMap<String, Cell>> = Mutex::new(BTreeMap::new());
-    let cell = {
-        let mut all = FOUND.lock().unwrap_or_else(PoisonError::into_inner);
-        Arc::clone(all.entry(name.to_owned()).or_default())
-    };
-    Arc::clone(cell.get_or_init(|| Arc::new(trial(name).discovered(""))))
-}
-
-/// The search of the library.
-pub(crate) fn searched(
-    (robot, base): (&Robot, &str),
-    file: &RobotFile,
-    folder: &Folder,
-    options: &Options,
-) -> Outcome {
-    discover(robot, base, file, folder, options, &mut |_| {}).unwrap()
-}
-
-/// Names and places of the effects that it found, in order.
-pub(crate) fn names(found: &Discovery) -> Vec<String> {
-    let effects = found.effects.iter();
-    let mut names: Vec<String> = effects
-        .map(|effect| format!("{}({})", effect.name, effect.place))
-        .collect();
-    names.sort();
-    names
+pub(crate) fn found_in_trial(name: &str) -> &'static Value {
+    static FOUND: [OnceLock<Value>; 12] = [const { OnceLock::new() }; 12];
+    let number: usize = name.parse().unwrap();
+    FOUND[number].get_or_init(|| trial(name).discovered(""))
 }
 
 /// Value and standard deviation of a parameter of the first effect that was found.
@@ -69,17 +57,21 @@ pub(crate) fn estimate(found: &Value, parameter: &str) -> [f64; 2] {
     ["value", "sigma"].map(|key| number(&own[key]))
 }
 
-/// Fails unless parameters of the first effect that was found are the hidden ones within four standard deviations, and
-/// so well known that a tenth of them would show.
+/// Fails unless parameters of the first effect that was found are the hidden ones within four standard deviations, each less
+/// than a share of them.
 #[track_caller]
-pub(crate) fn assert_near(found: &Value, hidden: &[(&str, f64)]) {
+pub(crate) fn assert_near(found: &Value, share: f64, hidden: &[(&str, f64)]) {
     for &(parameter, hidden) in hidden {
         let [value, sigma] = estimate(found, parameter);
-        assert!(
-            (value - hidden).abs() < 4.0 * sigma && sigma < 0.1 * hidden.abs(),
-            "{parameter} = {value} ± {sigma}, not {hidden}"
-        );
+        let is_near = (value - hidden).abs() < 4.0 * sigma && sigma < share * hidden.abs();
+        assert!(is_near, "{parameter} = {value} ± {sigma}, not {hidden}");
     }
+}
+
+/// Fails unless a number differs from another one by less than a share of that.
+#[track_caller]
+pub(crate) fn assert_alike(one: f64, other: f64, share: f64) {
+    assert!((one - other).abs() < share * other.abs(), "{one} {other}");
 }
 
 /// Entries of a list of the result that are of an effect.
