@@ -24,14 +24,4 @@ mod start;
 mod study;
 
 /// A plate in a plane on three pistons.
-const PISTONS: &str = "robot Pistons {
-    plate body in plane;
-    cluster legs on base {
-        link a actuated length { length = 0.5 m tol 0.5 mm; track_offset = (0, 0, 0) m tol 1 mm; plate_joint = (-0.1, -0.06, 0) m tol 0.3 mm; }
-        link b actuated length { length = 0.5 m tol 0.5 mm; track_offset = (1, 0, 0) m tol 1 mm; plate_joint = (0.1, -0.06, 0) m tol 0.3 mm; }
-        link c actuated length { length = 0.5 m tol 0.5 mm; track_offset = (0.6, 0.9, 0) m tol 1 mm; plate_joint = (0, 0.12, 0) m tol 0.3 mm; }
-    }
-    reference { commands = (0, 0, 0) m; position = (0.503, 0.3237, 0) m; orientation = (0.5474, 0, 0) rad; }
-    variant Full { arm full; }
-}
-";
+const PISTONS: &str = include_str!("robots/pistons.tau");

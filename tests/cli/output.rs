@@ -27,6 +27,7 @@ fn remarks_go_to_standard_error_and_results_to_standard_output() {
     let ran = Work::empty().run("evaluate --variant Nominal --json -");
     let first = ran.err.lines().next().unwrap();
     assert_eq!(said(first), ["T356"]);
+    ran.shows("T356");
     assert_eq!(ran.json()["variant"], "Nominal");
 }
 

@@ -8,7 +8,7 @@ use tau::{Error, Files, InputError, Robot, Session};
 use tau_codes::{Code, fit};
 use tau_generated::gantry_tau::GantryTau;
 use tau_generated::hexapod::Hexapod;
-use tau_testkit::{GANTRY, Work, estimate, number};
+use tau_testkit::{GANTRY, Work, estimate, number, show};
 
 /// The session's answer must be a mistake, and the command must print the same.
 #[track_caller]
@@ -34,7 +34,7 @@ fn mistakes_in_measurements_and_parameters() {
             .iter()
             .any(|own| own.source.ends_with(*file))
     };
-    assert!(files.iter().all(|file| is_named(&file)), "{found}");
+    assert!(files.iter().all(|file| is_named(file)), "{found}");
     let evaluate = "--model gantry_tau --variant Full";
     same_answer(&work, &format!("evaluate MEASURED {evaluate}"), open());
     work.remove("measured/robot.toml");
@@ -74,16 +74,22 @@ fn mistakes_in_descriptions_catalogues_and_splits() {
         same_answer(&work, line, session.catalogues(&[&own]));
     }
     let session = session.split("first:500".parse().unwrap());
-    same_answer(
-        &work,
-        "evaluate --split first:500 --variant Full",
-        session.poses(),
-    );
+    let line = "evaluate --split first:500 --variant Full";
+    same_answer(&work, line, session.poses());
+}
+
+/// The code of a refusal, and what it says.
+#[track_caller]
+fn refusal<T>(answer: Result<T, impl Into<Error> + Debug>) -> (String, String) {
+    let error = answer.err().expect("a refusal").into();
+    (error.code().to_string(), error.to_string())
 }
 
 #[track_caller]
-fn refusal<T>(answer: Result<T, impl Into<Error> + Debug>) -> Code {
-    answer.err().expect("a refusal").into().code()
+fn refused<T>(code: Code, answer: Result<T, impl Into<Error> + Debug>) -> String {
+    let (found, said) = refusal(answer);
+    assert_eq!(found, code.to_string(), "{said}");
+    said
 }
 
 /// A verdict is of the measurements that were fitted, and of poses that there are.
@@ -94,20 +100,22 @@ fn verdicts_are_of_what_was_fitted() {
     session.verdict(&found).unwrap();
     for split in [Split::All, Split::First(60)] {
         let other = session.clone().split(split);
-        assert_eq!(refusal(other.verdict(&found)), fit::OTHER_CALIBRATION);
+        refused(fit::OTHER_CALIBRATION, other.verdict(&found));
     }
     let mut folder = session.folder().clone();
     for pose in &mut folder.tcp_poses {
         pose.position_m[0] += 1e-6;
     }
     let moved = Session::<GantryTau>::of(folder, session.robot_file().clone());
-    assert_eq!(refusal(moved.verdict(&found)), fit::OTHER_CALIBRATION);
+    let said = refused(fit::OTHER_CALIBRATION, moved.verdict(&found));
+    show("T338", &said);
 
     let machine = session.machine(GantryTau::NOMINAL).unwrap();
-    for poses in [vec![], vec![0, 100_000]] {
+    let said = [vec![], vec![0, 100_000]].map(|poses| {
         let answer = session.verdict_on_prediction(&machine, poses);
-        assert_eq!(refusal(answer), fit::NO_POSES);
-    }
+        refused(fit::NO_POSES, answer)
+    });
+    show("T331", &said.join("\n"));
 }
 
 /// Numbers that no file can hold are refused in memory, too.
@@ -118,14 +126,16 @@ fn measurements_in_memory_are_looked_at() {
         let (mut folder, mut file) = (session.folder().clone(), session.robot_file().clone());
         spoil(&mut folder, &mut file);
         let session = Session::<GantryTau>::of(folder, file);
-        let code = refusal(session.calibrate(GantryTau::NOMINAL));
-        assert_eq!(refusal(session.check(None)), code);
-        code.to_string()
+        let told = refusal(session.calibrate(GantryTau::NOMINAL));
+        assert_eq!(refusal(session.check(None)), told);
+        told
     };
     let short = spoilt(&|folder, _| folder.tcp_poses[3].commands_m.clear());
     let endless = spoilt(&|folder, _| folder.tcp_poses[3].position_m[1] = f64::INFINITY);
     let negative = spoilt(&|_, file| file.noise.position_m = -1e-5);
-    assert_eq!([short, endless, negative], ["T355", "T355", "T223"]);
+    let codes = [&short, &endless, &negative].map(|told| told.0.as_str());
+    assert_eq!(codes, ["T355", "T355", "T223"]);
+    show("T355", &[short.1, endless.1].join("\n"));
 }
 
 /// Noise of the drives is in a calibration, whichever way it is asked for.
@@ -139,7 +149,7 @@ fn drives_with_noise_calibrate_with_it() {
         let sigma = number(&estimate(&told, &own.name)["sigma"]);
         assert!((sigma / own.sigma - 1.0).abs() < 1e-12, "{}", own.name);
     }
-    assert_eq!(refusal(session.verdict(&found)), fit::NEEDS_MEASURED_POSES);
+    refused(fit::NEEDS_MEASURED_POSES, session.verdict(&found));
     let answer = session.calibrate_with_errors_in_variables(Hexapod::FULL);
-    assert_eq!(refusal(answer), fit::NEEDS_MEASURED_POSES);
+    refused(fit::NEEDS_MEASURED_POSES, answer);
 }

@@ -182,9 +182,13 @@ fn the_tutorial_does_what_it_says() {
         "path.csv",
         "commands.csv",
     ];
-    let place = |word: String| match names.contains(&word.split('/').next().unwrap()) {
-        true => format!("{folder}{word}"),
-        false => word,
+    let place = |word: String| {
+        let is_file = names.contains(&word.split('/').next().unwrap());
+        if is_file {
+            format!("{folder}{word}")
+        } else {
+            word
+        }
     };
     let mut said = None;
     let mut commands = 0;

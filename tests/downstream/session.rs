@@ -2,24 +2,9 @@
 //! calibrated like what was declared.
 
 use tau::kinematics::Sample;
-use tau::measurements::Split;
-use tau::robot_file::RobotFile;
 use tau::{Error, Robot, Session};
 
 use crate::{FOLDER, Gantry, gantry};
-
-#[test]
-fn a_calibrated_robot_is_written_and_read_again() -> Result<(), Error> {
-    let session = Session::<Gantry>::open(FOLDER)?;
-    let calibrated = session.calibrate(Gantry::RUNOUT)?;
-    let text = calibrated.file.to_toml();
-    let again = RobotFile::parse_for(&text, "robot.toml", session.robot())?;
-    assert_eq!(again, calibrated.file);
-    let session = Session::<Gantry>::of(session.folder().clone(), again);
-    let errors = session.evaluate(&session.machine(Gantry::RUNOUT)?)?;
-    assert_eq!(errors, session.evaluate(&calibrated.machine)?);
-    Ok(())
-}
 
 #[test]
 fn compiled_in_and_read_at_run_time_the_numbers_are_the_same() -> Result<(), Error> {
@@ -58,18 +43,6 @@ fn a_parameter_of_another_variant_has_no_estimate() -> Result<(), Error> {
     assert_eq!(codes, ["T338", "T248"]);
     let error = session.calibrate("Runaut").err().expect("no variant");
     assert_eq!(error.code().to_string(), "T263");
-    Ok(())
-}
-
-#[test]
-fn poses_that_leave_none_to_validate_are_refused_when_they_are_needed() -> Result<(), Error> {
-    let session = Session::<Gantry>::open(FOLDER)?.split(Split::First(10_000));
-    let remarks = session.remarks();
-    let remarks: Vec<String> = remarks.iter().map(|own| own.code.to_string()).collect();
-    assert_eq!(remarks, ["T253", "T356"]);
-    let error = session.poses().unwrap_err();
-    assert_eq!(error.code().to_string(), "T333");
-    assert_eq!(session.calibrate(Gantry::SHARED).err(), Some(error.into()));
     Ok(())
 }
 

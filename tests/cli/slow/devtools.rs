@@ -47,30 +47,22 @@ impl Browser {
         };
         let profile = tempfile::tempdir().unwrap();
         // The browser reads descriptor 3 and writes 4, which a shell can make of standard input and output.
+        let options = "--headless --no-sandbox --disable-gpu --no-first-run --hide-scrollbars --disable-dev-shm-usage \
+                       --remote-debugging-pipe";
         let mut process = Command::new("sh")
-            .arg("-c")
-            .arg("exec \"$0\" \"$@\" 3<&0 4>&1 </dev/null >/dev/null 2>&1")
+            .args([
+                "-c",
+                "exec \"$0\" \"$@\" 3<&0 4>&1 </dev/null >/dev/null 2>&1",
+            ])
             .arg(program)
-            .args([
-                "--headless",
-                "--no-sandbox",
-                "--disable-gpu",
-                "--no-first-run",
-            ])
-            .args([
-                "--hide-scrollbars",
-                "--disable-dev-shm-usage",
-                "--remote-debugging-pipe",
-            ])
+            .args(options.split(' '))
             .arg(format!("--user-data-dir={}", profile.path().display()))
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()
             .unwrap();
-        let (to, from) = (
-            process.stdin.take().unwrap(),
-            process.stdout.take().unwrap(),
-        );
+        let to = process.stdin.take().unwrap();
+        let from = process.stdout.take().unwrap();
         let mut browser = Self {
             process,
             to,
@@ -150,15 +142,14 @@ impl Browser {
     pub(super) fn complaints(&mut self) -> Vec<String> {
         // An answer comes behind everything that happened before.
         self.evaluate("0");
-        let events = self.events.iter();
-        events
-            .filter(|event| {
-                event["method"] == "Runtime.exceptionThrown"
-                    || event["method"] == "Log.entryAdded"
-                    || event["method"] == "Runtime.consoleAPICalled"
-            })
-            .map(ToString::to_string)
-            .collect()
+        let kinds = [
+            "Runtime.exceptionThrown",
+            "Log.entryAdded",
+            "Runtime.consoleAPICalled",
+        ];
+        let is_one = |event: &&Value| kinds.iter().any(|kind| event["method"] == *kind);
+        let found = self.events.iter().filter(is_one);
+        found.map(ToString::to_string).collect()
     }
 }
 
