@@ -3,19 +3,15 @@
 mod export;
 mod import;
 mod reader;
-mod real;
 
 use std::fmt::Write as _;
-use std::fs;
-use std::path::Path;
 
-use nalgebra::{DMatrix, DVector, Matrix2, Vector2, Vector3};
-use serde_json::Value;
-
-use crate::support::{number, tau_in};
+use nalgebra::{Matrix2, Vector2, Vector3};
+use serde_json::{Value, json};
+use tau_testkit::{Ran, Work, list, number};
 
 /// Parameters in the order of [`Printer::values`].
-const NAMES: [&str; 10] = [
+pub(crate) const NAMES: [&str; 10] = [
     "radius",
     "angle_a",
     "angle_b",
@@ -27,25 +23,19 @@ const NAMES: [&str; 10] = [
     "arm_b",
     "arm_c",
 ];
-/// Those that the firmware calibrates from heights alone.
-const BASIC: [usize; 6] = [0, 1, 2, 4, 5, 6];
-/// Those that it calibrates with distances.
-const EXTENDED: [usize; 9] = [0, 1, 2, 4, 5, 6, 7, 8, 9];
-/// Weight of a height against a distance in the firmware's cost.
-const MEASURE_WEIGHT: f64 = 0.5;
 
 /// A printer and its measurements, mm and degrees.
 #[derive(Clone)]
-struct Printer {
-    values: [f64; 10],
-    step: f64,
-    heights: Vec<(f64, [f64; 3])>,
-    distances: Vec<(f64, [[f64; 3]; 2])>,
+pub(crate) struct Printer {
+    pub(crate) values: [f64; 10],
+    pub(crate) step: f64,
+    pub(crate) heights: Vec<(f64, [f64; 3])>,
+    pub(crate) distances: Vec<(f64, [[f64; 3]; 2])>,
 }
 
 /// Where the nozzle stands (mm): the spheres about the joints of the carriages meet, of two points in the lower one.
 /// Differences of the spheres' equations are linear, which leaves one equation of second degree in z.
-fn position(values: &[f64], step: f64, steps: &[f64; 3]) -> Vector3<f64> {
+pub(crate) fn position(values: &[f64], step: f64, steps: &[f64; 3]) -> Vector3<f64> {
     let radius = values[0];
     let joints = [0, 1, 2].map(|k| {
         let (angle, endstop, arm) = (values[1 + k].to_radians(), values[4 + k], values[7 + k]);
@@ -81,68 +71,11 @@ fn steps_at(values: &[f64], step: f64, at: Vector3<f64>) -> [f64; 3] {
 }
 
 impl Printer {
-    /// Weight of the square of a height against that of a distance.
-    fn weight(&self) -> f64 {
-        let (heights, distances) = (self.heights.len() as f64, self.distances.len() as f64);
-        if distances > 0.0 {
-            distances / (MEASURE_WEIGHT * heights)
-        } else {
-            1.0
-        }
-    }
-
-    /// Residuals of the firmware's cost.
-    fn residuals(&self, values: &[f64]) -> DVector<f64> {
-        let at = |steps: &[f64; 3]| position(values, self.step, steps);
-        let weight = self.weight().sqrt();
-        let heights = self
-            .heights
-            .iter()
-            .map(|(height, steps)| weight * (at(steps).z - height));
-        let distances = self.distances.iter();
-        let distances = distances.map(|(distance, [a, b])| (at(a) - at(b)).norm() - distance);
-        DVector::from_iterator(
-            self.heights.len() + self.distances.len(),
-            heights.chain(distances),
-        )
-    }
-
-    fn cost(&self, values: &[f64]) -> f64 {
-        self.residuals(values).norm_squared()
-    }
-
-    /// Parameters at the least cost, by Gauss and Newton's method with differences.
-    fn optimum(&self, free: &[usize]) -> Vec<f64> {
-        let mut values = self.values.to_vec();
-        for _ in 0..20 {
-            let base = self.residuals(&values);
-            let columns: Vec<DVector<f64>> = (free.iter())
-                .map(|&index| {
-                    let at = |step: f64| {
-                        let mut moved = values.clone();
-                        moved[index] += step;
-                        self.residuals(&moved)
-                    };
-                    (at(1e-4) - at(-1e-4)) / 2e-4
-                })
-                .collect();
-            let move_by = DMatrix::from_columns(&columns)
-                .svd(true, true)
-                .solve(&base, 1e-12)
-                .unwrap();
-            for (&index, step) in free.iter().zip(move_by.iter()) {
-                values[index] -= step;
-            }
-        }
-        values
-    }
-
-    /// Factors that its firmware fits.
-    fn free(&self) -> &'static [usize] {
-        if self.distances.is_empty() {
-            &BASIC
-        } else {
-            &EXTENDED
+    /// Weight of the square of a height against that of a distance in the firmware's cost.
+    pub(crate) fn weight(&self) -> f64 {
+        match self.distances.len() {
+            0 => 1.0,
+            distances => distances as f64 / (0.5 * self.heights.len() as f64),
         }
     }
 
@@ -194,58 +127,51 @@ impl Printer {
         text
     }
 
-    /// The printer's folder `DIR/printer`, made of its configuration by the program.
-    fn import(&self, folder: &Path) {
-        fs::write(folder.join("printer.cfg"), self.config()).unwrap();
-        tau_in(
-            folder,
-            "tau import klipper DIR/printer.cfg --out DIR/printer",
-        )
-        .done();
+    /// A folder whose measurements the program made of the configuration, which is `DIR/printer.cfg`.
+    pub(crate) fn imported(&self) -> Work {
+        let work = Work::empty();
+        work.write("printer.cfg", self.config());
+        work.run("import klipper DIR/printer.cfg --out MEASURED")
+            .done();
+        work
     }
 
-    /// Makes the folder's problem that of the firmware: no tolerances, heights and distances by its weights.
-    fn as_the_firmware(&self, folder: &Path) {
-        let path = folder.join("printer/printer.tau");
-        let text = fs::read_to_string(&path).unwrap();
-        let mut words: Vec<String> = vec![];
-        for line in text.lines() {
-            words.push(match line.find(" tol ") {
-                Some(at) if line.ends_with("mm;") => format!("{} tol 1 km;", &line[..at]),
-                Some(at) => format!("{} tol 3 rad;", &line[..at]),
-                None => line.to_owned(),
-            });
-        }
-        fs::write(path, words.join("\n")).unwrap();
-        let noise = 1e-4;
-        let heights = noise / self.weight().sqrt();
-        let text = format!(
-            "robot = \"Printer\"\n[noise.heights]\nheight_m = {heights:?}\n[noise.distances]\ndistance_m = {noise:?}\n"
+    /// The same as the firmware takes them: no tolerances, heights and distances by its weights.
+    pub(crate) fn as_the_firmware(&self) -> Work {
+        let work = self.imported();
+        let text = work.read("measured/printer.tau");
+        let lines = text.lines().map(|line| match line.split_once(" tol ") {
+            Some((value, tol)) if tol.ends_with("mm;") => format!("{value} tol 1 km;\n"),
+            Some((value, _)) => format!("{value} tol 3 rad;\n"),
+            None => format!("{line}\n"),
+        });
+        work.write("measured/printer.tau", lines.collect::<String>());
+        let [heights, distances] = [1e-4 / self.weight().sqrt(), 1e-4];
+        let noise = format!(
+            "robot = \"Printer\"\n[noise.heights]\nheight_m = {heights:?}\n[noise.distances]\ndistance_m = {distances:?}\n"
         );
-        fs::write(folder.join("printer/robot.toml"), text).unwrap();
+        work.write("measured/robot.toml", noise);
+        work
     }
 
     /// Parameters (mm, degrees) of a calibration, and its JSON.
-    fn calibrate(&self, folder: &Path, more: &str) -> (Vec<f64>, Value) {
-        let variant = if self.distances.is_empty() {
-            "Basic"
-        } else {
-            "Extended"
+    pub(crate) fn calibrated(&self, work: &Work, more: &str) -> (Vec<f64>, Value) {
+        let variant = match self.distances.len() {
+            0 => "Basic",
+            _ => "Extended",
         };
         let line = format!(
-            "tau calibrate DIR/printer --model DIR/printer/printer.tau --variant {variant} --split all --out DIR/found \
-             --json - {more}"
+            "calibrate MEASURED --model MEASURED/printer.tau --variant {variant} --split all --out DIR/found --json - {more}"
         );
-        let found = tau_in(folder, &line).json();
+        let found = work.run(&line).json();
         let mut values = self.values.to_vec();
-        for parameter in found["parameters"].as_array().unwrap() {
+        for parameter in list(&found["parameters"]) {
             let name = parameter["name"].as_str().unwrap();
             let own = number(&parameter["value"]);
             let index = NAMES.iter().position(|known| *known == name).unwrap();
-            values[index] = if parameter["unit"] == "m" {
-                1000.0 * own
-            } else {
-                own.to_degrees()
+            values[index] = match parameter["unit"] == "m" {
+                true => 1000.0 * own,
+                false => own.to_degrees(),
             };
         }
         (values, found)
@@ -297,42 +223,9 @@ fn imagined() -> (Printer, [f64; 10]) {
 #[test]
 fn an_imagined_printer_is_found_from_its_firmwares_file() {
     let (printer, truth) = imagined();
-    let folder = tempfile::tempdir().unwrap();
-    printer.import(folder.path());
-    printer.as_the_firmware(folder.path());
-    let (found, _) = printer.calibrate(folder.path(), "");
-    for (index, name) in NAMES.iter().enumerate() {
-        assert!(
-            (found[index] - truth[index]).abs() < 1e-4,
-            "{name}: {}",
-            found[index]
-        );
-    }
-}
-
-/// Step lengths stand by themselves in old configurations, and nothing is saved.
-#[test]
-fn old_configurations_are_read() {
-    let (printer, _) = imagined();
-    let folder = tempfile::tempdir().unwrap();
-    let text: Vec<String> = (printer.config().lines())
-        .filter(|line| !line.contains("SAVE_CONFIG") && !line.contains("DO NOT EDIT"))
-        .filter(|line| !line.starts_with("microsteps"))
-        .map(|line| line.trim_start_matches("#*#").trim_start().to_owned())
-        .map(|line| line.replace("rotation_distance: 40", "step_distance: 0.0125"))
-        .collect();
-    fs::write(folder.path().join("old.cfg"), text.join("\n")).unwrap();
-    fs::write(folder.path().join("new.cfg"), printer.config()).unwrap();
-    for name in ["old", "new"] {
-        tau_in(
-            folder.path(),
-            &format!("tau import klipper DIR/{name}.cfg --out DIR/{name}"),
-        )
-        .done();
-    }
-    for file in ["heights.csv", "distances.csv", "readings.csv", "robot.toml"] {
-        let of = |name: &str| fs::read_to_string(folder.path().join(name).join(file)).unwrap();
-        assert_eq!(of("old"), of("new"), "{file}");
+    let (found, _) = printer.calibrated(&printer.as_the_firmware(), "");
+    for ((name, found), truth) in NAMES.iter().zip(found).zip(truth) {
+        assert!((found - truth).abs() < 1e-4, "{name}: {found}");
     }
 }
 
@@ -340,26 +233,15 @@ fn old_configurations_are_read() {
 fn seven_factors_on_seven_points_are_refused() {
     let (mut printer, _) = imagined();
     printer.distances.clear();
-    let folder = tempfile::tempdir().unwrap();
-    printer.import(folder.path());
-    let path = folder.path().join("printer/printer.tau");
-    let text = fs::read_to_string(&path).unwrap();
+    let work = printer.imported();
     let seven = "variant Seven = Extended hold arm_b, arm_c;\n    variant Basic";
-    fs::write(&path, text.replace("variant Basic", seven)).unwrap();
-    let line = "DIR/printer --model DIR/printer/printer.tau --variant Seven --split all";
-    let refused = tau_in(
-        folder.path(),
-        &format!("tau calibrate {line} --out DIR/found"),
-    );
-    assert_eq!(refused.code, 2);
-    let message = "7 residuals of 7 poses for 7 factors: the fit would repeat its input";
-    assert!(refused.err.contains(message), "{}", refused.err);
-    assert!(
-        refused.err.contains("measure at least 8 poses"),
-        "{}",
-        refused.err
-    );
-    assert_eq!(tau_in(folder.path(), &format!("tau check {line}")).code, 1);
+    let text = work.read("measured/printer.tau");
+    work.write("measured/printer.tau", text.replace("variant Basic", seven));
+    let line = "MEASURED --model MEASURED/printer.tau --variant Seven --split all";
+    let refused = work.run(&format!("calibrate {line} --out DIR/found"));
+    refused.refused(&[("T341", "measured", 0)]);
+    insta::assert_snapshot!(refused.err);
+    assert_eq!(work.run(&format!("check {line}")).code, 1);
 }
 
 /// Largest way (mm) by which the edge of the bed moves between two sets of parameters: where one takes it to be, the other
@@ -373,34 +255,27 @@ fn moved_edge(from: &[f64], to: &[f64], step: f64) -> f64 {
     around.fold(0.0, f64::max)
 }
 
-/// Makes each distance wrong by 1 mm, either way: the edge of the bed moves by no more than 1.2 mm, and by default the row
-/// is named first and left out. Under a loss that lets rows go, another may stand further off.
-fn wrong_distances_are_named(printer: &Printer, rows: &[usize]) {
-    let work = tempfile::tempdir().unwrap();
-    let fit = |printer: &Printer, more: &str| {
-        for name in ["printer", "found"] {
-            let _ = fs::remove_dir_all(work.path().join(name));
-        }
-        printer.import(work.path());
-        printer.calibrate(work.path(), more)
-    };
-    for more in ["", "--loss cauchy", "--loss tukey"] {
-        let (before, _) = fit(printer, more);
-        for &row in rows {
-            for off in [1.0, -1.0] {
-                let mut wrong = printer.clone();
-                wrong.distances[row].0 += off;
-                let (after, found) = fit(&wrong, more);
-                let moved = moved_edge(&before, &after, printer.step);
-                assert!(moved <= 1.2, "{more} {row} {off}: {moved} mm");
-                if !more.is_empty() {
-                    continue;
-                }
+/// Makes distances wrong by so many mm: the edge of the bed moves by no more than 1.2 mm, and by default the row is named
+/// first and left out. Under a loss that lets rows go, another may stand further off.
+pub(crate) fn wrong_distances_are_named(
+    printer: &Printer,
+    losses: &[&str],
+    wrong: &[(usize, f64)],
+) {
+    for more in losses {
+        let fit = |printer: &Printer| printer.calibrated(&printer.imported(), more);
+        let (before, _) = fit(printer);
+        for &(row, off) in wrong {
+            let mut printer = printer.clone();
+            printer.distances[row].0 += off;
+            let (after, found) = fit(&printer);
+            let moved = moved_edge(&before, &after, printer.step);
+            assert!(moved <= 1.2, "{more} {row} {off}: {moved} mm");
+            if more.is_empty() {
                 let worst = &found["gross_rows"][0];
-                assert_eq!(worst["file"], "distances.csv", "{more} {row} {off}");
-                assert_eq!(worst["line"], row + 2, "{more} {row} {off}");
-                let counts = number(&worst["weight"]);
-                assert!(counts < 0.1, "{more} {row} {off}: {counts}");
+                assert_eq!(worst["file"], "distances.csv", "{row} {off}");
+                assert_eq!(worst["line"], row + 2, "{off}");
+                assert!(number(&worst["weight"]) < 0.1, "{row} {off}: {worst}");
             }
         }
     }
@@ -408,7 +283,8 @@ fn wrong_distances_are_named(printer: &Printer, rows: &[usize]) {
 
 #[test]
 fn a_wrong_distance_hardly_moves_the_edge_of_the_bed() {
-    wrong_distances_are_named(&imagined().0, &[2, 7]);
+    let losses = ["", "--loss tukey"];
+    wrong_distances_are_named(&imagined().0, &losses, &[(2, 1.0), (7, -1.0)]);
 }
 
 #[test]
@@ -416,43 +292,33 @@ fn exchanged_distances_are_found_before_the_fit() {
     let (mut printer, truth) = imagined();
     // A smaller object beside the other, so that distances differ.
     for row in 6..12 {
-        let [a, b] = printer.distances[row]
-            .1
-            .map(|steps| position(&truth, printer.step, &steps));
+        let ends = printer.distances[row].1;
+        let [a, b] = ends.map(|steps| position(&truth, printer.step, &steps));
         let b = a + (b - a) * 0.8;
-        printer.distances[row] = (
-            (a - b).norm(),
-            [a, b].map(|at| steps_at(&truth, printer.step, at)),
-        );
+        let ends = [a, b].map(|at| steps_at(&truth, printer.step, at));
+        printer.distances[row] = ((a - b).norm(), ends);
     }
-    let model = "--model DIR/printer/printer.tau --variant Extended --split all";
+    let line = "MEASURED --model MEASURED/printer.tau --variant Extended --split all --json -";
     for is_exchanged in [false, true] {
         let mut own = printer.clone();
         if is_exchanged {
             own.distances[2].0 = printer.distances[9].0;
             own.distances[9].0 = printer.distances[2].0;
         }
-        let folder = tempfile::tempdir().unwrap();
-        own.import(folder.path());
-        let check = tau_in(folder.path(), &format!("tau check DIR/printer {model}"));
-        let fit = tau_in(
-            folder.path(),
-            &format!("tau calibrate DIR/printer {model} --out DIR/found"),
-        );
-        let says = "the distances of lines 4 and 11 are exchanged";
-        for (what, ran) in [("check", check), ("calibrate", fit)] {
-            assert_eq!(
-                ran.code == 1,
-                is_exchanged,
-                "{what}: {}{}",
-                ran.out,
-                ran.err
-            );
-            assert_eq!((ran.out + &ran.err).contains(says), is_exchanged, "{what}");
-        }
-        assert_eq!(
-            folder.path().join("found/robot.toml").exists(),
-            !is_exchanged
-        );
+        let work = own.imported();
+        let told = |ran: Ran| {
+            assert_eq!(ran.code, u8::from(is_exchanged), "{}", ran.err);
+            let found = ran.printed();
+            let mistakes = [&found, &found["fit"]].map(|of| of["mistakes"].as_array().cloned());
+            let mistakes = mistakes.into_iter().flatten().flatten();
+            let told = mistakes.map(|own| json!([own["code"], own["lines"]]));
+            told.collect::<Vec<Value>>()
+        };
+        let expected = vec![json!(["T417", [4, 11]]); usize::from(is_exchanged)];
+        assert_eq!(told(work.run(&format!("check {line}"))), expected);
+        let calibrate = work.run(&format!("calibrate {line} --out DIR/found"));
+        assert_eq!(told(calibrate), expected);
+        let is_written = work.listing("").contains(&"found".to_owned());
+        assert_eq!(is_written, !is_exchanged);
     }
 }

@@ -1,227 +1,181 @@
 //! Calibrations written back into the firmware's configuration, which an independent reader then takes as it would.
 
-use std::fs;
-use std::path::Path;
+use tau_testkit::{Ran, Work};
 
-use super::reader::{Options, as_read};
+use super::reader::as_read;
 use super::{NAMES, imagined};
-use crate::support::{Ran, tau_in};
+use crate::answers::{Answers, cases, replaced};
 
-/// Section and option of each parameter.
-fn places() -> Vec<(String, String)> {
-    let of = |section: &str, key: &str| (section.to_owned(), key.to_owned());
-    let mut places = vec![of("printer", "delta_radius")];
-    for key in ["angle", "position_endstop", "arm_length"] {
-        places.extend(["a", "b", "c"].map(|tower| of(&format!("stepper_{tower}"), key)));
-    }
-    places
+const EXPORT: &str = "export DIR/found.toml --model MEASURED/printer.tau --to klipper";
+
+/// Case, a stretch of the configuration, and what stands in its place.
+const WRITTEN: &str = r"
+saved                        | [printer]                         | [printer]
+by hand                      | [printer]\n                       | [printer]\ndelta_radius: 170\n
+upper case                   | [printer]\n                       | [printer]\nDELTA_RADIUS = 170 ; nominal\n
+first and indented           | [printer]\n                       | [printer]\n  delta_radius: 170\n
+all indented                 | [printer]\nkinematics: delta\nmax | [printer]\n  delta_radius: 170\n  kinematics: delta\n  max
+several lines                | [stepper_a]\n                     | [stepper_a]\nangle:\n  211\narm_length: 300\n
+several lines in the block   | *#*# angle =                       | #*# angle =\n#*# \t
+a macro that looks so        | [delta_calibrate]                 | [gcode_macro X]\ngcode:\n\n  ; c\n  delta_radius: 1\n[delta_calibrate]
+other lines in the block     | #*# [delta_calibrate]             | #*# [mesh x]\n#*# points =\n#*# \t  0.1, 0.2\n#*# \t  0.3\n#*# k = 2\n#*# [delta_calibrate]
+a section twice in the block | #*# [delta_calibrate]             | #*# [printer]\n#*# delta_radius = 3\n#*# max_accel = 77\n#*# [delta_calibrate]
+the mark without a space     | [printer]                         | #*#SAVE_CONFIG later\n[printer]
+";
+
+/// Case, a stretch of the configuration, what stands in its place, and the answer.
+const REFUSED: &str = r"
+include     | [printer]         | [include geo.cfg]\n[printer]                      | T275@geo.cfg:2
+includes    | [printer]         | [include g*.cfg]\n[printer]                       | T275@geo.cfg:2
+circle      | [printer]         | [include loop.cfg]\n[printer]                     | T272@loop.cfg:1
+other mark  | DO NOT EDIT       | DO NOT edit                                       | T271:23
+mark above  | [printer]         | [mcu]\n#*# run SAVE_CONFIG afterwards\n[printer] | T271:2
+no delta    | kinematics: delta | kinematics: corexy                                | T275:2
+";
+
+/// Section and option of a parameter in the firmware's file.
+fn place(name: &str) -> (String, String) {
+    let (section, key) = match name.split_once('_') {
+        None => ("printer".to_owned(), "delta_radius"),
+        Some((kind, tower)) => {
+            let key = match kind {
+                "angle" => "angle",
+                "endstop" => "position_endstop",
+                _ => "arm_length",
+            };
+            (format!("stepper_{tower}"), key)
+        }
+    };
+    (section, key.to_owned())
 }
 
-/// A printer and its folder, `DIR/printer`, calibrated: not by a fit, but by a robot file that states other values.
-fn calibrated(folder: &Path) -> [f64; 10] {
+/// The imagined printer's folder with its calibration, `found.toml`: not by a fit, but by a robot file that states other
+/// values.
+fn calibrated() -> Work {
     let (printer, truth) = imagined();
-    printer.import(folder);
-    let mut text = fs::read_to_string(folder.join("printer/robot.toml")).unwrap();
+    let work = printer.imported();
+    let mut text = work.read("measured/robot.toml");
     // The description holds angle c for exact.
     for (name, value) in NAMES.iter().zip(truth).filter(|own| *own.0 != "angle_c") {
-        let value = if name.starts_with("angle") {
-            value.to_radians()
-        } else {
-            value / 1000.0
+        let value = match name.starts_with("angle") {
+            true => value.to_radians(),
+            false => value / 1000.0,
         };
         text += &format!("\n[parameters.{name}]\nvalue = {value:?}\ntol = 0.001\n");
     }
-    fs::write(folder.join("found.toml"), text).unwrap();
-    truth
+    work.write("found.toml", text);
+    work
 }
 
-fn export(folder: &Path) -> Ran {
-    let _ = fs::remove_file(folder.join("new.cfg"));
-    let line = "tau export DIR/found.toml --model DIR/printer/printer.tau --to klipper --into DIR/printer.cfg --out DIR/new.cfg";
-    tau_in(folder, line)
+/// Writes the calibration into `printer.cfg`, which holds this text, as `new.cfg`.
+fn export(work: &Work, text: &str) -> Ran {
+    let _ = std::fs::remove_file(work.path().join("new.cfg"));
+    work.write("printer.cfg", text);
+    work.run(&format!(
+        "{EXPORT} --into DIR/printer.cfg --out DIR/new.cfg"
+    ))
 }
 
 /// The firmware reads what was calibrated, and otherwise what it read before.
 #[track_caller]
-fn assert_written(folder: &Path, truth: &[f64; 10], what: &str) {
-    let (before, after): (Options, Options) = (
-        as_read(&folder.join("printer.cfg")).unwrap(),
-        as_read(&folder.join("new.cfg")).unwrap(),
-    );
-    let places = places();
-    for (place, expected) in places.iter().zip(truth) {
-        let found: f64 = after[place].trim().parse().unwrap();
-        assert!((found - expected).abs() < 1e-6, "{what}: {place:?} {found}");
+fn assert_written(work: &Work, what: &str) {
+    let read = |name: &str| as_read(&work.path().join(name)).unwrap();
+    let (mut before, mut after) = (read("printer.cfg"), read("new.cfg"));
+    for (name, expected) in NAMES.iter().zip(imagined().1) {
+        let place = place(name);
+        before.remove(&place);
+        let found: f64 = after.remove(&place).unwrap().trim().parse().unwrap();
+        assert!((found - expected).abs() < 1e-6, "{what}: {name} {found}");
     }
-    let others = |options: &Options| {
-        let mut options = options.clone();
-        options.retain(|place, _| !places.contains(place));
-        options
-    };
-    assert_eq!(others(&before), others(&after), "{what}");
+    assert_eq!(before, after, "{what}");
 }
 
 #[test]
 fn the_block_alone_stands_below_what_is_written_by_hand() {
-    let folder = tempfile::tempdir().unwrap();
-    let truth = calibrated(folder.path());
-    let line = "tau export DIR/found.toml --model DIR/printer/printer.tau --to klipper";
-    let alone = tau_in(folder.path(), line).done();
+    let work = calibrated();
+    let alone = work.run(EXPORT).done();
     let config = imagined().0.config();
     let (by_hand, _) = config.split_once("\n#*#").unwrap();
-    fs::write(folder.path().join("printer.cfg"), by_hand).unwrap();
-    let whole = format!("{by_hand}\n{alone}");
-    fs::write(folder.path().join("new.cfg"), whole).unwrap();
-    assert_written(folder.path(), &truth, "alone");
+    work.write("printer.cfg", by_hand);
+    work.write("new.cfg", format!("{by_hand}\n{alone}"));
+    assert_written(&work, "alone");
 }
 
 /// By hand the options would win: they become comments with all of their lines, however they are written.
 #[test]
 fn a_calibration_is_written_back_as_the_firmware_reads_it() {
-    let folder = tempfile::tempdir().unwrap();
-    let truth = calibrated(folder.path());
+    let work = calibrated();
     let config = imagined().0.config();
-    let by_hand = |text: &str| config.replacen("[printer]\n", &format!("[printer]\n{text}"), 1);
-    let of_tower =
-        |text: &str| config.replacen("[stepper_a]\n", &format!("[stepper_a]\n{text}"), 1);
-    let cases = [
-        ("saved", config.clone()),
-        ("by hand", by_hand("delta_radius: 170\n")),
-        ("upper case", by_hand("DELTA_RADIUS = 170 ; nominal\n")),
-        ("first and indented", by_hand("  delta_radius: 170\n")),
-        (
-            "all indented",
-            by_hand("  delta_radius: 170\n")
-                .replace("\nkinematics", "\n  kinematics")
-                .replace("\nmax_velocity", "\n  max_velocity"),
-        ),
-        (
-            "several lines",
-            of_tower("angle:\n  211\narm_length: 300\n"),
-        ),
-        (
-            "several lines in the block",
-            config.replace("#*# angle = ", "#*# angle =\n#*# \t"),
-        ),
-        (
-            "a macro that looks so",
-            config.replacen(
-                "[delta_calibrate]",
-                "[gcode_macro X]\ngcode:\n\n  ; c\n  delta_radius: 1\n[delta_calibrate]",
-                1,
-            ),
-        ),
-        (
-            "other lines in the block",
-            config.clone()
-                + "#*#\n#*# [bed_mesh default]\n#*# points =\n#*# \t  0.1, 0.2\n#*# \t  0.3, 0.4\n#*# tension = 0.2\n",
-        ),
-        (
-            "a section twice in the block",
-            config.clone() + "#*# [printer]\n#*# delta_radius = 3\n#*# max_accel = 77\n",
-        ),
-        ("line ends", config.replace('\n', "\r\n")),
-        (
-            "nothing saved",
-            config.split_once("\n#*#").unwrap().0.to_owned(),
-        ),
-        (
-            "the mark without a space",
-            config.replacen("[printer]", "#*#SAVE_CONFIG later\n[printer]", 1),
-        ),
-    ];
-    for (what, text) in cases {
-        fs::write(folder.path().join("printer.cfg"), text).unwrap();
-        export(folder.path()).done();
-        assert_written(folder.path(), &truth, what);
+    let mut texts: Vec<(String, String)> = cases(WRITTEN)
+        .into_iter()
+        .map(|[what, old, new]| (what, replaced(&config, &old, &new.replace("\\t", "\t"))))
+        .collect();
+    let (by_hand, _) = config.split_once("\n#*#").unwrap();
+    texts.extend([
+        ("line ends".to_owned(), config.replace('\n', "\r\n")),
+        ("nothing saved".to_owned(), by_hand.to_owned()),
+    ]);
+    for (what, text) in texts {
+        export(&work, &text).done();
+        assert_written(&work, &what);
     }
-    let whole = fs::read_to_string(folder.path().join("new.cfg")).unwrap();
-    assert!(whole.contains("max_velocity: 300  # mm/s"), "{whole}");
     // And the program reads it again.
-    let line = "tau import klipper DIR/new.cfg --out DIR/again";
-    tau_in(folder.path(), line).done();
+    work.run("import klipper DIR/new.cfg --out DIR/again")
+        .done();
 }
 
 /// Text in which the firmware would not read the block, or other values than those of the block: nothing is written.
 #[test]
 fn nothing_is_written_where_the_firmware_would_read_another_value() {
-    let folder = tempfile::tempdir().unwrap();
-    calibrated(folder.path());
+    let work = calibrated();
     let config = imagined().0.config();
-    fs::write(folder.path().join("geo.cfg"), "[stepper_b]\n  angle: 331\n").unwrap();
-    fs::write(folder.path().join("loop.cfg"), "[include printer.cfg]\n").unwrap();
-    let mut told = String::new();
-    for text in [
-        format!("[include geo.cfg]\n{config}"),
-        format!("[include g*.cfg]\n{config}"),
-        format!("[include loop.cfg]\n{config}"),
-        config.replace("DO NOT EDIT", "DO NOT edit"),
-        format!("[mcu]\n#*# run SAVE_CONFIG afterwards\n{config}"),
-        format!("{config}\n# a note\n[fan]\npin: PA1\n"),
-        config.replace("kinematics: delta", "kinematics: corexy"),
-        "kinematics = \"delta\"\n".to_owned(),
-        "[robot]\nname = delta\n".to_owned(),
-        "pose,q1_m\n1,2\n".to_owned(),
-        String::new(),
-    ] {
-        fs::write(folder.path().join("printer.cfg"), &text).unwrap();
-        let ran = export(folder.path());
-        assert_eq!(ran.code, 2, "{text}");
-        assert!(!folder.path().join("new.cfg").exists(), "{text}");
-        told += &ran.err.replace(&folder.path().display().to_string(), "DIR");
-        told += "\n";
+    work.write("geo.cfg", "[stepper_b]\n  angle: 331\n");
+    work.write("loop.cfg", "[include printer.cfg]\n");
+    let mut answers = Answers::default();
+    let mut answer = |case: &str, text: &str, expected: &str| {
+        answers.ran(case, ["printer.cfg", expected], &export(&work, text));
+        assert!(!work.listing("").contains(&"new.cfg".to_owned()), "{case}");
+    };
+    for [case, old, new, expected] in cases(REFUSED) {
+        answer(&case, &replaced(&config, &old, &new), &expected);
     }
-    insta::assert_snapshot!(told);
+    let below = format!("{config}\n# a note\n[fan]\npin: PA1\n");
+    answer("lines below the block", &below, "T271:96");
+    answer("no section", "kinematics = \"delta\"\n", "T270:1");
+    answer("no printer", "[robot]\nname = delta\n", "T274");
+    answer("a table", "pose,q1_m\n1,2\n", "T270:1 T270:2");
+    answer("nothing", "", "T274");
+    insta::assert_snapshot!(answers.shown());
 }
 
 /// A file that is not there is named in a remark.
 #[test]
 fn includes_that_are_not_there_are_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let truth = calibrated(folder.path());
+    let work = calibrated();
     let config = format!("[include other.cfg]\n{}", imagined().0.config());
-    fs::write(folder.path().join("other.cfg"), "[fan]\npin: PA1\n").unwrap();
-    fs::write(folder.path().join("printer.cfg"), &config).unwrap();
-    let ran = export(folder.path());
-    assert!(!ran.err.contains("other.cfg"), "{}", ran.err);
-    assert_written(folder.path(), &truth, "an include of other sections");
-    fs::remove_file(folder.path().join("other.cfg")).unwrap();
-    let ran = export(folder.path());
-    assert_eq!(ran.code, 0);
-    assert!(
-        ran.err
-            .contains("printer.cfg:1: `other.cfg` (no such file) is included"),
-        "{}",
-        ran.err
-    );
+    work.write("other.cfg", "[fan]\npin: PA1\n");
+    assert!(!export(&work, &config).says("T273"));
+    assert_written(&work, "an include of other sections");
+    work.remove("other.cfg");
+    let ran = export(&work, &config);
+    assert_eq!((ran.code, ran.says("T273")), (0, true), "{}", ran.err);
 }
 
 /// Parameters that the firmware refuses.
 #[test]
 fn printers_that_can_not_be_are_not_exported() {
-    let folder = tempfile::tempdir().unwrap();
-    calibrated(folder.path());
-    fs::write(folder.path().join("printer.cfg"), imagined().0.config()).unwrap();
-    let path = folder.path().join("found.toml");
-    let found = fs::read_to_string(&path).unwrap();
-    for (value, why) in [
-        (
-            "-0.1613",
-            "found parameter `radius` of -161.3 mm, expected one above 0",
-        ),
-        (
-            "0.0",
-            "found parameter `radius` of 0 mm, expected one above 0",
-        ),
-        (
-            "0.3449",
-            "is not a finite number at the values of `endstop_a`, `arm_a`, `radius`",
-        ),
+    let work = calibrated();
+    let (config, found) = (imagined().0.config(), work.read("found.toml"));
+    let mut answers = Answers::default();
+    for (case, radius, expected) in [
+        ("a radius below 0", "-0.1613", "T276"),
+        ("no radius", "0.0", "T276"),
+        ("a radius longer than a rod", "0.3449", "T252:9"),
     ] {
-        fs::write(&path, found.replace("0.1613", value)).unwrap();
-        let ran = export(folder.path());
-        assert_eq!(ran.code, 2, "{value}");
-        assert!(ran.err.contains(why), "{value}: {}", ran.err);
-        assert!(!folder.path().join("new.cfg").exists(), "{value}");
+        work.write("found.toml", found.replace("0.1613", radius));
+        let ran = export(&work, &config);
+        answers.ran(case, ["found.toml", expected], &ran);
+        assert!(!work.listing("").contains(&"new.cfg".to_owned()), "{case}");
     }
+    insta::assert_snapshot!(answers.shown());
 }
