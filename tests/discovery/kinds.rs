@@ -1,6 +1,5 @@
-//! Machines of every kind, drawn at random: what is hidden in them has its name, and nothing else has one.
-//!
-//! Here one machine each, or a few; the slow tier draws many of every kind and counts.
+//! Machines of every kind, drawn at random: what is hidden in them has its name, and nothing else has one. Here one
+//! machine each; the slow tier draws many of every kind and counts.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -80,7 +79,7 @@ pub(crate) const KINDS: &[Kind] = &[
     // The robot file gives no dimensions: they are the description's. One effect is of the size that a description
     // expects, the other several times as large.
     Kind(
-        by_poses,
+        |seed| linear_delta(seed, "position_m = 1e-5\nrotation_rad = 4e-5", 120),
         &[
             &["backlash(c): gap=4.31e-4"],
             &["link_thermal(all): expansion=1.2e-5"],
@@ -183,10 +182,6 @@ fn linear_delta(seed: u64, noise: &str, count: usize) -> Simulation {
         seed,
         ..warming_by(6.0, robot, file)
     }
-}
-
-fn by_poses(seed: u64) -> Simulation {
-    linear_delta(seed, "position_m = 1e-5\nrotation_rad = 4e-5", 120)
 }
 
 /// Heights over a bed and distances between holes are measured, no pose.

@@ -11,6 +11,7 @@
 //! | `drives.rs` | belts and drums: drives that measure each other |
 //! | `tracker.rs` | errors of the tracker |
 //! | `command.rs` | `tau discover`: what it writes, prints and refuses |
+//! | `slow/` | statistics over many machines, searches that take long, and what is written, compiled |
 //! | `search.rs` | what these share |
 
 mod bases;

@@ -4,17 +4,8 @@
 //! A line of output holds the names of the parameters, or residuals and Jacobian of one residual at one sample, as bits:
 //! of the generated code, then of the macro's.
 
-use tau::runtime::{Robot, Variant};
-
 mod discovered;
 mod expanded;
-
-fn variant(robot: &'static Robot) -> &'static Variant {
-    let mut variants = robot.variants.iter();
-    variants
-        .find(|variant| variant.name == "Discovered")
-        .expect("what was found")
-}
 
 /// Arbitrary numbers between 0 and 1; the test has the same.
 fn numbers(start: usize, count: usize) -> Vec<f64> {
@@ -23,10 +14,11 @@ fn numbers(start: usize, count: usize) -> Vec<f64> {
 }
 
 fn main() {
-    let both = [
-        variant(&discovered::ROBOT),
-        variant(expanded::GantryTau::ROBOT),
-    ];
+    let both = [&discovered::ROBOT, expanded::GantryTau::ROBOT].map(|robot| {
+        let mut variants = robot.variants.iter();
+        let found = variants.find(|variant| variant.name == "Discovered");
+        found.expect("what was found")
+    });
     let names = both.map(|own| own.parameters.iter().map(|p| p.name).collect::<String>());
     println!("{}|{}", names[0], names[1]);
     for index in 0..both[0].instances.len() {
