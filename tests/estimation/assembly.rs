@@ -5,7 +5,7 @@ use tau::calibration::machine_from_file;
 use tau::kinematics::{Error, InverseOptions, Machine, Pose, Sample};
 use tau::robot_file::{Reference, RobotFile};
 use tau::simulation::{Build, Poses, Simulation, simulate};
-use tau_testkit::{Work, number, robots};
+use tau_testkit::{Work, robots};
 
 /// A file that leaves all values to the description.
 const PLAIN: &str = "robot = \"R\"\n[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n";
@@ -113,20 +113,6 @@ fn robots_are_assembled_as_their_reference_says() {
     let machine = machine(&robot, &file);
     let pose = from_reference(&machine, &[0.06, 0.05, 0.04, 0.05]);
     assert!((pose.position - Vector3::new(-0.024, 0.004, -0.742)).norm() < 0.05);
-}
-
-/// The example of `tau --help`; the pose is that of the built-in folder's own machine.
-#[test]
-fn the_example_of_the_help_is_right() {
-    let work = Work::empty();
-    work.run("calibrate --variant Full --out DIR/fit -q").done();
-    let line = "kinematics forward --variant Full --robot DIR/fit/robot.toml --commands 0.1,0.2,-0.1 --json -";
-    let found = work.run(line).json();
-    let position = &found["poses"][0]["position_m"];
-    for (axis, expected) in [-1.287, -4.390, -0.241].into_iter().enumerate() {
-        let off = number(&position[axis]) - expected;
-        assert!(off.abs() < 1e-3, "{position}");
-    }
 }
 
 #[test]

@@ -140,15 +140,11 @@ fn effects_of_tensions_are_named_where_pulls_are_known_to_a_tolerance() {
         "--model four_belts --robot DIR/robot.toml --measure readings --random --poses 160 --seed 1 \
          --effect anchor_compliance(top_left):yielding=8e-6",
     );
+    let model = "--model DIR/machine.tau --base Full";
+    let yielding = "anchor_compliance(top_left)";
     for (work, model, effect, parameter, size) in [
-        (
-            belts(21),
-            "--model DIR/machine.tau --base Full",
-            "link_compliance(all)",
-            "strain",
-            STRAIN,
-        ),
-        (anchors, "", "anchor_compliance(top_left)", "yielding", 8e-6),
+        (belts(21), model, "link_compliance(all)", "strain", STRAIN),
+        (anchors, "", yielding, "yielding", 8e-6),
     ] {
         let found = work.discovered(model);
         assert_eq!(found["status"], "explained", "{found:#}");
