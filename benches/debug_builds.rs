@@ -124,7 +124,8 @@ fn write(root: &Path, place: &Path, profile: &str) {
     let tau = fs::canonicalize(root.join("tau")).expect("the library");
     let manifest = format!(
         "[package]\nname = \"user\"\nversion = \"0.1.0\"\nedition = \"2024\"\n\n[workspace]\n\n\
-         [dependencies]\ntau = {{ package = \"tau-model\", path = {tau:?} }}\n{profile}"
+         [dependencies]\ntau = {{ package = \"tau-model\", path = \"{}\" }}\n{profile}",
+        tau.display()
     );
     fs::write(place.join("Cargo.toml"), manifest).expect("a manifest");
     fs::write(place.join("src/main.rs"), MAIN).expect("a program");
