@@ -64,7 +64,6 @@ codes! {
     SENSITIVITIES_DIFFER = 361: "sensitivities by derivatives and by steps differ";
     NOT_FINITE = 370: "a residual or a derivative of a fit is not a finite number";
     UNSOLVABLE = 371: "a fit cannot be set up or solved";
-    UNUSABLE = 372: "the input cannot be used";
     NO_FIT = 373: "mistakes leave no fit";
     NO_OTHER = 374: "another variant could not be calibrated";
     WIDENED = 375: "parameters were found at more than the stated noise, where tolerances hold them";

@@ -34,7 +34,7 @@ fn mistakes_in_measurements_and_parameters() {
             .iter()
             .any(|own| own.source.ends_with(*file))
     };
-    assert!(files.iter().all(|file| is_named(file)), "{found}");
+    assert!(files.iter().all(is_named), "{found}");
     let evaluate = "--model gantry_tau --variant Full";
     same_answer(&work, &format!("evaluate MEASURED {evaluate}"), open());
     work.remove("measured/robot.toml");

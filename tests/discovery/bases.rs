@@ -6,9 +6,9 @@ use std::sync::Arc;
 use serde_json::Value;
 use tau::simulation::{CartError, CartReading, Effect, Physics, Simulation, simulate};
 use tau_codegen::language::model::Place;
-use tau_testkit::robots::{gantry_tau, prototype};
 use tau_testkit::{Work, effects, list};
 
+use crate::kinds::gantry;
 use crate::search::{assert_alike, at, of_effect, remarks, steps, trial};
 
 /// The joints of these robots lie off the Tau configuration, so a reduced arm lacks the full one first.
@@ -33,7 +33,9 @@ fn a_reduced_arm_lacks_the_full_one() {
 #[test]
 fn what_needs_a_full_arm_is_found_from_the_variant_that_is_advised() {
     const REDUCED_ARM: &str = "T641";
-    let work = Work::simulated("--variant Nominal --effect link_compliance(l1):strain=1e-6");
+    let work = Work::simulated(
+        "--variant Nominal --random --poses 100 --effect link_compliance(l1):strain=1e-6",
+    );
     let reduced = work.discovered("--base Nominal");
     assert_eq!(reduced["status"], "unnamed_structure");
     assert_eq!(remarks(&reduced, REDUCED_ARM), 1);
@@ -78,20 +80,17 @@ pub(crate) fn path(bumps: &[Bump], q_m: f64, axis: usize) -> f64 {
 }
 
 /// What is found in a machine with one bent track.
-pub(crate) fn bent(track: usize, bumps: &'static [Bump], seed: u64) -> Value {
+pub(crate) fn bent(machine: Simulation, track: usize, bumps: &'static [Bump]) -> Value {
     let bent = move |at: &CartReading| CartError {
         shift_m: [0.0, path(bumps, at.q_m, 0), path(bumps, at.q_m, 1)],
         turn_rad: [0.0; 3],
     };
     let physics = Physics::Cart(Arc::new(bent));
-    let place = Place::Cart {
-        track,
-        source: None,
-    };
+    let source = None;
+    let place = Place::Cart { track, source };
     let simulated = simulate(&Simulation {
         effects: vec![Effect::unlisted("bent", place, physics)],
-        seed,
-        ..Simulation::new(gantry_tau(), prototype().1)
+        ..machine
     });
     let work = Work::empty();
     simulated.unwrap().write(&work.measured()).unwrap();
@@ -113,7 +112,7 @@ pub(crate) fn assert_all_at(place: &str, entries: &Value) {
 #[test]
 fn a_track_with_a_single_bump_stays_straight() {
     const NOT_CONFIRMED: &str = "T619";
-    let found = bent(2, &[(0.1, 0.25, [0.0, 30e-6])], 3);
+    let found = bent(gantry(3), 2, &[(0.1, 0.25, [0.0, 30e-6])]);
     assert_eq!(found["piecewise_tracks"], Value::Null);
     assert_all_at("three", &found["unnamed"]);
     assert_eq!(list(&found["steps"]).len(), 1);

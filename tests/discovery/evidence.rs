@@ -3,7 +3,7 @@
 use serde_json::Value;
 use tau_testkit::{list, number};
 
-use crate::search::{at, found_in_trial, found_of, of_effect, remarks};
+use crate::search::{at, found_in_trial, found_of, of_effect};
 
 /// The only entry of a list.
 #[track_caller]
@@ -69,21 +69,6 @@ fn residuals_against_the_side_of_approach_show_the_gap() {
     assert!((0.65 * 119.0..119.0).contains(&gap), "{gap}");
     assert!(is_flat(pattern), "{pattern}");
     assert!(at(found, "remaining_um") < 0.2 * at(found, "ceiling_um"));
-}
-
-#[test]
-fn serial_noise_is_told_from_white_noise() {
-    const SERIAL: &str = "T639";
-    let (_, serial) = found_of("--serial-noise 0.7");
-    let after = &serial["whiteness"]["after"];
-    assert_eq!(serial["whiteness"]["order"], "time");
-    // Every other pose calibrates, so that neighbours correlate by 0.7².
-    assert!((0.2..0.6).contains(&at(after, "lag1")), "{after}");
-    assert!(at(after, "p_value") < 1e-4);
-    assert_eq!(remarks(&serial, SERIAL), 1);
-    let white = found_in_trial("01");
-    assert!(at(white, "whiteness.after.p_value") > 0.01);
-    assert_eq!(remarks(white, SERIAL), 0);
 }
 
 /// The only link on a track looks like its track when both lengthen; three links of one cluster do not.

@@ -33,10 +33,8 @@ pub(crate) fn hexapod(measures: &str, seed: u64, effect: &str) -> Work {
 /// Writes a description with variants whose tracker errs.
 fn write_model(work: &Work, description: &str) {
     let end = description.rfind('}').unwrap();
-    work.write(
-        "model.tau",
-        [EFFECTS, &description[..end], VARIANTS].concat(),
-    );
+    let parts = [EFFECTS, &description[..end], VARIANTS];
+    work.write("model.tau", parts.concat());
 }
 
 /// How far an estimate of a calibration is off, in standard deviations, which are below a bound.

@@ -66,9 +66,8 @@ fn every_code_is_used() {
             !next.is_some_and(|next| next == '_' || next.is_alphanumeric())
         };
         let uses = sources.match_indices(name);
-        uses.into_iter().any(|(at, _)| {
-            sources[..at].ends_with("::") && is_word(at + name.len())
-        })
+        uses.into_iter()
+            .any(|(at, _)| sources[..at].ends_with("::") && is_word(at + name.len()))
     };
     let unused: Vec<_> = names.iter().filter(|(_, name)| !is_used(name)).collect();
     assert!(unused.is_empty(), "{unused:?}");
@@ -77,7 +76,10 @@ fn every_code_is_used() {
 #[test]
 fn every_code_is_documented() {
     let page = fs::read_to_string(root().join(PAGE)).unwrap();
-    let shown: Vec<&str> = page.lines().filter(|line| line.starts_with("| T")).collect();
+    let shown: Vec<&str> = page
+        .lines()
+        .filter(|line| line.starts_with("| T"))
+        .collect();
     let expected: Vec<String> = tau_codes::all()
         .map(|code| format!("| {code} | {} |", code.meaning()))
         .collect();
@@ -91,5 +93,10 @@ fn every_code_is_shown_by_a_snapshot() {
         .filter(|code| !snapshots.contains(&code.to_string()))
         .map(|code| format!("{code}: {}", code.meaning()))
         .collect();
-    assert!(hidden.is_empty(), "{} codes:\n{}", hidden.len(), hidden.join("\n"));
+    assert!(
+        hidden.is_empty(),
+        "{} codes:\n{}",
+        hidden.len(),
+        hidden.join("\n")
+    );
 }

@@ -79,40 +79,24 @@ fn kinematics_knows_the_noise_of_drives() {
     }
 }
 
-/// Redundant drives measure each other in studies as they do in calibrations, and positions of a plate that is a point are
-/// its poses, which count once: a study knows the parameters as well as a calibration does, but for rounds that the fit of
-/// positions makes to weigh them.
+/// Positions of a plate that is a point are its poses, which count once: a study knows the parameters as well as a calibration
+/// does, but for rounds that the fit of positions makes to weigh them.
 #[test]
-fn studies_calibrate_as_calibrations_do() {
-    for (simulate, off) in [
-        ("--model four_belts --seed 1", 0.0),
-        (
-            "--model rotary_delta --random --measure positions --seed 4",
-            0.2,
-        ),
-    ] {
-        let work = Work::simulated(simulate);
-        let found = work.calibrated("--variant Full");
-        let line = "study MEASURED --no-discover --out DIR/study --json -";
-        let study = work.run(line).json()["variants"]["Full"].take();
-        let rows = |fit: &Value| -> f64 {
-            let files = list(&fit["by_file"]).iter();
-            files.map(|file| number(&file["rows"])).sum()
-        };
-        assert_eq!(rows(&study["fit"]), rows(&found["fit"]), "{simulate}");
-        let ratio = |one: &Value, other: &Value, key: &str| {
-            let ratio = number(&one[key]) / number(&other[key]);
-            assert!((ratio - 1.0).abs() <= off, "{simulate}, {key}: {ratio}");
-        };
-        for key in ["chi2", "dof", "residual_over_noise"] {
-            ratio(&study["fit"], &found["fit"], key);
-        }
-        let [of_study, own] = [&study, &found].map(|of| list(&of["parameters"]));
-        assert!(own.len() > 10 && of_study.len() == own.len());
-        for (study, own) in of_study.iter().zip(own) {
-            assert_eq!(study["name"], own["name"]);
-            ratio(study, own, "sigma");
-        }
+fn studies_calibrate_positions_of_a_point_as_calibrations_do() {
+    let work = Work::simulated("--model rotary_delta --random --measure positions --seed 4");
+    let found = work.calibrated("--variant Full");
+    let line = "study MEASURED --no-discover --out DIR/study --json -";
+    let study = work.run(line).json()["variants"]["Full"].take();
+    let rows = |found: &Value| -> f64 {
+        let files = list(&found["fit"]["by_file"]).iter();
+        files.map(|file| number(&file["rows"])).sum()
+    };
+    assert_eq!(rows(&study), rows(&found));
+    let [of_study, own] = [&study, &found].map(|of| list(&of["parameters"]));
+    assert!(own.len() > 10 && of_study.len() == own.len());
+    for (study, own) in of_study.iter().zip(own) {
+        let ratio = number(&study["sigma"]) / number(&own["sigma"]);
+        assert!((ratio - 1.0).abs() < 0.2, "{}: {ratio}", own["name"]);
     }
 }
 

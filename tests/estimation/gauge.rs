@@ -26,7 +26,6 @@ fn robots_float_as_their_measurements_let_them() {
     let mut text = String::new();
     for (robot, variant, how, motions) in [
         ("four_belts", "Full", drives, 3),
-        ("four_belts", "Full", "ball-bar --noise-drives 1e-4", 3),
         // Lines are counted from the origin, which is where their lengths are known.
         ("four_lines", "Anchors", drives, 3),
         ("five_bar", "Full", "ball-bar", 3),

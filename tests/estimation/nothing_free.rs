@@ -21,7 +21,11 @@ fn a_model_without_free_parameters_is_judged() {
     let held =
         "variant Held = Basic hold radius, angle_a, angle_b, endstop_a, endstop_b, endstop_c;\n}";
     let printer = format!("{}{held}", printer.trim_end().trim_end_matches('}'));
-    for (text, variant, kind) in [(EXACT, "Full", "poses"), (&printer, "Held", "heights")] {
+    // The first two commands, or all.
+    for (text, variant, kind, commands) in [
+        (EXACT, "Full", "poses", 4),
+        (&printer, "Held", "heights", 2),
+    ] {
         let work = Work::empty();
         work.write("machine.tau", text);
         let model = "--model DIR/machine.tau";
@@ -32,19 +36,17 @@ fn a_model_without_free_parameters_is_judged() {
         .done();
         let check = work.run(&format!("check MEASURED {model} --json -"));
         assert_eq!(check.json()["meaningful"], true);
-        for command in [
+        let all = [
             format!("evaluate MEASURED --variant {variant}"),
             format!("calibrate MEASURED --variant {variant} --out DIR/calibrated"),
             format!("discover MEASURED --base {variant} --out DIR/discovered"),
             "study MEASURED --no-discover --out DIR/study".to_owned(),
-        ] {
+        ];
+        for command in &all[..commands] {
             let found = work.run(&format!("{command} {model} --json -")).json();
             let status = found.pointer("/fit/status").unwrap_or(&found["status"]);
             let right = ["consistent", "nothing_missing"];
-            assert!(
-                right.iter().any(|own| status == own),
-                "{command}: {found:#}"
-            );
+            assert!(right.iter().any(|own| status == own), "{command}: {status}");
         }
     }
 }

@@ -56,7 +56,6 @@ fn nothing_is_claimed_where_all_calibrate() {
     for (model, measure) in [
         ("four_belts", "--measure readings --noise-drives 1e-4"),
         ("linear_delta", "--measure heights,distances"),
-        ("linear_delta", ""),
     ] {
         let work = simulated(model, measure);
         for command in COMMANDS {

@@ -6,6 +6,8 @@ mod compiled;
 use rayon::prelude::*;
 use serde_json::Value;
 use tau::discovery::{Options, Status};
+use tau::simulation::Simulation;
+use tau_testkit::robots::{gantry_tau, prototype};
 use tau_testkit::{effects, list, number, rare_count};
 
 use crate::bases::{Bump, assert_all_at, bent, path};
@@ -85,7 +87,9 @@ fn a_wavy_track_follows_its_points() {
         (0.12, 0.22, [60e-6, 40e-6]),
         (0.38, 0.26, [-45e-6, 60e-6]),
     ];
-    let found = bent(1, BUMPS, 0);
+    let mut machine = Simulation::new(gantry_tau(), prototype().1);
+    machine.seed = 0;
+    let found = bent(machine, 1, BUMPS);
     assert_all_at("two", &found["piecewise_tracks"]);
     assert_all_at("two", &found["unnamed"]);
     for (axis, direction) in ["horizontal", "vertical"].into_iter().enumerate() {
