@@ -62,13 +62,17 @@ fn the_prototypes_error_falls_to_its_noise() {
 /// Places of all values: `[]` are entries of a list, `*` names of parameters.
 fn places(value: &Value, place: &str, found: &mut BTreeSet<String>) {
     match value {
-        Value::Object(own) => own.iter().for_each(|(key, value)| {
-            let key = (!place.ends_with("parameters")).then_some(key.as_str());
-            places(value, &format!("{place}.{}", key.unwrap_or("*")), found);
-        }),
+        Value::Object(own) => {
+            for (key, value) in own {
+                let key = (!place.ends_with("parameters")).then_some(key.as_str());
+                places(value, &format!("{place}.{}", key.unwrap_or("*")), found);
+            }
+        }
         Value::Array(own) if !own.is_empty() => {
             let place = format!("{place}[]");
-            own.iter().for_each(|value| places(value, &place, found));
+            for value in own {
+                places(value, &place, found);
+            }
         }
         _ => drop(found.insert(place.to_owned())),
     }
@@ -154,12 +158,11 @@ fn mistakes_in_effects_are_located_and_nothing_is_written() {
 fn folders_that_are_wrong_are_refused() {
     let shifted = |work: &Work| {
         let pose = ["x_m", "y_m", "z_m", "alpha_rad", "beta_rad", "gamma_rad"];
-        work.edit("tcp_poses.csv", |table| {
-            table.rotate(&pose, table.rows.len() - 1)
-        });
+        let rows = work.table("measured/tcp_poses.csv").rows.len();
+        work.edit("tcp_poses.csv", |table| table.rotate(&pose, rows - 1));
     };
     let renumbered = |work: &Work| {
-        let other = |_, cart| [2.0, 1.0, 3.0][cart as usize - 1];
+        let other = |_, cart| if cart < 3.0 { 3.0 - cart } else { cart };
         work.edit("cart_poses.csv", |table| table.map("cart", other));
     };
     for (change, code, file) in [

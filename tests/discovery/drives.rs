@@ -147,9 +147,8 @@ fn angles_of_drums_in_degrees_are_refused() {
     let readings = "--measure readings --noise-drives 1e-4 --poses 60 --random --seed 1";
     let work = Work::simulated(&format!("--model four_lines --variant Anchors {readings}"));
     let drives = ["q1_rad", "q2_rad", "q3_rad", "q4_rad"];
-    work.edit("readings.csv", |table| {
-        table.scale(&drives, 1_f64.to_degrees())
-    });
+    let degrees = 1_f64.to_degrees();
+    work.edit("readings.csv", |table| table.scale(&drives, degrees));
     let ran = work.run("calibrate MEASURED --variant Anchors --out DIR/out");
     assert!(ran.code == 1 && ran.says("T412"), "{}", ran.err);
 }

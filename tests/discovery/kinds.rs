@@ -215,8 +215,8 @@ pub(crate) fn searched(
     let found = discover(robot, base, &file, folder, options, &mut |_| {}).unwrap();
     let effects = found.discovery.effects.iter();
     let names = effects.map(|effect| format!("{}({})", effect.name, effect.place));
-    let names = BTreeSet::from_iter(names).into_iter().collect();
-    (found, names)
+    let names: BTreeSet<String> = names.collect();
+    (found, names.into_iter().collect())
 }
 
 impl Kind {
@@ -229,10 +229,8 @@ impl Kind {
         let expected: BTreeSet<String> = hidden.iter().map(of_effect).collect();
         let simulation = with_effects(hidden, machine(seed));
         let is_reduced = simulation.variant.as_deref() == Some("Nominal");
-        let base = match is_reduced || expected.contains("full_arm(all)") {
-            true => "Nominal",
-            false => "Full",
-        };
+        let is_found_reduced = is_reduced || expected.contains("full_arm(all)");
+        let base = ["Full", "Nominal"][usize::from(is_found_reduced)];
         let (found, names) = searched(&simulation, base, &Options::default());
         let mut named = BTreeSet::from_iter(names);
         if found.discovery.status == Status::UnnamedStructure {

@@ -162,9 +162,8 @@ fn compliance_follows_measured_forces() {
     let own = tau_testkit::estimate(&fitted, &name);
     assert_alike(at(own, "value"), size, 0.4);
     let forces = [1, 2, 3, 4, 5, 6].map(|drive| format!("force{drive}_N"));
-    work.edit("tcp_poses.csv", |table| {
-        table.drop(&forces.each_ref().map(String::as_str))
-    });
+    let forces = forces.each_ref().map(String::as_str);
+    work.edit("tcp_poses.csv", |table| table.drop(&forces));
     found(0.5);
 }
 

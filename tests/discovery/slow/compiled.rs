@@ -65,9 +65,8 @@ fn answer(instance: &Instance, sample: usize) -> String {
     family.linearize(&prepared, &parameters, &mut residuals, &mut jacobian);
     let all = [value, residuals, jacobian].concat();
     assert!(all.iter().all(|number| number.is_finite()));
-    all.iter()
-        .map(|number| format!("{:x} ", number.to_bits()))
-        .collect()
+    let bits = all.iter().map(|number| format!("{:x} ", number.to_bits()));
+    bits.collect::<Vec<_>>().concat()
 }
 
 #[test]
