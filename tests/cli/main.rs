@@ -7,6 +7,7 @@
 //! | `kinematics.rs` | poses and commands by `tau kinematics` |
 //! | `start.rs` | first steps with a robot of one's own: descriptions, `tau init`, sketches |
 //! | `output.rs` | streams, help, completions |
+//! | `messages.rs` | words of messages that no other test shows |
 //! | `bad_input.rs` | mistakes are refused with code and place, and nothing is written |
 //! | `session.rs` | a session of the library answers as the commands do |
 //! | `agreement.rs` | commands agree with each other |
@@ -16,6 +17,7 @@ mod agreement;
 mod bad_input;
 mod commands;
 mod kinematics;
+mod messages;
 mod output;
 mod session;
 #[cfg(feature = "slow")]

@@ -3,14 +3,10 @@
 use std::collections::BTreeMap;
 
 use serde_json::Value;
-use tau_testkit::{FIXTURES, Work, effects, list, number};
+use tau_testkit::{Work, effects, list, number};
 
 pub(crate) const RUNS: [&str; 3] = ["2021-12-14", "2021-12-16", "2022-04-12"];
 pub(crate) const MODEL: &str = "--model FIXTURES/hangprinter/hangprinter.tau";
-
-pub(crate) fn text(path: &str) -> String {
-    std::fs::read_to_string(format!("{FIXTURES}/hangprinter/{path}")).unwrap()
-}
 
 pub(crate) fn json(work: &Work, line: &str) -> Value {
     work.run(&format!("{line} --json -")).json()

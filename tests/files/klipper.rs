@@ -169,9 +169,10 @@ impl Printer {
             let name = parameter["name"].as_str().unwrap();
             let own = number(&parameter["value"]);
             let index = NAMES.iter().position(|known| *known == name).unwrap();
-            values[index] = match parameter["unit"] == "m" {
-                true => 1000.0 * own,
-                false => own.to_degrees(),
+            values[index] = if parameter["unit"] == "m" {
+                1000.0 * own
+            } else {
+                own.to_degrees()
             };
         }
         (values, found)

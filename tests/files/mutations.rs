@@ -74,7 +74,7 @@ fn broken_table(text: &str, random: &mut Random) -> String {
     let row = random.below(table.rows.len());
     let odd = one_of(ODD, random);
     match random.below(9) {
-        0 => table.rows[row][column] = odd.to_owned(),
+        0 => odd.clone_into(&mut table.rows[row][column]),
         1 => table.rename(&name, odd),
         2 => table.rename(&name, &format!("{name}x")),
         3 => table.drop(&[&name]),
@@ -119,11 +119,14 @@ fn broken_text(text: &str, random: &mut Random) -> String {
     }
     let [at, other] = [(); 2].map(|()| words[random.below(words.len())]);
     match random.below(8) {
-        0 => tokens[at] = one_of(ODD, random).to_owned(),
+        0 => one_of(ODD, random).clone_into(&mut tokens[at]),
         1 => drop(tokens.remove(random.below(tokens.len()))),
         2 => tokens[at].push('x'),
         3 => tokens.swap(at, other),
-        4 => tokens[at] = tokens[other].clone(),
+        4 => {
+            let copy = tokens[other].clone();
+            tokens[at] = copy;
+        }
         5 => {
             let at = numbers[random.below(numbers.len())];
             let factor = [1e3, 1e-3, -1.0, 0.0, 1e200, 1e-200][random.below(6)];

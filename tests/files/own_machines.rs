@@ -2,7 +2,7 @@
 
 use tau_testkit::{Work, list, number};
 
-use crate::answers::Answers;
+use crate::answers::{Answers, cases};
 
 /// A plate in the plane on three sliders.
 const PLANAR: &str = include_str!("machines/planar.tau");
@@ -15,6 +15,15 @@ const TRIPOD: &str = include_str!("machines/tripod.tau");
 
 const REFERENCE: &str = "robot = \"Pair\"\n[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n[reference]\n\
                          commands_m = [0, 0]\nposition_m = [0, 0.346, 0.1]\n";
+/// Case, the plate, what is blamed, its code, and what is asked.
+const OUTSIDE: &str = "
+over the plane | body  | --pose     | T251   | inverse --pose 0.02,0.01,0.25,0.05,0,0
+tilted         | body  | --pose     | T251   | inverse --pose 0.02,0.01,0,0.05,0.2,0
+in a table     | body  | path.csv   | T251:3 | inverse --poses DIR/path.csv
+start          | body  | --start    | T251   | forward --commands 0,0,0 --start 0,0,0.1,0,0,0
+turned point   | point | --pose     | T251   | inverse --pose 0.02,0.35,0,1,0.5,0
+reference      | point | robot.toml | T251:7 | inverse --robot DIR/robot.toml --pose 0.02,0.35
+";
 const MODEL: &str = "--model DIR/own.tau";
 const FULL: &str = "--model DIR/own.tau --variant Full";
 
@@ -49,46 +58,10 @@ fn poses_outside_the_plane_are_refused() {
     );
     let point = described(POINT);
     point.write("robot.toml", REFERENCE);
-    for (case, work, expected, line) in [
-        (
-            "over the plane",
-            &planar,
-            ["--pose", "T251"],
-            "inverse --pose 0.02,0.01,0.25,0.05,0,0",
-        ),
-        (
-            "tilted",
-            &planar,
-            ["--pose", "T251"],
-            "inverse --pose 0.02,0.01,0,0.05,0.2,0",
-        ),
-        (
-            "in a table",
-            &planar,
-            ["path.csv", "T251:3"],
-            "inverse --poses DIR/path.csv",
-        ),
-        (
-            "start",
-            &planar,
-            ["--start", "T251"],
-            "forward --commands 0,0,0 --start 0,0,0.1,0,0,0",
-        ),
-        (
-            "turned point",
-            &point,
-            ["--pose", "T251"],
-            "inverse --pose 0.02,0.35,0,1,0.5,0",
-        ),
-        (
-            "reference",
-            &point,
-            ["robot.toml", "T251:7"],
-            "inverse --robot DIR/robot.toml --pose 0.02,0.35",
-        ),
-    ] {
+    for [case, plate, file, expected, line] in cases(OUTSIDE) {
+        let work = if plate == "body" { &planar } else { &point };
         let ran = work.run(&format!("kinematics {line} {FULL}"));
-        answers.ran(case, expected, &ran);
+        answers.ran(&case, [&file, &expected], &ran);
     }
     insta::assert_snapshot!(answers.shown());
 
@@ -209,7 +182,7 @@ fn what_says_nothing_is_said() {
             "--payload=5 --effect=link_compliance(all):strain=1e-8",
         ),
     ] {
-        let line = format!("simulate {MODEL} --random --out DIR/{case} {options}");
+        let line = format!("simulate {MODEL} --random --poses 30 --out DIR/{case} {options}");
         answers.ran(case, ["", expected], &work.run(&line));
     }
     let huge = described(&planar().replace("tol 0.3 mm", "tol 300 mm"));

@@ -38,7 +38,7 @@ readings without commands            | readings.csv      | *,q1_m,q2_m          
 
 /// Case, name, and contents of a table that is not read: a calibration would silently lack measurements, but notes and
 /// logs are nobody's.
-const OTHER_NAMES: &str = r#"
+const OTHER_NAMES: &str = r"
 columns of one kind     | probe.csv        | pose,q1_m,q2_m,height_m\n11,-0.507,-0.064,0.310\n | T230:1
 semicolons between them | probe.csv        | pose;q1_m;q2_m;height_m\n11;-0.507;-0.064;0.310\n | T230:1
 drives alone            | moves.csv        | pose,q1_m,q2_m\n31,-0.507,-0.064\n                | T230:1
@@ -51,7 +51,7 @@ a log                   | log.csv          | time_s,temperature_c\n0,20.1\n     
 a log by another name   | height.csv       | time_s,level\n0,1\n                               | -
 an empty table          | notes.csv        | \n                                                | -
 no table                | notes.txt        | pose,q1_m,q2_m,height_m\n11,-0.507,-0.064,0.310\n | -
-"#;
+";
 
 /// Case, what is added to the robot file before its line 7, and the answer.
 const OF_ROBOT: &str = r#"

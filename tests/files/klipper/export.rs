@@ -57,9 +57,10 @@ fn calibrated() -> Work {
     let mut text = work.read("measured/robot.toml");
     // The description holds angle c for exact.
     for (name, value) in NAMES.iter().zip(truth).filter(|own| *own.0 != "angle_c") {
-        let value = match name.starts_with("angle") {
-            true => value.to_radians(),
-            false => value / 1000.0,
+        let value = if name.starts_with("angle") {
+            value.to_radians()
+        } else {
+            value / 1000.0
         };
         text += &format!("\n[parameters.{name}]\nvalue = {value:?}\ntol = 0.001\n");
     }

@@ -62,7 +62,7 @@ fn by_hand(printer: &Printer) -> String {
     let lines = config.lines().filter(|line| !line.contains("SAVE_CONFIG"));
     let lines = lines.filter(|line| !line.contains("DO NOT EDIT"));
     let lines = lines.map(|line| line.trim_start_matches("#*#").trim_start());
-    lines.map(|line| format!("{line}\n")).collect()
+    lines.collect::<Vec<_>>().join("\n") + "\n"
 }
 
 #[test]

@@ -1,9 +1,13 @@
 //! All runs of the machine, each with each, and the documentation's table of them.
 
 use serde_json::Value;
-use tau_testkit::{Table, Work, effects, estimate, list, number, reasons};
+use tau_testkit::{FIXTURES, Table, Work, effects, estimate, list, number, reasons};
 
-use crate::hangprinter::{MODEL, RUNS, assert_own_noise, json, noise, text};
+use crate::hangprinter::{MODEL, RUNS, assert_own_noise, json, noise};
+
+fn text(path: &str) -> String {
+    std::fs::read_to_string(format!("{FIXTURES}/hangprinter/{path}")).unwrap()
+}
 
 /// Run 2022-04-12 with positions taken for exact, on the bed at height 0, but for a pose: closures alone have noise, and
 /// nothing is known before.
