@@ -34,7 +34,7 @@ fn a_reduced_arm_lacks_the_full_one() {
 fn what_needs_a_full_arm_is_found_from_the_variant_that_is_advised() {
     const REDUCED_ARM: &str = "T641";
     let work = Work::simulated(
-        "--variant Nominal --random --poses 100 --effect link_compliance(l1):strain=1e-6",
+        "--variant Nominal --random --poses 100 --cart-poses 60 --effect link_compliance(l1):strain=1e-6",
     );
     let reduced = work.discovered("--base Nominal");
     assert_eq!(reduced["status"], "unnamed_structure");

@@ -157,7 +157,7 @@ fn an_effect_of_ones_own_is_found_by_its_name() {
 #[test]
 fn a_second_harmonic_earns_its_place() {
     let hidden = "rack_pitch(two):sine=2.5e-5,cosine=1e-5,period=0.02,second_sine=1.5e-5";
-    let (_, found) = found_of(&format!("--seed 4 --effect {hidden}"));
+    let (_, found) = found_of(&format!("--seed 4 --cart-poses 60 --effect {hidden}"));
     assert_eq!(effects(&found), ["rack_pitch(two)"]);
     assert_eq!(found["status"], "explained");
     let added = "Full + rack_pitch(two) with second_sine, second_cosine tol * 10;";
@@ -207,7 +207,7 @@ effect cone on cart { param a, b: length; along += sqrt(a^2 + b^2) * q / (1 m); 
 #[test]
 fn rows_stand_in_any_order_where_times_are_given() {
     const SERIAL: &str = "T639";
-    let work = Work::simulated("--serial-noise 0.7 --random --poses 120 --seed 5");
+    let work = Work::simulated("--serial-noise 0.7 --random --poses 120 --cart-poses 60 --seed 5");
     let in_order = work.discovered("--split all");
     for file in TABLES {
         work.edit(file, |table| {
