@@ -108,18 +108,6 @@ fn gather<'a>(value: &'a Value, told: &mut Vec<(&'a str, &'a str)>) {
 
 #[test]
 fn changed_tables_lead_to_messages() {
-    changed("T335", BAR, CALIBRATE, |work| {
-        work.edit(POSES, |table| {
-            let first = table.rows[0].clone();
-            table
-                .rows
-                .iter_mut()
-                .skip(1)
-                .step_by(2)
-                .for_each(|row| row.clone_from(&first));
-            table.map("pose", |row, _| row as f64);
-        });
-    });
     let distances = "--model five_bar --measure distances --poses 20";
     changed("T344", distances, CALIBRATE, |work| {
         work.edit("distances.csv", |table| table.scale(&["distance_m"], 39.37));
@@ -136,10 +124,6 @@ fn changed_tables_lead_to_messages() {
     let hexapod = "--model hexapod --random --poses 20";
     changed("T540", hexapod, "study --no-discover", |work| {
         work.edit(POSES, |table| table.set(4, "q1_m", 3.0));
-    });
-    let carts = "--model linear_delta --random --poses 60";
-    changed("T235 T635", carts, "discover", |work| {
-        work.edit("cart_poses.csv", |table| table.keep(|row| row == 1));
     });
     // A drift that others have the other way.
     let drift = "--model five_bar --random --poses 80 --seed 3";
@@ -273,26 +257,6 @@ fn descriptions_lead_to_messages() {
         with_effect(work, "five_bar", ON_LINK, "lower_left");
         work.write("effects.tau", format!("{KNOWN}\n{ON_LINK}"));
     });
-    let reduced = [
-        (
-            "full; tracks linear per link; }",
-            "reduced; tracks linear; }",
-        ),
-        (
-            "full; tracks piecewise per link; }",
-            "reduced; tracks piecewise; }",
-        ),
-        (
-            "full; tracks linear per link; track two piecewise per link; }",
-            "reduced; tracks linear; }",
-        ),
-    ];
-    let gantry = "--poses 40 --track-points 10 --cart-poses 5";
-    for (code, command) in [("T630", "discover"), ("T644", "study")] {
-        changed(code, gantry, &format!("{command} {OWN}"), |work| {
-            describe(work, "gantry_tau", &reduced);
-        });
-    }
     let work = Work::empty();
     work.write("own.tau", LOOSE);
     shows(&work.run(&format!("simulate {OWN} --out MEASURED")), "T535");
@@ -327,10 +291,6 @@ fn the_library_gives_messages() {
     shown("T370", calibrated(Some(vec![1e200; count]), 100));
     shown("T371", calibrated(Some(vec![f64::NAN; count]), 100));
     shown("T301", calibrated(None, 1));
-    let mut file = session.robot_file().clone();
-    file.noise.position_m = f64::NAN;
-    let exact = Session::<FiveBar>::of(session.folder().clone(), file);
-    shown("T351", exact.calibrate(FiveBar::FULL));
     let held_out = Reason::OfHeld(vec![Reason::WithinTolerances], true);
     show("T385", &held_out.remark().to_string());
 
