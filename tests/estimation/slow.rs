@@ -65,11 +65,6 @@ fn a_hundred_random_starts_reach_one_optimum() {
 }
 
 #[test]
-fn right_models_have_even_p_values() {
-    repeats::right_models_repeat_as_simulated(40);
-}
-
-#[test]
 fn estimated_noise_alarms_seldom() {
     repeats::estimated_noise_proves_no_model(40);
 }

@@ -239,7 +239,7 @@ fn a_wrong_command_is_told_by_all_the_rows_of_its_pose() {
         .position(|own| !own.contains(&(pose as f64)))
         .unwrap();
     work.edit("distances.csv", |table| {
-        table.add(known + 1, "distance_m", 0.01)
+        table.add(known + 1, "distance_m", 0.01);
     });
     let found = work.calibrated(SPLIT_ALL);
     let row = &found["gross_rows"][0];

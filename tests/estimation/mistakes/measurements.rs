@@ -81,7 +81,7 @@ pub(crate) fn another_frame(table: &mut Table) {
     });
     if table.header.iter().any(|name| name == "gamma_rad") {
         table.map_together(ANGLES, |_, angles| {
-            *angles = zyz_angles(turn * zyz(*angles))
+            *angles = zyz_angles(turn * zyz(*angles));
         });
     }
 }
@@ -141,7 +141,7 @@ fn degrees_are_named() {
         "--measure poses --grid-step 0.01,0.01,0.01 --tilt 0.05 --seed 4",
     );
     work.edit(POSES, |table| {
-        table.map("alpha_rad", |_, angle| angle.to_degrees())
+        table.map("alpha_rad", |_, angle| angle.to_degrees());
     });
     named(&work, OWN, ["T412", POSES, "alpha_rad"]);
     all_named! {

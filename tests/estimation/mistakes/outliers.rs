@@ -104,7 +104,7 @@ fn outliers_are_listed_and_left_out() {
     assert_eq!(outliers(&kept), listed);
 
     work.edit(POSES, |table| {
-        table.keep(|row| !listed.contains(&(row as u64)))
+        table.keep(|row| !listed.contains(&(row as u64)));
     });
     let without = work.calibrated(&format!("{ALL} --keep-outliers"));
     let parameters = [&found, &without].map(|own| list(&own["parameters"]));

@@ -10,7 +10,6 @@ use crate::gross_rows::play_makes_no_row_gross;
 use crate::measurements::{another_frame, degrees, evaluation_names, turned_in_its_plane};
 use crate::no_mistake::larger_noise_has_no_name;
 use crate::outliers::{ONE_IN_TWENTY, intervals_hold, is_misread_told, misread_outliers, readings};
-use crate::reach::advised_grid_is_within_reach;
 use crate::robot_files::{
     cautious_is_consistent, drawing_is_no_exchange, noise_of_drives_too, tolerances_are_named,
 };
@@ -179,13 +178,6 @@ fn drawings_that_are_off_are_no_exchange() {
         ] {
             drawing_is_no_exchange(seed, dimension);
         }
-    }
-}
-
-#[test]
-fn advised_grids_are_within_reach() {
-    for tilt in ["0.1", "0.3"] {
-        advised_grid_is_within_reach(tilt, "0.3");
     }
 }
 
