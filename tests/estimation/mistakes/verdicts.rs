@@ -295,7 +295,7 @@ fn parameters_that_nothing_sees_are_not_changed() {
     let moved = list(&found["moved"]);
     assert!(!moved.is_empty());
     for own in moved {
-        let is_height = own["parameter"].as_str().unwrap().ends_with("z");
+        let is_height = own["parameter"].as_str().unwrap().ends_with('z');
         assert_eq!(own["change"].is_null(), is_height, "{own}");
         assert!(
             own["change"].as_f64().unwrap_or_default().abs() < 0.1,
