@@ -5,6 +5,7 @@ use std::fmt::Debug;
 
 use serde_json::Value;
 use tau::calibration::Options;
+use tau::discovery;
 use tau::measurements::Split;
 use tau::trust::Reason;
 use tau::{Error, Files, Session};
@@ -134,6 +135,13 @@ fn changed_tables_lead_to_messages() {
             });
         });
     });
+    let first = &format!("{CALIBRATE} --split first:12");
+    changed("T335", BAR, first, |work| {
+        work.edit(POSES, |table| {
+            table.map("x_m", |row, x| if row > 12 { x } else { 0.0 });
+            table.map("y_m", |row, y| if row > 12 { y } else { 0.4 });
+        });
+    });
     for (code, shift, factor) in [("T530", 0.0, 3.0), ("T531", 5.0, 1.0)] {
         let work = Work::simulated(BAR);
         work.edit(POSES, |table| table.map("x_m", |_, x| shift + factor * x));
@@ -148,7 +156,30 @@ fn state(work: &Work, lines: &str) {
 }
 
 #[test]
+fn files_lead_to_messages() {
+    changed("T205", BAR, "check", |work| {
+        let path = work.measured().join(POSES);
+        std::fs::remove_file(&path).unwrap();
+        std::fs::create_dir(path).unwrap();
+    });
+    let work = Work::prototype();
+    work.edit("cart_poses.csv", |table| {
+        let cart = table.index("cart");
+        table.rows.retain(|row| row[cart] != "3");
+    });
+    shows(&work.run("check MEASURED"), "T235");
+    // A point is no line, along which a cart could be seen to move.
+    let work = Work::prototype();
+    work.edit("cart_positions.csv", |table| table.rows.truncate(1));
+    let line = "discover MEASURED --base Nominal --json - --out DIR/out";
+    shows(&work.run(line), "T635");
+}
+
+#[test]
 fn robot_files_lead_to_messages() {
+    changed("T250", BAR, CALIBRATE, |work| {
+        state(work, "[links.lower_left]\npull_N = 5.0");
+    });
     changed("T256", BAR, "evaluate --variant Full", |work| {
         work.replace("position_m = 1e-5", "position_m = \"estimate\"");
     });
@@ -191,6 +222,14 @@ const ON_TCP: &str = "effect more on tcp { param by: ratio tol 1e-4; position +=
 const ON_LINK: &str =
     "effect more on link { param by: 1/N tol 1e-6 1/N; length += length * by * tension; }";
 const KNOWN: &str = "effect known on link { length += 1 um; }";
+/// The prototype without its single links.
+const FOLDED: &str = "robot GantryTau {
+    track one, two, three;
+    cluster arm1 on one { link l1; }
+    cluster arm2 on two { link l2a, l2b; }
+    cluster arm3 on three { link l3a, l3b, l3c; }
+    variant Nominal { arm reduced; tracks linear; }
+}";
 /// Parallel legs.
 const LOOSE: &str = "robot Loose {
     plate body in plane;
@@ -249,6 +288,11 @@ fn descriptions_lead_to_messages() {
         ];
         describe(work, "five_bar", &twins);
     });
+    let work = Work::prototype();
+    work.write("own.tau", FOLDED);
+    shows(&work.run(&format!("{discover} MEASURED")), "T630");
+    let study = format!("study MEASURED {OWN} --out DIR/out --json -");
+    shows(&work.run(&study), "T644");
     changed("T631", BAR, discover, |work| {
         describe(work, "five_bar", &[("variant Basic", "variant Discovered")]);
     });
@@ -287,6 +331,14 @@ fn the_library_gives_messages() {
         session.calibrate_with(FiveBar::FULL, &options)
     };
     let count = session.robot().variant("Full").unwrap().parameters.len();
+    let broken = discovery::Options {
+        catalogues: vec!["effect more on cart { }".to_owned()],
+        ..Default::default()
+    };
+    shown(
+        "T632",
+        session.discover_with(FiveBar::FULL, &broken, &mut |_| {}),
+    );
     shown("T354", calibrated(Some(vec![]), 100));
     shown("T370", calibrated(Some(vec![1e200; count]), 100));
     shown("T371", calibrated(Some(vec![f64::NAN; count]), 100));

@@ -1,6 +1,8 @@
 //! Statistics over many machines, each with a bound that a correct program exceeds once in ten thousand runs.
 
-use crate::{agreement, calibration, evaluate, redundant, repeats, truth, unknown_poses};
+use crate::{
+    agreement, calibration, evaluate, redundant, repeats, truth, uncertainty, unknown_poses,
+};
 
 #[test]
 fn calibrations_of_every_standard_robot_hold_the_truth() {
@@ -95,4 +97,9 @@ fn positions_of_hexapods_lead_to_the_machine() {
     unknown_poses::lead_to_the_machine("", &[429, 491, 643, 761, 906]);
     let noisy = [218, 420, 429, 491, 580, 643, 906];
     unknown_poses::lead_to_the_machine(unknown_poses::NOISY_DRIVES, &noisy);
+}
+
+#[test]
+fn many_poses_do_not_draw_joints_towards_the_tool() {
+    uncertainty::poses_do_not_draw_joints(6_000);
 }

@@ -19,7 +19,7 @@ const COMMANDS: [&str; 3] = ["calibrate", "evaluate", "study"];
 
 fn simulated(model: &str, measure: &str) -> Work {
     Work::simulated(&format!(
-        "--model {model} --variant Full {measure} --poses 60 --random --seed 5"
+        "--model {model} --variant Full {measure} --poses 40 --random --seed 5"
     ))
 }
 

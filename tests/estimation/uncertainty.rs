@@ -240,12 +240,16 @@ fn a_file_holds_the_covariance() {
 /// Where the plate hardly turns, the noise of measured rotations would draw its joints towards the tool: five tolerances by
 /// so many poses, of which each standard deviation here is one.
 #[test]
-fn many_poses_do_not_draw_joints_towards_the_tool() {
+fn poses_do_not_draw_joints_towards_the_tool() {
+    poses_do_not_draw_joints(1_500);
+}
+
+pub(crate) fn poses_do_not_draw_joints(count: usize) {
     let (robot, file) = robot("gantry_tau");
     let variant = robot.variant("Full").unwrap();
     let simulated = simulate(&Simulation {
         seed: 11,
-        poses: Poses::Random { count: 6_000 },
+        poses: Poses::Random { count },
         random_poses: 0,
         track_points: TrackPoints {
             count: 0,
@@ -289,7 +293,12 @@ fn many_poses_do_not_draw_joints_towards_the_tool() {
 
     // Nor does the fit of whitened poses, by which a folder is judged and searched.
     let prepared = Prepared::new(&robot, variant, file, Some(folder), &poses).unwrap();
-    let samples = samples::Sample::all(&robot, folder, &poses[..4000], &Frames::default());
+    let samples = samples::Sample::all(
+        &robot,
+        folder,
+        &poses[..count.min(4_000)],
+        &Frames::default(),
+    );
     let joint = Joint::new(prepared.machine, &prepared.nominal, &samples, file.noise).unwrap();
     let (values, weights) = Fit::of_set_1(&joint, &samples).unwrap();
     let fit = Fit::robust(joint, &values, weights, &samples, file.noise).unwrap();

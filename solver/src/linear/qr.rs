@@ -66,42 +66,49 @@ pub(crate) fn triangularize(matrix: &mut [f64], width: usize, columns: usize, wo
     for column in 0..columns.min(rows) {
         let (_, below) = matrix.split_at_mut(column * width);
         let (pivot_row, below) = below.split_at_mut(width);
-        let tail = below.chunks_exact(width).map(|row| row[column]);
-        let largest = tail
-            .clone()
-            .fold(0.0, |largest: f64, x| largest.max(x.abs()));
-        if largest == 0.0 {
-            continue;
+        reflect(pivot_row, below, column, work);
+    }
+}
+
+/// Reflects the rows `below` a pivot so that they have no entries in its column; columns in front of it stay as they are.
+/// `work` is room for a row.
+pub(crate) fn reflect(pivot_row: &mut [f64], below: &mut [f64], column: usize, work: &mut [f64]) {
+    let width = pivot_row.len();
+    let tail = below.chunks_exact(width).map(|row| row[column]);
+    let largest = tail
+        .clone()
+        .fold(0.0, |largest: f64, x| largest.max(x.abs()));
+    if largest == 0.0 {
+        return;
+    }
+    let pivot = pivot_row[column];
+    let scale = largest.max(pivot.abs());
+    let square: f64 = tail.map(|x| (x / scale) * (x / scale)).sum();
+    let norm = scale * (square + (pivot / scale) * (pivot / scale)).sqrt();
+    // v = (1, tail / head) and (I - tau v vᵀ) x = ±norm e₁
+    let head = pivot + norm.copysign(pivot);
+    let tau = head / norm.copysign(pivot);
+    for row in below.chunks_exact_mut(width) {
+        row[column] /= head;
+    }
+    let work = &mut work[column + 1..];
+    work.copy_from_slice(&pivot_row[column + 1..]);
+    for row in below.chunks_exact(width) {
+        let factor = row[column];
+        for (sum, x) in work.iter_mut().zip(&row[column + 1..]) {
+            *sum += factor * x;
         }
-        let pivot = pivot_row[column];
-        let scale = largest.max(pivot.abs());
-        let square: f64 = tail.map(|x| (x / scale) * (x / scale)).sum();
-        let norm = scale * (square + (pivot / scale) * (pivot / scale)).sqrt();
-        // v = (1, tail / head) and (I - tau v vᵀ) x = ±norm e₁
-        let head = pivot + norm.copysign(pivot);
-        let tau = head / norm.copysign(pivot);
-        for row in below.chunks_exact_mut(width) {
-            row[column] /= head;
-        }
-        let work = &mut work[column + 1..];
-        work.copy_from_slice(&pivot_row[column + 1..]);
-        for row in below.chunks_exact(width) {
-            let factor = row[column];
-            for (sum, x) in work.iter_mut().zip(&row[column + 1..]) {
-                *sum += factor * x;
-            }
-        }
-        for (x, sum) in pivot_row[column + 1..].iter_mut().zip(work.iter_mut()) {
-            *sum *= tau;
-            *x -= *sum;
-        }
-        pivot_row[column] = -norm.copysign(pivot);
-        for row in below.chunks_exact_mut(width) {
-            let factor = row[column];
-            row[column] = 0.0;
-            for (x, sum) in row[column + 1..].iter_mut().zip(work.iter()) {
-                *x -= factor * sum;
-            }
+    }
+    for (x, sum) in pivot_row[column + 1..].iter_mut().zip(work.iter_mut()) {
+        *sum *= tau;
+        *x -= *sum;
+    }
+    pivot_row[column] = -norm.copysign(pivot);
+    for row in below.chunks_exact_mut(width) {
+        let factor = row[column];
+        row[column] = 0.0;
+        for (x, sum) in row[column + 1..].iter_mut().zip(work.iter()) {
+            *x -= factor * sum;
         }
     }
 }

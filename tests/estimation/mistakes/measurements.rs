@@ -34,7 +34,6 @@ const BELTS: &str =
 fn commands_that_count_the_other_way_are_named() {
     all_named! {
         DELTA, POSES, |t| t.scale(&["q1_m"], -1.0) => "T402", "q1_m";
-        DELTA_DISTANCES, "heights.csv", |t| t.scale(&["q1_m"], -1.0) => "T402", "q1_m";
         BELTS, "readings.csv", |t| t.scale(&["q1_m"], -1.0) => "T402", "q1_m";
     }
     // Of all variants of belts, the first has a free scale, so that it has no fit.
@@ -129,7 +128,6 @@ fn heights_that_count_the_other_way_are_named() {
 fn centimetres_are_named() {
     all_named! {
         DELTA_POSITIONS, "tcp_positions.csv", |t| t.scale(&AXES, 100.0) => "T410", "x_m y_m z_m 100";
-        DELTA_DISTANCES, "distances.csv", |t| t.scale(&["distance_m"], 100.0) => "T410", "distance_m 100";
     }
 }
 

@@ -66,8 +66,6 @@ pub(crate) fn noise_of_drives_too(measured: &str, seed: u32) {
 fn tolerances_in_other_units_are_named() {
     for (measured, factor) in [
         ("--model four_belts --measure poses", 1e3),
-        ("--model linear_delta --measure heights,distances", 1e3),
-        ("--model linear_delta --measure positions", 1e-3),
         ("--model rotary_delta", 1e-3),
     ] {
         tolerances_are_named(measured, 41, factor);

@@ -7,7 +7,9 @@ use crate::cases::{
     scale_noise, shift_down, transposed,
 };
 use crate::gross_rows::play_makes_no_row_gross;
-use crate::measurements::{another_frame, degrees, evaluation_names, turned_in_its_plane};
+use crate::measurements::{
+    DELTA_DISTANCES, another_frame, degrees, evaluation_names, turned_in_its_plane,
+};
 use crate::no_mistake::larger_noise_has_no_name;
 use crate::outliers::{ONE_IN_TWENTY, intervals_hold, is_misread_told, misread_outliers, readings};
 use crate::robot_files::{
@@ -21,6 +23,21 @@ const MACHINES: [&str; 3] = [
     "--model linear_delta --cart-poses 0 --seed 12",
     "--model hexapod --cart-poses 0 --seed 12",
 ];
+
+#[test]
+fn columns_of_heights_and_distances_are_named() {
+    all_named! {
+        DELTA_DISTANCES, "heights.csv", |t| t.scale(&["q1_m"], -1.0) => "T402", "q1_m";
+        DELTA_DISTANCES, "distances.csv", |t| t.scale(&["distance_m"], 100.0) => "T410", "distance_m 100";
+    }
+}
+
+#[test]
+fn tolerances_of_deltas_in_other_units_are_named() {
+    let model = "--model linear_delta --measure";
+    tolerances_are_named(&format!("{model} heights,distances"), 41, 1e3);
+    tolerances_are_named(&format!("{model} positions"), 41, 1e-3);
+}
 
 #[test]
 fn columns_of_poses_are_named_for_each_machine() {
