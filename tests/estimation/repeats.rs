@@ -44,7 +44,7 @@ fn positions(seed: u64) -> Measured {
     };
     let drawn = (robot.clone(), file(""));
     let measures = [Measure::Rows(PlateKind::Position)];
-    let mut measured = Measured::new(drawn, "Full", (&measures, 20), |simulation| {
+    let mut measured = Measured::new(drawn, "Full", (&measures, 24), |simulation| {
         simulation.seed = seed;
         simulation.readings = 4;
     });
@@ -122,8 +122,8 @@ pub(crate) fn right_models_repeat_as_simulated(machines: u64) {
         for file in ["tcp_positions.csv", "drives"] {
             let repeats = repeats_of(&found, file);
             if file == "drives" {
-                assert_eq!((repeats.quantities, repeats.readings), (120, 480));
-                assert!((repeats.degrees - 180.0).abs() < 1e-9, "{repeats:?}");
+                assert_eq!((repeats.quantities, repeats.readings), (144, 576));
+                assert!((repeats.degrees - 216.0).abs() < 1e-9, "{repeats:?}");
             }
             by_kind.entry(file).or_default().push(repeats);
         }

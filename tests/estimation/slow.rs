@@ -103,3 +103,8 @@ fn positions_of_hexapods_lead_to_the_machine() {
 fn many_poses_do_not_draw_joints_towards_the_tool() {
     uncertainty::poses_do_not_draw_joints(6_000);
 }
+
+#[test]
+fn right_models_have_even_p_values() {
+    repeats::right_models_repeat_as_simulated(40);
+}

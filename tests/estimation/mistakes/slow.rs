@@ -12,6 +12,7 @@ use crate::measurements::{
 };
 use crate::no_mistake::larger_noise_has_no_name;
 use crate::outliers::{ONE_IN_TWENTY, intervals_hold, is_misread_told, misread_outliers, readings};
+use crate::reach::advised_grid_is_within_reach;
 use crate::robot_files::{
     cautious_is_consistent, drawing_is_no_exchange, noise_of_drives_too, tolerances_are_named,
 };
@@ -279,4 +280,11 @@ fn carts_and_positions_tell_links_as_well_as_they_say() {
     }
     let departs = f64::sqrt(squares) - f64::sqrt(count);
     assert!(departs.abs() < 3.9 / f64::sqrt(2.0), "{squares} {count}");
+}
+
+#[test]
+fn advised_grids_are_within_reach() {
+    for (tilt, step) in [("0.1", "0.4"), ("0.3", "0.3")] {
+        advised_grid_is_within_reach(tilt, step);
+    }
 }
