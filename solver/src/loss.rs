@@ -103,3 +103,24 @@ impl LossAt {
         (self.weight / root, root)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: a curvature of a tenth of the weight or less gives way to the weight, a larger one counts.
+    #[test]
+    fn a_curvature_counts_where_it_is_safely_positive() {
+        let at = |curvature| LossAt {
+            cost: 0.0,
+            weight: 0.5,
+            curvature,
+        };
+        for (curvature, taken) in [(0.5, 0.5_f64), (0.08, 0.08), (0.05, 0.5), (-0.2, 0.5)] {
+            let (residual, jacobian) = at(curvature).factors();
+            assert!((jacobian * jacobian - taken).abs() < 1e-15, "{curvature}");
+            // The gradient stays: weight times residual.
+            assert!((residual * jacobian - 0.5).abs() < 1e-15, "{curvature}");
+        }
+    }
+}

@@ -331,14 +331,17 @@ fn the_library_gives_messages() {
         session.calibrate_with(FiveBar::FULL, &options)
     };
     let count = session.robot().variant("Full").unwrap().parameters.len();
-    let broken = discovery::Options {
-        catalogues: vec!["effect more on cart { }".to_owned()],
-        ..Default::default()
+    let with_catalogue = |text: &str| {
+        let options = discovery::Options {
+            catalogues: vec![text.to_owned()],
+            ..Default::default()
+        };
+        session.discover_with(FiveBar::FULL, &options, &mut |_| {})
     };
-    shown(
-        "T632",
-        session.discover_with(FiveBar::FULL, &broken, &mut |_| {}),
-    );
+    shown("T632", with_catalogue("effect more on cart { }"));
+    let reserved = "effect unnamed_more on link { param by: length; length += by; }";
+    let reserved: Error = with_catalogue(reserved).err().unwrap().into();
+    assert_eq!(reserved.code().to_string(), "T631");
     shown("T354", calibrated(Some(vec![]), 100));
     shown("T370", calibrated(Some(vec![1e200; count]), 100));
     shown("T371", calibrated(Some(vec![f64::NAN; count]), 100));
