@@ -340,7 +340,7 @@ fn the_library_gives_messages() {
     };
     shown("T632", with_catalogue("effect more on cart { }"));
     let reserved = "effect unnamed_more on link { param by: length; length += by; }";
-    let reserved: Error = with_catalogue(reserved).err().unwrap().into();
+    let reserved = with_catalogue(reserved).err().unwrap();
     assert_eq!(reserved.code().to_string(), "T631");
     shown("T354", calibrated(Some(vec![]), 100));
     shown("T370", calibrated(Some(vec![1e200; count]), 100));
