@@ -1,4 +1,4 @@
-//! Dense QR: once per Jacobian down to a triangle, then column-pivoted per damping.
+//! Dense QR: once per Jacobian down to a triangle, from which each damping makes another.
 
 use faer::Mat;
 
@@ -6,7 +6,7 @@ use crate::jacobian::Jacobian;
 use crate::linear::LinearSolver;
 use crate::linear::qr::{PivotedQr, RowReduction, reflect};
 
-/// Solves by `[J r] = Q [R c]` and then, for each damping, by a pivoted QR of `[R; √damping I]`.
+/// Solves by `[J r] = Q [R c]` and then, for each damping, by a QR of `[R; √damping I]`.
 pub(crate) struct DenseQr {
     reduction: RowReduction,
     damped: DampedTriangle,
@@ -46,9 +46,9 @@ impl LinearSolver for DenseQr {
 
 /// Damped least squares on a triangle `[R c]`.
 ///
-/// Damping gives full rank, and leaves two triangles, one upon the other, of which reflections make one: a fifth of the
-/// operations of a QR of their rows, and no pivots (J. J. Moré, "The Levenberg-Marquardt algorithm: implementation and
-/// theory", 1978, section 3, with reflections in place of rotations). Pivots are for what has no full rank.
+/// With damping the rank is full, and reflections turn the two triangles `[R; √damping I]` into one: a fifth of the operations
+/// of a QR of their rows, without pivots (J. J. Moré, "The Levenberg-Marquardt algorithm: implementation and theory", 1978,
+/// section 3, with reflections in place of rotations). Without damping, or with less than rounding, pivots tell the rank of R.
 pub(crate) struct DampedTriangle {
     qr: PivotedQr,
     /// The damped triangle with its right-hand side, row by row, and the rows of the damping.
@@ -62,7 +62,7 @@ pub(crate) struct DampedTriangle {
 impl DampedTriangle {
     pub(crate) fn new(columns: usize) -> Self {
         Self {
-            qr: PivotedQr::new(2 * columns, columns, 1),
+            qr: PivotedQr::new(columns, columns, 1),
             rows: Vec::new(),
             damping: Vec::new(),
             work: Vec::new(),
@@ -78,33 +78,33 @@ impl DampedTriangle {
         held: &[bool],
         step: &mut [f64],
     ) -> bool {
-        self.is_damped =
-            damping > 0.0 && !held.contains(&true) && self.factor_damped(triangle, damping);
-        if self.is_damped {
-            self.solve_damped(step);
-            return true;
-        }
         let n = held.len();
-        let (matrix, rhs) = (&mut self.qr.matrix, &mut self.qr.rhs);
-        matrix.fill(0.0);
-        rhs.fill(0.0);
-        for row in 0..n {
-            rhs[(row, 0)] = -triangle[(row, n)];
-        }
-        for column in 0..n {
-            if held[column] {
-                for row in 0..=column {
-                    rhs[(row, 0)] -= triangle[(row, column)] * step[column];
+        let width = n + 1;
+        self.rows.clear();
+        self.rows.resize(n * width, 0.0);
+        for (row, own) in self.rows.chunks_exact_mut(width).enumerate() {
+            own[n] = triangle[(row, n)];
+            // What is held moves the right-hand side and leaves its column empty.
+            for column in row..n {
+                if held[column] {
+                    own[n] += triangle[(row, column)] * step[column];
+                } else {
+                    own[column] = triangle[(row, column)];
                 }
-            } else {
-                for row in 0..=column {
-                    matrix[(row, column)] = triangle[(row, column)];
-                }
-                matrix[(n + column, column)] = damping.sqrt();
             }
         }
-        // Without damping all below the triangle is zero.
-        let rank = self.qr.factor(if damping > 0.0 { 2 * n } else { n });
+        self.is_damped = damping > 0.0 && self.factor_damped(n, damping);
+        if self.is_damped {
+            self.solve_damped(held, step);
+            return true;
+        }
+        for (i, row) in self.rows.chunks_exact(width).enumerate() {
+            self.qr.rhs[(i, 0)] = -row[n];
+            for (j, entry) in row[..n].iter().enumerate() {
+                self.qr.matrix[(i, j)] = *entry;
+            }
+        }
+        let rank = self.qr.factor(n);
         self.qr.solve();
         for (column, step) in step.iter_mut().enumerate() {
             if !held[column] {
@@ -114,38 +114,38 @@ impl DampedTriangle {
         rank == held.iter().filter(|&&held| !held).count()
     }
 
-    /// Turns `[R c]` over the rows of the damping into one triangle; false where its rank is not full.
-    fn factor_damped(&mut self, triangle: &Mat<f64>, damping: f64) -> bool {
-        let n = triangle.ncols() - 1;
+    /// Turns `[R c]` over the rows of the damping into one triangle. False, and nothing is done, where the damping is
+    /// lost in rounding.
+    fn factor_damped(&mut self, n: usize, damping: f64) -> bool {
         let width = n + 1;
-        for rows in [&mut self.rows, &mut self.damping] {
-            rows.clear();
-            rows.resize(n * width, 0.0);
+        let root = damping.sqrt();
+        let entries = self.rows.chunks_exact(width).flat_map(|row| &row[..n]);
+        let most = entries.fold(root, |most, entry| most.max(entry.abs()));
+        if root <= most * f64::EPSILON * n as f64 {
+            return false;
         }
+        self.damping.clear();
+        self.damping.resize(n * width, 0.0);
         self.work.resize(width, 0.0);
-        for (row, own) in self.rows.chunks_exact_mut(width).enumerate() {
-            for (column, entry) in own.iter_mut().enumerate().skip(row) {
-                *entry = triangle[(row, column)];
-            }
-        }
         for column in 0..n {
-            self.damping[column * width + column] = damping.sqrt();
+            self.damping[column * width + column] = root;
             let pivot_row = &mut self.rows[column * width..(column + 1) * width];
             // Rows further down have nothing in this column yet.
             let filled = &mut self.damping[..(column + 1) * width];
             reflect(pivot_row, filled, column, &mut self.work);
         }
-        let diagonal = || (0..n).map(|i| self.rows[i * width + i].abs());
-        let largest = diagonal().fold(0.0, f64::max);
-        diagonal().all(|entry| entry > largest * f64::EPSILON * n as f64)
+        true
     }
 
-    fn solve_damped(&self, step: &mut [f64]) {
+    fn solve_damped(&self, held: &[bool], step: &mut [f64]) {
         let n = step.len();
         for (i, row) in self.rows.chunks_exact(n + 1).enumerate().rev() {
-            let known = row[i + 1..n].iter().zip(&step[i + 1..]);
-            let sum: f64 = known.map(|(entry, y)| entry * y).sum();
-            step[i] = (-row[n] - sum) / row[i];
+            // Columns of what is held are empty.
+            if !held[i] {
+                let known = row[i + 1..n].iter().zip(&step[i + 1..]);
+                let sum: f64 = known.map(|(entry, y)| entry * y).sum();
+                step[i] = (-row[n] - sum) / row[i];
+            }
         }
     }
 
@@ -172,7 +172,7 @@ impl DampedTriangle {
 mod tests {
     use super::*;
 
-    /// The normal equations of a small triangle, by hand: (RᵀR + damping I) y = −Rᵀc.
+    /// The normal equations of a small triangle, by hand: (RᵀR + damping I) y = −Rᵀc in what is not held.
     #[test]
     fn a_damped_step_solves_the_normal_equations() {
         let entries = [
@@ -181,26 +181,35 @@ mod tests {
             [0.0, 0.0, 1e-9, 0.25],
         ];
         let triangle = Mat::from_fn(4, 4, |i, j| if i < 3 { entries[i][j] } else { 0.0 });
-        let r = |i: usize, j: usize| entries[i][j];
-        for damping in [1e-6, 0.3, 40.0] {
+        let square =
+            |a: usize, b: usize| -> f64 { entries.map(|row| row[a] * row[b]).iter().sum() };
+        for (damping, held) in [
+            (1e-6, 3),
+            (0.3, 3),
+            (40.0, 3),
+            (0.3, 0),
+            (0.3, 1),
+            (40.0, 2),
+        ] {
             let mut own = DampedTriangle::new(3);
-            let mut step = [0.0; 3];
-            assert!(own.solve(&triangle, damping, &[false; 3], &mut step));
+            let mut step = [0.7; 3];
+            let is_held = [0, 1, 2].map(|i| i == held);
+            assert!(own.solve(&triangle, damping, &is_held, &mut step));
             assert!(own.is_damped);
-            for i in 0..3 {
-                let normal = |y: &[f64; 3]| -> f64 {
-                    let products = (0..3).map(|j| {
-                        let square: f64 = (0..3).map(|k| r(k, i) * r(k, j)).sum();
-                        (square + if i == j { damping } else { 0.0 }) * y[j]
-                    });
-                    products.sum()
-                };
-                let right: f64 = (0..3).map(|k| -r(k, i) * r(k, 3)).sum();
-                assert!((normal(&step) - right).abs() < 1e-11, "{damping} {i}");
+            assert!(step.get(held).is_none_or(|&kept| kept == 0.7));
+            let free = || (0..3).filter(|&i| i != held);
+            for i in free() {
+                let by_step: f64 = (0..3).map(|j| square(i, j) * step[j]).sum();
+                let gradient = by_step + damping * step[i] + square(i, 3);
+                assert!(gradient.abs() < 1e-11, "{damping} {held} {i}");
             }
-            // vᵀ(RᵀR + damping I)⁻¹v of v = (RᵀR + damping I) step.
-            let v: [f64; 3] = std::array::from_fn(|i| (0..3).map(|k| -r(k, i) * r(k, 3)).sum());
-            let form: f64 = v.iter().zip(step).map(|(v, y)| v * y).sum();
+            // vᵀ(RᵀR + damping I)⁻¹v of v = (RᵀR + damping I) y.
+            let (mut v, mut form) = ([0.0; 3], 0.0);
+            for i in free() {
+                let by_step: f64 = free().map(|j| square(i, j) * step[j]).sum();
+                v[i] = by_step + damping * step[i];
+                form += v[i] * step[i];
+            }
             assert!((own.inverse_form(&v) / form - 1.0).abs() < 1e-11);
         }
     }
