@@ -28,6 +28,9 @@ pub(crate) struct Found {
     pub(crate) unseen: Vec<(String, String)>,
     /// Named candidates that were tested.
     pub(crate) candidates: usize,
+    /// The verdict on the model at which it ended, as a calibration has it.
+    #[serde(default)]
+    pub(crate) fit: Option<String>,
     /// Detection power of one who knows what to look for.
     pub(crate) oracle_power: Option<f64>,
     /// The same of one who has to search the period, where there is one.

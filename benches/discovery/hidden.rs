@@ -4,7 +4,9 @@ use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use tau::Robot;
-use tau::simulation::{CartError, CartReading, Effect, LinkError, Physics, TcpReading};
+use tau::simulation::{
+    CartError, CartReading, DriveReading, Effect, LinkError, Physics, TcpReading,
+};
 use tau_codegen::language::Model;
 use tau_codegen::language::model::{self, Place};
 use tau_robot::effects::places;
@@ -33,16 +35,23 @@ impl Hidden {
         (self.of_size)(tolerances)
     }
 
-    /// An effect of the catalogue at a random place, in a random direction of its parameters, with a
-    /// random period in the range that is searched.
-    pub(crate) fn listed(robot: &Robot, model: &Model, name: &str, random: &mut Random) -> Self {
-        let effect = model.effects.iter().find(|effect| effect.name == name);
+    /// An effect of the catalogue at a random place of those that are meant, in a random direction of its parameters,
+    /// with a random period in the range that is searched.
+    pub(crate) fn listed(
+        robot: &Robot,
+        model: &Model,
+        name: &str,
+        is_meant: impl Fn(Place) -> bool,
+        random: &mut Random,
+    ) -> Self {
+        let mut effects = model.effects.iter();
+        let effect = effects.find(|own| own.name == name && !places(model, own).is_empty());
         let effect = effect.expect("an effect of the catalogue").clone();
         let searched = effect.parameters.iter().find_map(|p| p.search);
-        // No two racks or pinions have a period and a phase in common.
+        // No two racks, screws or gears have a period and a phase in common.
         let possible: Vec<Place> = places(model, &effect)
             .into_iter()
-            .filter(|place| searched.is_none() || *place != Place::AllCarts)
+            .filter(|place| is_meant(*place) && (searched.is_none() || !place.is_common()))
             .collect();
         let place = *random.choose(&possible);
         // Evenly in the logarithm.
@@ -181,19 +190,91 @@ pub(crate) const UNLISTED: [&str; 6] = [
     "refraction",
 ];
 
+/// Names of faults of drives and joints that no catalogue lists.
+pub(crate) const UNLISTED_OF_DRIVES: [&str; 2] = ["out_of_round", "fine_pitch"];
+
+impl Hidden {
+    /// A fault of a drive or of a joint at a random place, that no catalogue lists.
+    pub(crate) fn unlisted_of_drive(robot: &Robot, name: &str, random: &mut Random) -> Self {
+        let link = random.below(robot.links.len());
+        let (way, share) = (random.axis(), random.uniform(0.0, 1.0));
+        let phase = random.uniform(0.0, TAU);
+        let track = robot.clusters[robot.links[link].cluster].track;
+        let (place, physics): (Place, OfSize) = match (name, track) {
+            // A ball is longer along one of its axes, so that the link's length depends on the direction in which it stands.
+            ("out_of_round", _) => (
+                Place::Link(link),
+                Box::new(move |size| {
+                    Physics::Link(Arc::new(move |at| {
+                        let pairs = way.iter().zip(at.direction_on_plate);
+                        let along: f64 = pairs.map(|(a, b)| a * b).sum();
+                        LinkError {
+                            length_m: 1e-4 * size * along.powi(2),
+                            joint_m: [0.0; 3],
+                        }
+                    }))
+                }),
+            ),
+            // Periods below the ranges of the catalogue.
+            (_, Some(track)) if !robot.is_crank(track) => {
+                let period = 1e-3 + 2e-3 * share;
+                let place = Place::Cart {
+                    track,
+                    source: None,
+                };
+                let physics = move |size: f64| {
+                    Physics::Cart(Arc::new(move |at: &CartReading| CartError {
+                        shift_m: [
+                            1e-4 * size * (TAU * at.q_m / period + phase).sin(),
+                            0.0,
+                            0.0,
+                        ],
+                        turn_rad: [0.0; 3],
+                    }))
+                };
+                (place, Box::new(physics))
+            }
+            (_, crank) => {
+                let (place, amount, period) = match crank {
+                    Some(track) => (Place::Crank(track), 1e-3, 0.01 + 0.015 * share),
+                    None => (Place::Link(link), 1e-4, 3e-4 + 5e-4 * share),
+                };
+                let physics = move |size: f64| {
+                    Physics::Drive(Arc::new(move |at: &DriveReading| {
+                        amount * size * (TAU * at.q / period + phase).sin()
+                    }))
+                };
+                (place, Box::new(physics))
+            }
+        };
+        let owned = name.to_owned();
+        Self {
+            name: name.to_owned(),
+            place: place_text(robot, place),
+            amplitudes: 1,
+            period_m: None,
+            of_size: Box::new(move |size| Effect::unlisted(&owned, place, physics(size))),
+        }
+    }
+}
+
 /// A place as results write it.
 fn place_text(robot: &Robot, place: Place) -> String {
     match place {
         Place::Cart {
             track,
             source: None,
-        } => robot.tracks[track].clone(),
+        }
+        | Place::Crank(track)
+        | Place::CrankCentre(track) => robot.tracks[track].clone(),
         Place::Cart {
             track,
             source: Some(source),
         } => format!("{},{}", robot.tracks[track], robot.tracks[source]),
-        Place::Link(link) => robot.links[link].name.clone(),
-        Place::AllCarts | Place::AllLinks => "all".to_owned(),
+        Place::Link(link) | Place::BaseJoint(link) => robot.links[link].name.clone(),
+        Place::AllCarts | Place::AllLinks | Place::AllCranks | Place::AllBaseJoints => {
+            "all".to_owned()
+        }
         Place::Tcp => "tcp".to_owned(),
     }
 }

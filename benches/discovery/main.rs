@@ -5,25 +5,29 @@
 //! same trials, whichever of them are run.
 
 mod answer;
+mod drives;
 mod hidden;
 mod machines;
 mod noncentrality;
 mod plan;
 mod random;
 mod scoring;
+mod stand;
 mod table;
 mod trials;
 
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::PathBuf;
+use std::sync::Mutex;
 
 use clap::Parser;
+use serde::de::DeserializeOwned;
 
 use tau::discovery::{Constants, Options, Rule};
 
 use plan::{Plan, Section};
-use trials::{Laboratory, Record};
+use trials::Laboratory;
 
 /// Discovery on virtual robots of which the truth is known.
 #[derive(Parser)]
@@ -55,6 +59,10 @@ struct Arguments {
     /// Other robots and measurements in place of the sections: those whose name holds a text
     #[arg(long, num_args = 0..=1, default_missing_value = "")]
     machines: Option<String>,
+    /// Effects on drives in place of the sections, nothing hidden under all noises, and contradictions: on machines whose
+    /// name holds a text
+    #[arg(long, num_args = 0..=1, default_missing_value = "")]
+    drives: Option<String>,
     /// Runs nothing and prints the tables of trials that were written before, by one run or several
     #[arg(long, num_args = 1..)]
     read: Vec<PathBuf>,
@@ -66,7 +74,12 @@ struct Arguments {
 fn main() -> io::Result<()> {
     let arguments = Arguments::parse();
     if !arguments.read.is_empty() {
-        print!("{}", table::markdown(&read(&arguments.read)?));
+        let text = if arguments.drives.is_some() {
+            drives::tables(&read(&arguments.read)?)
+        } else {
+            table::markdown(&read(&arguments.read)?)
+        };
+        print!("{text}");
         return Ok(());
     }
     let mut method = Options {
@@ -83,6 +96,20 @@ fn main() -> io::Result<()> {
         let trials = (arguments.trials, &arguments.only[..]);
         let table = machines::run(arguments.seed, trials, wanted, &method, |line| {
             if let Some(file) = &mut json {
+                let _ = writeln!(file, "{line}");
+            }
+        });
+        print!("{table}");
+        return Ok(());
+    }
+    if let Some(wanted) = &arguments.drives {
+        let json = arguments.json.map(File::create).transpose()?;
+        let json = Mutex::new(json);
+        let trials = (arguments.trials, &arguments.only[..]);
+        let table = drives::run(arguments.seed, trials, wanted, &method, |line| {
+            if let Ok(mut json) = json.lock()
+                && let Some(file) = json.as_mut()
+            {
                 let _ = writeln!(file, "{line}");
             }
         });
@@ -152,7 +179,7 @@ fn scaling(text: &str) -> Result<(String, f64), String> {
 }
 
 /// Trials as `--json` writes them.
-fn read(paths: &[PathBuf]) -> io::Result<Vec<Record>> {
+fn read<Record: DeserializeOwned>(paths: &[PathBuf]) -> io::Result<Vec<Record>> {
     let mut records = Vec::new();
     for path in paths {
         for line in fs::read_to_string(path)?.lines() {

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::answer::Found;
+use crate::answer::{Found, True};
 use crate::plan::Section;
 use crate::scoring::{Share, Verdict, micro_f1, quartile};
 use crate::trials::Record;
@@ -95,7 +95,7 @@ fn share(ended: &[(&Found, Verdict)], of: impl Fn(&Verdict) -> bool) -> String {
 }
 
 /// `.975 (39/40, .868–.999)`.
-fn written(share: Share) -> String {
+pub(crate) fn written(share: Share) -> String {
     if share.of == 0 {
         return "–".to_owned();
     }
@@ -125,7 +125,7 @@ fn spread(values: &[f64]) -> String {
     }
 }
 
-fn table(title: &str, columns: &[&str], rows: &[Vec<String>]) -> String {
+pub(crate) fn table(title: &str, columns: &[&str], rows: &[Vec<String>]) -> String {
     if rows.is_empty() {
         return String::new();
     }
@@ -370,7 +370,7 @@ fn confusion(title: &str, records: &[&Record]) -> String {
             let mut counts: BTreeMap<String, usize> = BTreeMap::new();
             for record in members {
                 if let Some(found) = &record.found {
-                    *counts.entry(answer(record, found)).or_default() += 1;
+                    *counts.entry(answer(&record.truth, found)).or_default() += 1;
                 }
             }
             vec![name.clone(), listed(counts)]
@@ -380,12 +380,12 @@ fn confusion(title: &str, records: &[&Record]) -> String {
 }
 
 /// An answer in short: names, `elsewhere` where the name is right and the place is not.
-fn answer(record: &Record, found: &Found) -> String {
+pub(crate) fn answer(truth: &[True], found: &Found) -> String {
     let mut names: Vec<String> = found
         .named
         .iter()
         .map(|named| {
-            let mut places = record.truth.iter().filter(|own| own.name == named.name);
+            let mut places = truth.iter().filter(|own| own.name == named.name);
             let is_hidden = places.clone().next().is_some();
             if is_hidden && places.all(|own| own.place != named.place) {
                 format!("{} elsewhere", named.name)
@@ -409,7 +409,7 @@ fn answer(record: &Record, found: &Found) -> String {
 }
 
 /// Counts, the most frequent first.
-fn listed(counts: BTreeMap<String, usize>) -> String {
+pub(crate) fn listed(counts: BTreeMap<String, usize>) -> String {
     let mut counts: Vec<(String, usize)> = counts.into_iter().collect();
     counts.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
     let texts: Vec<String> = counts

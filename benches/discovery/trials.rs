@@ -208,7 +208,7 @@ impl Laboratory {
         let options = Options {
             split,
             catalogues: match &case.subject {
-                Subject::Withheld(name) => vec![CATALOGUE.replace(item(CATALOGUE, name), "")],
+                Subject::Withheld(name) => vec![catalogue_without(CATALOGUE, name)],
                 _ => vec![CATALOGUE.to_owned()],
             },
             ..self.method.clone()
@@ -309,7 +309,7 @@ impl Laboratory {
         match &case.subject {
             Subject::Nothing => None,
             Subject::Listed(name) | Subject::Withheld(name) => {
-                let hidden = Hidden::listed(&self.robot, &self.model, name, random);
+                let hidden = Hidden::listed(&self.robot, &self.model, name, |_| true, random);
                 Some(vec![sized(hidden)?])
             }
             Subject::Unlisted(name) => {
@@ -327,6 +327,7 @@ impl Laboratory {
                         &self.robot,
                         &self.model,
                         name,
+                        |_| true,
                         random,
                     )));
                 }
@@ -335,7 +336,7 @@ impl Laboratory {
             Subject::AtTwo(name) => {
                 let mut all: Vec<(Hidden, Sized)> = Vec::new();
                 for _ in 0..2 * DRAWINGS {
-                    let hidden = Hidden::listed(&self.robot, &self.model, name, random);
+                    let hidden = Hidden::listed(&self.robot, &self.model, name, |_| true, random);
                     let is_there = |other: &(Hidden, Sized)| other.0.place == hidden.place;
                     if all.len() < 2 && hidden.place != "all" && !all.iter().any(is_there) {
                         all.extend(sized(hidden));
@@ -357,9 +358,10 @@ impl Laboratory {
             let key = format!("{}({place})", own.name);
             line += &format!(" + {key}");
             // At two places it is one item.
-            let item = item(CATALOGUE, &own.name);
-            if !text.contains(item) {
-                text += item;
+            for item in items(CATALOGUE, &own.name) {
+                if !text.contains(&item) {
+                    text += &item;
+                }
             }
             if let Some(period) = own.period_m {
                 let value = Value {
@@ -410,14 +412,23 @@ pub(crate) fn sized(
     None
 }
 
-/// The text of an effect in a catalogue, with its documentation.
-pub(crate) fn item<'a>(catalogue: &'a str, name: &str) -> &'a str {
-    let effect = catalogue
-        .find(&format!("effect {name} "))
-        .expect("an effect of the catalogue");
-    let start = catalogue[..effect].rfind("\n\n").map_or(0, |at| at + 2);
-    let length = catalogue[start..].find("\n}\n").expect("its end") + "\n}\n".len();
-    &catalogue[start..start + length]
+/// The texts of the effects of a name in a catalogue, with their documentation.
+pub(crate) fn items(catalogue: &str, name: &str) -> Vec<String> {
+    let begins = format!("effect {name} ");
+    let found = catalogue.match_indices(&begins).map(|(effect, _)| {
+        let start = catalogue[..effect].rfind("\n\n").map_or(0, |at| at + 2);
+        let length = catalogue[start..].find("\n}\n").expect("its end") + "\n}\n".len();
+        catalogue[start..start + length].to_owned()
+    });
+    found.collect()
+}
+
+/// A catalogue without the effects of a name.
+pub(crate) fn catalogue_without(catalogue: &str, name: &str) -> String {
+    let items = items(catalogue, name);
+    items
+        .iter()
+        .fold(catalogue.to_owned(), |text, item| text.replace(item, ""))
 }
 
 impl Found {
@@ -462,6 +473,7 @@ impl Found {
                 .map(|unseen| (unseen.name.clone(), unseen.place.to_string()))
                 .collect(),
             candidates: discovery.considered.len(),
+            fit: None,
             oracle_power: None,
             searching_oracle_power: None,
             base_um: discovery.validation.before.rms_um,

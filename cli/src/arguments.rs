@@ -146,7 +146,7 @@ pub(super) struct Calibrate {
     /// with the ordinary fit of set 1
     #[arg(long)]
     pub(super) errors_in_variables: bool,
-    /// Fit the scale of the whole machine even where no measurement determines it
+    /// Where poses are unknown: fit the scale of the whole machine even if no measurement determines it
     #[arg(long)]
     pub(super) free_scale: bool,
     #[command(flatten)]

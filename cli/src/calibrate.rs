@@ -51,12 +51,14 @@ pub(super) fn run(
     let poses = session.poses().map_err(|error| explained(error.into()))?;
     let (robot, folder) = (&session.robot().name, session.folder());
 
+    let options = options(arguments, &session);
+    options.refuse_free_scale()?;
     let fitted = if arguments.errors_in_variables {
         let fitted = session.calibrate_with_errors_in_variables(variant);
         fitted.map(|fitted| (fitted.calibration.clone(), Some(fitted)))
     } else {
         session
-            .calibrate(variant)
+            .calibrate_with(variant, &options)
             .map(|fitted| (fitted.into(), None))
     };
     let (mut found, comparison) = fitted.map_err(explained)?;
@@ -126,6 +128,13 @@ pub(super) fn run(
     Ok(outcome(told, tables?, target, arguments).judged(&verdict, arguments.force.force))
 }
 
+fn options(arguments: &arguments::Calibrate, session: &Session) -> Options {
+    Options {
+        free_scale: arguments.free_scale,
+        ..session.options()
+    }
+}
+
 /// The same where poses are unknown.
 fn unknown_poses(
     arguments: &arguments::Calibrate,
@@ -144,11 +153,7 @@ fn unknown_poses(
         );
     }
     let variant = arguments.variant.name.as_str();
-    let options = Options {
-        free_scale: arguments.free_scale,
-        ..session.options()
-    };
-    let found = session.calibrate_unknown_poses(variant, &options);
+    let found = session.calibrate_unknown_poses(variant, &options(arguments, session));
     let found =
         found.map_err(|error| trust::explained(session, variant, error, target.as_ref()))?;
     let verdict = found.verdict();

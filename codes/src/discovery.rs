@@ -27,7 +27,6 @@ codes! {
     NOTHING_MISSING = 624: "the base explains the measurements";
     UNNAMED_STRUCTURE = 625: "something is missing that no effect explains";
     PARTLY_EXPLAINED = 626: "something that is missing has a name, something has none";
-    NOISY = 629: "no effect is significant, yet the noise is far larger than stated";
     NO_BASE = 630: "no variant has all links and no effects";
     RESERVED_NAME = 631: "a variant or an effect has a name that the search gives";
     NOT_SOUND = 632: "a description that the search wrote has mistakes";
@@ -46,6 +45,9 @@ codes! {
     OTHER_TREATMENT = 645: "the search leaves outliers out whatever was asked for";
     UNCONFIRMED = 646: "held-out measurements do not confirm what was found";
     OPPOSED = 647: "neighbours in the order of measurement have opposed residuals";
+    UNRESOLVED = 650: "the fit is not consistent, and no structure was found";
+    TOO_FEW = 651: "too few poses to tell any effect of a plausible size";
+    REJECTED = 652: "held-out measurements contradict an effect";
     ALIASES = 660: "another value of a searched parameter fits as well";
     AMBIGUOUS = 661: "effects can hardly be told apart by these measurements";
     NO_AMPLITUDE = 662: "an effect has no amplitude to fit";

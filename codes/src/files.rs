@@ -55,6 +55,7 @@ codes! {
     OTHER_DESCRIPTION = 254: "a file was calibrated with another description or variant";
     UNUSED_VALUES = 255: "values of a file are not used";
     NO_ESTIMATE = 256: "noise is to be estimated where only a number is possible";
+    NO_TRAVEL = 257: "an effect reads the travel of the drives, and nothing states it";
 
     // Options and arguments.
     USAGE = 260: "the command line is not written as the command expects";

@@ -51,7 +51,6 @@ codes! {
     NOISE_TWICE = 348: "the noise of a measurement is stated twice";
     NOISE_NEEDED = 349: "noise is to be estimated where its value is needed";
     NO_TRACKER = 350: "a variant has an error of the tracker where no tracker measured";
-    NO_DEPENDENCE = 351: "closures do not depend on the pose or the drives";
     NEEDS_MEASURED_POSES = 352: "only fits of measured poses can do this";
     NOT_CALIBRATED = 353: "no closure of the variant depends on a parameter";
     START_VALUES = 354: "the start values of a fit do not suit its variant";
@@ -78,8 +77,8 @@ codes! {
     REACH = 384: "poses do not cover the workspace";
     HELD_OUT = 385: "the reasons that follow are of measurements that were held out";
     UNDETERMINED = 389: "nothing determines a parameter, and it has no tolerance";
-    WITHOUT_FIT = 390: "no calibration converges, and no mistake that was tried explains it";
     MISFIT = 391: "no mistake was recognised, yet residuals of a first fit exceed the noise";
     NO_MISTAKE = 392: "no mistake was recognised, yet a calibration would mean nothing";
     EXCHANGE_UNNOTICED = 393: "carts that exchange their numbers would not be noticed";
+    SCALE_MEASURED = 394: "measured poses determine the scale, which therefore cannot be freed";
 }

@@ -108,4 +108,5 @@ codes! {
     PLACE_OF_OTHER_KIND = 190: "an effect does not act on this kind of place";
     COMMAND_NOT_THERE = 191: "an effect reads a command that is not there, or is an angle";
     WITH = 192: "a use names something that is no optional parameter";
+    PLACE_AMBIGUOUS = 193: "a place may be of several effects of one name";
 }

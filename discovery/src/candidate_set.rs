@@ -77,7 +77,7 @@ pub(super) struct Score {
     /// Index of the candidate.
     pub(super) candidate: usize,
     pub(super) statistic: f64,
-    /// By the F form; over the whole search where there is one.
+    /// Over the whole search where there is one.
     pub(super) p_value: PValue,
     /// Its distribution where the candidate does nothing.
     pub(super) null: Null,
@@ -503,12 +503,12 @@ impl CandidateSet {
         statistic: f64,
         rank: f64,
     ) -> Score {
-        let (_, p_value) = f_form(statistic, rank.max(1.0), linear.total(), linear.degrees);
+        let null = Null::plain(rank.max(1.0));
         Score {
             candidate,
             statistic,
-            p_value,
-            null: Null::plain(rank.max(1.0)),
+            p_value: linear.tested().p_value(statistic, null),
+            null,
             searched: None,
             is_beyond: false,
         }
@@ -519,11 +519,4 @@ impl CandidateSet {
 enum Scored {
     Plain(Vec<Score>, Plain),
     Band(Scores),
-}
-
-/// A statistic scaled so that its tail is that of χ² were the noise known, and its p-value by the F form.
-pub(super) fn f_form(statistic: f64, rank: f64, total: f64, degrees: f64) -> (f64, PValue) {
-    let rest = (total - statistic).max(1e-12) / (degrees - rank).max(1.0);
-    let f = statistic / rank / rest;
-    (rank * f, PValue::of_f(f, rank, (degrees - rank).max(1.0)))
 }

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use nalgebra::DMatrix;
 use tau_codegen::equations::{self, Scope};
-use tau_codegen::language::model::{Effect, EffectUse, Model, Place};
+use tau_codegen::language::model::{Effect, EffectUse, Model, Place, Subject};
 use tau_codegen::language::units::Dimension;
 use tau_estimation::samples::{Lack, Sample};
 use tau_kinematics::Surroundings;
@@ -90,7 +90,7 @@ pub(super) fn all(model: &Model, base: &Variant, families: &[Family]) -> Vec<Can
         if let (Some(family), Some(Placement::PerPlace)) = (&family, placement) {
             let each: Vec<Place> = effects::places(model, effect)
                 .into_iter()
-                .filter(|place| !matches!(place, Place::AllCarts | Place::AllLinks))
+                .filter(|place| !place.is_common())
                 .filter(|&place| is_admitted(effect, place))
                 .collect();
             if each.len() > 1 {
@@ -100,7 +100,7 @@ pub(super) fn all(model: &Model, base: &Variant, families: &[Family]) -> Vec<Can
         }
         let mut first: Option<Candidate> = None;
         for place in effects::places(model, effect) {
-            let is_common = matches!(place, Place::AllCarts | Place::AllLinks);
+            let is_common = place.is_common();
             let is_searched = effect
                 .parameters
                 .iter()
@@ -191,6 +191,8 @@ impl Candidate {
     fn of_all(index: usize, effect: &Effect, places: &[Place], family: &Family) -> Self {
         let at = match effect.subject {
             subject if subject.is_link() => results::Place::AllLinks,
+            Subject::Crank => results::Place::AllCranks,
+            Subject::BaseJoint => results::Place::AllBaseJoints,
             _ => results::Place::AllCarts,
         };
         let first = Self::new(index, effect, places[0], at, Some(family.clone()));
@@ -199,6 +201,15 @@ impl Candidate {
             parameters: vec![first.parameters.clone(); places.len()].concat(),
             ..first
         }
+    }
+
+    /// Commands of the drives that it acts on or moves with, of all its places.
+    pub(super) fn commands(&self, model: &Model) -> Vec<usize> {
+        let subject = model.effects[self.effect].subject;
+        let places = std::iter::once(self.place).chain(self.further.iter().copied());
+        places
+            .flat_map(|place| model.commands_at(subject, place))
+            .collect()
     }
 
     /// Number of places at which it has amplitudes of its own.

@@ -177,6 +177,7 @@ mod tests {
                 factors: vec![1.0; rows.len()],
                 rows: rows.clone(),
                 degrees: rows.len() as f64 - 1.0,
+                stated: 1.0,
                 completed: 0.0,
             };
             let subspace = Subspace::of(&column, &linear.remainder(&column));

@@ -1,7 +1,7 @@
 //! Detectability: effects that these measurements could show, before residuals are looked at.
 
 use tau_codegen::language::Model;
-use tau_codegen::language::model::{Place, Readable};
+use tau_codegen::language::model::Readable;
 use tau_estimation::numerics::parallel;
 use tau_estimation::samples::Sample;
 
@@ -139,11 +139,10 @@ fn constant(model: &Model, candidate: &Candidate, samples: &[Sample]) -> Option<
         Readable::Temperature => is_constant(&|s| s.conditions.temperature_c),
         Readable::Time => is_constant(&|s| s.conditions.time_s),
         Readable::Direction => {
-            let mut commands = match candidate.place {
-                Place::Cart { track, .. } => track..track + 1,
-                _ => 0..model.tracks.len(),
-            };
-            commands.all(|command| is_constant(&|s| s.direction(command)))
+            let commands = candidate.commands(model);
+            // Where no drive has a side of approach, none of them is constant.
+            let all_constant = |command: &usize| is_constant(&|s| s.direction(*command));
+            !commands.is_empty() && commands.iter().all(all_constant)
         }
         _ => false,
     })

@@ -5,8 +5,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use tau_codes::{Remark, discovery, files};
 use tau_estimation::calibration::length_noise;
 use tau_estimation::joint::fit::Fit;
-use tau_estimation::numerics::distribution::chi2_survival;
+use tau_estimation::numerics::distribution::{chi2_survival, f_survival};
 use tau_estimation::numerics::parallel;
+use tau_estimation::trust;
 use tau_robot::measurements::Shape;
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::Noise;
@@ -15,15 +16,16 @@ use tau_runtime::Owner;
 use super::candidate_set::CandidateSet;
 use super::constants::Constants;
 use super::evidence::{self, whiteness::Series};
+use super::few::TooFew;
 use super::held_out::HeldOut;
 use super::linear_model::LinearModel;
 use super::results::{
     Considered, Discovery, ErrorOf, Estimate, FoundEffect, Gap, LeftOut, Order, Place, Pull, Rival,
     SerialCorrelation, Status, Unseen, Validation, Verdict, Whiteness,
 };
-use super::search::{Found, Search};
+use super::search::{Contradicted, Found, Search};
 use super::waves::waves;
-use super::{Error, Input, Outcome, floor, misfit, results, structure, text};
+use super::{Error, Input, Outcome, floor, misfit, results, structural, structure, text};
 
 /// Chance below which one of all dimensions is said to lie far from the robot file.
 const UNLIKELY: f64 = 0.01;
@@ -33,6 +35,8 @@ pub(super) struct Beforehand {
     pub(super) linear: LinearModel,
     pub(super) detectable: Vec<results::Detectable>,
     pub(super) cannot_see: Vec<Unseen>,
+    /// Set where nothing was detectable.
+    pub(super) too_few: Option<TooFew>,
     pub(super) ambiguous: Vec<results::Ambiguous>,
     pub(super) misfit: Vec<results::Misfit>,
     pub(super) serial: Option<results::SerialCorrelation>,
@@ -66,16 +70,12 @@ pub(super) fn finish(
     let before = search.gaps.first().copied().unwrap_or(after);
     let (model_text, model) = text::description(robot, &options.catalogues, &search.derived())?;
     let unnamed = unnamed(search, file.noise);
-    // Noise many times the stated one is something that no family follows, or stated wrongly by far.
-    let is_noisy = misfit::noise_scales(fit)
-        .iter()
-        .any(|scale| scale.factor > options.constants.far_beyond);
-    let is_left = !unnamed.is_empty() || is_noisy;
-    let status = match (search.state.members.is_empty(), is_left) {
-        (true, false) => Status::NothingMissing,
-        (true, true) => Status::UnnamedStructure,
-        (false, false) => Status::Explained,
-        (false, true) => Status::PartlyExplained,
+    // Until the verdict on the whole model is known.
+    let status = match (search.state.members.is_empty(), unnamed.is_empty()) {
+        (true, true) => Status::NothingMissing,
+        (true, false) => Status::UnnamedStructure,
+        (false, true) => Status::Explained,
+        (false, false) => Status::PartlyExplained,
     };
     let left_out = left_out(fit, set, robot);
     let is_kept = |&pose: &usize| {
@@ -91,6 +91,7 @@ pub(super) fn finish(
     let whiteness = whiteness(search, beforehand.serial);
     let mut remarks = remarks(search, fit, whiteness.as_ref());
     remarks.extend(held_out.not_predicted);
+    remarks.extend(beforehand.too_few.as_ref().map(TooFew::remark));
     let discovery = Discovery {
         base: base.to_owned(),
         status,
@@ -110,7 +111,10 @@ pub(super) fn finish(
         },
         misfit: beforehand.misfit,
         noise: misfit::noise_scales(fit),
+        worst: worst(&misfit::misfits(fit, &set.samples, file.noise)),
+        fit: None,
         effects: effects(search, fit, found),
+        rejected: rejected(search),
         piecewise_tracks: vec![],
         considered: considered(search, found),
         cannot_see: beforehand.cannot_see,
@@ -175,11 +179,62 @@ impl Outcome {
                 .collect(),
             covariance: &b * b.transpose(),
             cost: 0.5 * fit.chi2(),
+            carts: fit.carts(),
             poses,
             constants,
             unknown: None,
         }
     }
+}
+
+impl Discovery {
+    /// Takes over the verdict on the final fit. Without one the fit does not count as consistent.
+    pub(super) fn conclude(&mut self, verdict: Option<trust::Verdict>, robot: &Robot) {
+        let is_consistent =
+            (verdict.as_ref()).is_some_and(|verdict| verdict.status == trust::Status::Consistent);
+        if is_consistent {
+            self.worst = None;
+        } else {
+            self.status = self.status.with_misfit();
+        }
+        self.fit = verdict;
+        self.remarks.extend(structural::remark_on_arm(self, robot));
+    }
+}
+
+/// The misfit that stands out: if all had the same noise, one folder in a hundred would have one that exceeds the others
+/// together by as much.
+fn worst(misfits: &[results::Misfit]) -> Option<results::Misfit> {
+    let ratio = |own: &results::Misfit| (own.rms / own.expected_rms).powi(2);
+    let (mut squares, mut degrees) = (0.0, 0.0);
+    for own in misfits {
+        squares += own.degrees * ratio(own);
+        degrees += own.degrees;
+    }
+    let chance = |own: &results::Misfit| {
+        let rest = degrees - own.degrees;
+        let others = (squares - own.degrees * ratio(own)) / rest;
+        misfits.len() as f64 * f_survival(ratio(own) / others.max(1.0), own.degrees, rest)
+    };
+    let all = misfits.iter().map(|own| (own, chance(own)));
+    let found = all.filter(|(_, chance)| *chance < UNLIKELY);
+    found
+        .min_by(|a, b| a.1.total_cmp(&b.1).then(ratio(b.0).total_cmp(&ratio(a.0))))
+        .map(|(own, _)| own.clone())
+}
+
+/// Effects that measurements which took no part contradict.
+fn rejected(search: &Search<'_>) -> Vec<results::Rejected> {
+    let of = |own: &Contradicted| {
+        let candidate = &search.set.candidates[own.candidate];
+        results::Rejected {
+            name: candidate.name.clone(),
+            place: candidate.at.clone(),
+            chi2_drop: own.chi2_drop,
+            heldout_change: own.heldout_change,
+        }
+    };
+    search.rejected.iter().map(of).collect()
 }
 
 /// Structure that has no name.
@@ -288,6 +343,10 @@ fn considered(search: &Search<'_>, found: &[Found]) -> Vec<Considered> {
         let mut members = search.state.members.iter();
         members.any(|member| member.candidate == candidate)
     };
+    let is_rejected = |candidate: usize| {
+        let mut rejected = search.rejected.iter();
+        rejected.any(|own| own.candidate == candidate)
+    };
     let mut rivals = BTreeSet::new();
     for rival in found.iter().flat_map(|found| &found.rivals) {
         rivals.extend(rival.candidates.iter().copied());
@@ -300,6 +359,8 @@ fn considered(search: &Search<'_>, found: &[Found]) -> Vec<Considered> {
             let candidate = &set.candidates[score.candidate];
             let verdict = if is_found(score.candidate) {
                 Verdict::Found
+            } else if is_rejected(score.candidate) {
+                Verdict::Rejected
             } else if rivals.contains(&score.candidate) {
                 Verdict::Rival
             } else if !search.is_significant(score) {

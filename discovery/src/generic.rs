@@ -2,7 +2,7 @@
 
 use tau_codegen::language::Model;
 use tau_codegen::language::model::{
-    Effect, EffectParameter, Formula, Function, Readable, Subject, Target, Term,
+    Effect, EffectParameter, Formula, Function, Link, Readable, Subject, Target, Term,
 };
 use tau_codegen::language::units::Dimension;
 
@@ -27,6 +27,10 @@ pub(super) enum Placement {
     Shared,
 }
 
+const PLACEMENTS: [Placement; 2] = [Placement::Single, Placement::PerPlace];
+
+/// Where families act.
+type At = (Subject, Placement);
 /// A target and its component.
 type Axis = (Target, usize);
 
@@ -37,16 +41,31 @@ const SHIFT: [Axis; 3] = [
 ];
 const TURN: [Axis; 3] = [(Target::Roll, 0), (Target::Pitch, 0), (Target::Yaw, 0)];
 const LENGTH: [Axis; 1] = [(Target::Length, 0)];
+const COMMAND: [Axis; 1] = [(Target::Command, 0)];
 const POSITION: [Axis; 3] = [
     (Target::Position, 0),
     (Target::Position, 1),
     (Target::Position, 2),
 ];
-/// Periods of what repeats along a track (m): racks, pinions, rails on a cart; joints and cables on a link.
-const PERIODS: [(Target, (f64, f64)); 2] =
-    [(Target::Along, (4e-3, 1.0)), (Target::Length, (50e-3, 1.0))];
-/// The same of links that drums wind up (rad): from a turn of the motor to one of a drum behind a gear of thirty.
-const PERIODS_OF_DRUMS: (f64, f64) = (std::f64::consts::TAU, 30.0 * std::f64::consts::TAU);
+const TURN_RAD: f64 = std::f64::consts::TAU;
+/// Periods of errors that repeat: racks, pinions and rails under a cart, joints and cables of a link, screws and belts that
+/// lengthen one (m); gears of a crank, from a two hundredth of its turn; from a turn of a drum's motor to one of a drum behind
+/// a gear of thirty (rad).
+const PERIODS: [(Subject, Target, (f64, f64)); 5] = [
+    (Subject::Cart, Target::Along, (4e-3, 1.0)),
+    (Subject::Link, Target::Length, (50e-3, 1.0)),
+    (Subject::LinkByLength, Target::Length, (1e-3, 1.0)),
+    (
+        Subject::LinkByAngle,
+        Target::Length,
+        (TURN_RAD, 30.0 * TURN_RAD),
+    ),
+    (
+        Subject::Crank,
+        Target::Command,
+        (TURN_RAD / 200.0, TURN_RAD),
+    ),
+];
 
 /// Functions of conditions, and the name that they have in those of families.
 type Covariate = (&'static str, Vec<Formula>);
@@ -69,32 +88,40 @@ fn power(base: &Formula, exponent: i32) -> Formula {
     Formula::Power(Box::new(base.clone()), exponent)
 }
 
-/// The families of a robot whose commands span a range (m), and the effects that they are, in the same order. So many
-/// triangles follow a track piece by piece.
-pub(super) fn families(
-    model: &Model,
-    range_m: (f64, f64),
-    triangle_count: usize,
-) -> (Vec<Effect>, Vec<Family>) {
-    let covariates = Covariates::of(model, range_m, triangle_count);
+/// The families of a robot, and the effects that they are, in the same order. So many triangles follow a track piece by
+/// piece.
+pub(super) fn families(model: &Model, triangle_count: usize) -> (Vec<Effect>, Vec<Family>) {
+    let covariates = Covariates::of(model, triangle_count);
     let mut families = Families::default();
+    let has = |subject: Subject| model.links.iter().any(|link| subject.admits(link));
     if model.guideways().next().is_some() {
         families.of_carts(&covariates);
     }
     families.of_links(&covariates);
+    if has(Subject::DrivenLink) {
+        families.of_driven_links(&covariates);
+    }
+    if model.cranks().next().is_some() {
+        families.of_cranks(&covariates);
+    }
     families.of_tcp(&covariates);
     families.scale();
-    let has_drums = model.links.iter().any(|link| link.is_driven_by_angle);
-    for (target, range) in PERIODS {
-        if target == Target::Length && has_drums {
-            families.periodic(target, PERIODS_OF_DRUMS, Dimension::ANGLE);
-        } else {
-            families.periodic(target, range, Dimension::LENGTH);
+    let is_passive = |link: &Link| link.actuated_by.is_none();
+    for (subject, target, range) in PERIODS {
+        // What lengthens a driven link has a range of its own.
+        let is_there = match subject {
+            Subject::Cart => model.guideways().next().is_some(),
+            Subject::Crank => model.cranks().next().is_some(),
+            Subject::Link => model.links.iter().all(is_passive),
+            driven => has(driven),
+        };
+        if is_there {
+            families.periodic(subject, target, range);
         }
     }
     let tension = &first(&covariates.tension, 1);
     families.add(
-        Placement::Shared,
+        (Subject::Link, Placement::Shared),
         &LENGTH,
         &[&covariates.temperature, tension],
     );
@@ -116,17 +143,13 @@ struct Covariates {
 }
 
 impl Covariates {
-    fn of(model: &Model, (low_m, high_m): (f64, f64), triangle_count: usize) -> Self {
+    fn of(model: &Model, triangle_count: usize) -> Self {
         use Readable::{
             Command, Direction, LoadAlong, LoadHorizontal, LoadVertical, Position, Temperature,
-            Tension, Time,
+            Tension, Time, Travel,
         };
-        let (middle_m, half_m) = (
-            f64::midpoint(low_m, high_m),
-            (0.5 * (high_m - low_m)).max(1e-3),
-        );
-        // From −1 to 1 along the track.
-        let s = (Formula::Read(Command) - number(middle_m)) / number(half_m);
+        // From −1 to 1 along the travel of the drive.
+        let s = Formula::Read(Travel);
         let legendre = [
             s.clone(),
             (number(3.0) * power(&s, 2) - number(1.0)) / number(2.0),
@@ -189,7 +212,7 @@ struct Families {
 
 impl Families {
     fn of_carts(&mut self, of: &Covariates) {
-        let (single, per_place) = (Placement::Single, Placement::PerPlace);
+        let (single, per_place) = PLACEMENTS.map(|own| (Subject::Cart, own)).into();
         for axis in SHIFT.map(|axis| [axis]) {
             self.add(single, &axis, &[&of.smooth, &of.direction, &of.warm_travel]);
             self.add(single, &axis, &[&of.time, &of.load, &of.place, &of.travel]);
@@ -208,15 +231,32 @@ impl Families {
     }
 
     fn of_links(&mut self, of: &Covariates) {
-        let (single, per_place) = (Placement::Single, Placement::PerPlace);
+        let (single, per_place) = PLACEMENTS.map(|own| (Subject::Link, own)).into();
         self.add(single, &LENGTH, &[&of.smooth, &of.stretch, &of.place]);
         self.add(single, &LENGTH, &[&of.tension, &of.temperature, &of.time]);
         let tension = &first(&of.tension, 1);
         self.add(per_place, &LENGTH, &[tension, &of.temperature]);
     }
 
+    /// Families of a link's drive, in addition to those of any link: it reverses.
+    fn of_driven_links(&mut self, of: &Covariates) {
+        let (single, per_place) = PLACEMENTS.map(|own| (Subject::DrivenLink, own)).into();
+        let sides = &first(&of.direction, 2);
+        self.add(single, &LENGTH, &[sides]);
+        self.add(per_place, &LENGTH, &[&first(sides, 1)]);
+    }
+
+    fn of_cranks(&mut self, of: &Covariates) {
+        let (single, per_place) = PLACEMENTS.map(|own| (Subject::Crank, own)).into();
+        let (cubic, sides) = (&first(&of.smooth, 3), &first(&of.direction, 2));
+        self.add(single, &COMMAND, &[&of.smooth, &of.stretch, sides]);
+        self.add(single, &COMMAND, &[&of.warm_travel, &of.time, &of.place]);
+        let one_side = &first(sides, 1);
+        self.add(per_place, &COMMAND, &[&of.temperature, one_side, cubic]);
+    }
+
     fn of_tcp(&mut self, of: &Covariates) {
-        let single = Placement::Single;
+        let single = (Subject::Tcp, Placement::Single);
         for axis in POSITION {
             self.add(single, &[axis], &[&of.time, &of.temperature, &of.place]);
         }
@@ -227,16 +267,13 @@ impl Families {
     /// A family of such a name, with functions of what it follows.
     fn push(
         &mut self,
-        (name, placement): (&str, Placement),
+        name: &str,
+        (subject, placement): At,
         basis: &[Formula],
         parameters: Vec<EffectParameter>,
         terms: Vec<Term>,
     ) {
-        let (subject, word) = match terms[0].target {
-            Target::Length | Target::Joint => (Subject::Link, "link"),
-            Target::Position => (Subject::Tcp, "tcp"),
-            _ => (Subject::Cart, "cart"),
-        };
+        let word = subject.written().replace(' ', "_");
         let at = match placement {
             Placement::Single => "",
             Placement::PerPlace => "_all",
@@ -263,18 +300,18 @@ impl Families {
     }
 
     /// Families of functions of each covariate.
-    fn add(&mut self, placement: Placement, axes: &[Axis], covariates: &[&Covariate]) {
+    fn add(&mut self, at: At, axes: &[Axis], covariates: &[&Covariate]) {
         let covariates = covariates.iter();
-        covariates.for_each(|covariate| self.add_one(placement, axes, covariate));
+        covariates.for_each(|covariate| self.add_one(at, axes, covariate));
     }
 
     /// Functions of a covariate along each axis, with amplitudes of its own.
-    fn add_one(&mut self, placement: Placement, axes: &[Axis], (name, basis): &Covariate) {
+    fn add_one(&mut self, at: At, axes: &[Axis], (name, basis): &Covariate) {
         let (mut parameters, mut terms) = (Vec::new(), Vec::new());
         for (k, &(target, component)) in axes.iter().enumerate() {
             let products = basis.iter().enumerate().map(|(i, function)| {
                 let name = format!("c{k}_{}", i + 1);
-                parameters.push(EffectParameter::amplitude(&name, target.dimension()));
+                parameters.push(EffectParameter::amplitude(&name, target.dimension(at.0)));
                 Formula::Parameter(k * basis.len() + i, 0) * function.clone()
             });
             let Some(sum) = products.reduce(|sum, next| sum + next) else {
@@ -296,12 +333,18 @@ impl Families {
             _ => "vector",
         };
         let name = format!("{direction}_{name}");
-        self.push((&name, placement), basis, parameters, terms);
+        self.push(&name, at, basis, parameters, terms);
     }
 
-    /// A wave along a track, or over the turns of a drum.
-    fn periodic(&mut self, target: Target, range: (f64, f64), of_period: Dimension) {
-        let amplitude = |name| EffectParameter::amplitude(name, Dimension::LENGTH);
+    /// A wave over the travel of a drive.
+    fn periodic(&mut self, subject: Subject, target: Target, range: (f64, f64)) {
+        let amplitude = |name| EffectParameter::amplitude(name, target.dimension(subject));
+        let is_angle = matches!(subject, Subject::Crank | Subject::LinkByAngle);
+        let of_period = if is_angle {
+            Dimension::ANGLE
+        } else {
+            Dimension::LENGTH
+        };
         let period = EffectParameter {
             nominal: range.0 + 0.5 * (range.1 - range.0),
             search: Some(range),
@@ -317,7 +360,8 @@ impl Families {
         let name = format!("{}_periodic", target.name());
         let parameters = vec![amplitude("sine"), amplitude("cosine"), period];
         let terms = vec![Term::new(target, formula)];
-        self.push((&name, Placement::Single), &[q], parameters, terms);
+        let at = (subject, Placement::Single);
+        self.push(&name, at, &[q], parameters, terms);
     }
 
     /// A displacement that grows with the distance from the origin.
@@ -326,7 +370,7 @@ impl Families {
         let along = basis.clone().map(|own| Formula::Parameter(0, 0) * own);
         let term = Term::new(Target::Position, Formula::Vector(Box::new(along)));
         let amplitude = EffectParameter::amplitude("c", Dimension::LENGTH);
-        let name = ("scale_position", Placement::Single);
-        self.push(name, &basis, vec![amplitude], vec![term]);
+        let at = (Subject::Tcp, Placement::Single);
+        self.push("scale_position", at, &basis, vec![amplitude], vec![term]);
     }
 }

@@ -11,8 +11,10 @@ mod candidate_set;
 mod candidates;
 mod confirmation;
 pub mod constants;
+mod contradiction;
 mod detectability;
 mod evidence;
+mod few;
 mod findings;
 #[cfg(test)]
 mod fixture;
@@ -50,11 +52,11 @@ use tau_codes::{Remark, files};
 use tau_estimation::calibration::{Calibration, Prepared, Stated, check_poses};
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::joint::variant::PosesOf;
-use tau_estimation::numerics::order::extent;
 use tau_estimation::numerics::parallel;
 use tau_estimation::numerics::spread::spread;
 use tau_estimation::samples::Sample;
-use tau_estimation::trust::outliers_of_validation;
+use tau_estimation::trust::{self, outliers_of_validation};
+use tau_estimation::unknown_poses::errors_in_variables::GroupFit;
 use tau_robot::effects::CATALOGUE;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Division, Folder, Poses, Split};
@@ -71,6 +73,7 @@ pub use unknown_poses::OfUnknownPoses;
 use base::base_fit;
 use candidate_set::CandidateSet;
 use evidence::whiteness::Series;
+use few::TooFew;
 use findings::{Beforehand, finish};
 pub use generic::UNNAMED;
 use linear_model::LinearModel;
@@ -112,16 +115,19 @@ pub enum Rule {
     SecondStart,
     /// Structure that is left where effects were found is looked for at a level of its own.
     Left,
+    /// Effects that measurements which took no part contradict leave the model.
+    Contradicted,
 }
 
 impl Rule {
     /// All of them.
-    pub const ALL: [Self; 5] = [
+    pub const ALL: [Self; 6] = [
         Self::HeldOut,
         Self::Serial,
         Self::Visits,
         Self::SecondStart,
         Self::Left,
+        Self::Contradicted,
     ];
 
     /// Its name.
@@ -132,6 +138,7 @@ impl Rule {
             Self::Visits => "visits",
             Self::SecondStart => "second_start",
             Self::Left => "left",
+            Self::Contradicted => "contradicted",
         }
     }
 }
@@ -184,6 +191,8 @@ pub struct Outcome {
     covariance: DMatrix<f64>,
     /// Half the sum of squared whitened residuals and priors.
     cost: f64,
+    /// Fits of the carts of sets 2 and 3.
+    carts: Vec<GroupFit>,
     /// Constants of the search.
     constants: Constants,
     /// Poses of set 1 that took part, without outliers: indices in the folder, or in the estimated one.
@@ -245,21 +254,6 @@ impl Outcome {
 }
 
 impl Outcome {
-    /// Numbers of the validation poses that what was found predicts far worse than the others; none where it can't be
-    /// judged.
-    fn validation_outliers(
-        &self,
-        file: &RobotFile,
-        folder: &Folder,
-        division: &Division,
-    ) -> Vec<u32> {
-        let found = self
-            .calibration(&self.robot(), file, folder)
-            .and_then(|calibration| outliers_of_validation(&calibration, file, folder, division));
-        let outliers = found.unwrap_or_default();
-        outliers.iter().map(|outlier| outlier.pose).collect()
-    }
-
     /// The same model fitted anew to all sets with all poses in range, also those that showed the gap. What
     /// [`Self::discovery`] says of errors at poses that took no part is not true of this fit.
     ///
@@ -356,7 +350,11 @@ fn discovered(
         options,
     };
     let mut outcome = search(&input, progress)?;
-    let outliers = outcome.validation_outliers(&completed, folder, &division);
+    let stated = |outcome: &Outcome| outcome.calibration(&outcome.robot(), &completed, folder);
+    let mut calibration = stated(&outcome)?;
+    // Without a judgement none is an outlier.
+    let outliers = outliers_of_validation(&calibration, &completed, folder, &division);
+    let outliers: Vec<u32> = (outliers.iter().flatten()).map(|own| own.pose).collect();
     if !outliers.is_empty() {
         // They would pass for a gap that a better model could close.
         let is_outlier = |&pose: &usize| outliers.contains(&folder.tcp_poses[pose].pose);
@@ -368,11 +366,15 @@ fn discovered(
         };
         outcome = search(&input, progress)?;
         outcome.discovery.leave_out(outliers);
+        calibration = stated(&outcome)?;
     }
     if taken.len() < all {
         let remark = remark_on_part(all, taken.len());
         outcome.discovery.remarks.push(remark);
     }
+    let verdict = trust::of_calibration(&calibration, &completed, folder, &outcome.poses, None)?;
+    let verdict = verdict.with_groups(&outcome.carts, &completed);
+    outcome.discovery.conclude(Some(verdict), robot);
     Ok(outcome)
 }
 
@@ -412,16 +414,10 @@ fn model_of(input: &Input<'_>) -> Result<(Model, usize, Vec<generic::Family>), E
     let Input {
         robot,
         model,
-        folder,
-        division,
         options,
         ..
     } = *input;
-    let commands = division
-        .calibration
-        .iter()
-        .flat_map(|&pose| &folder.tcp_poses[pose].commands_m);
-    let (model, families) = catalogue(model, options, extent(commands.copied()))?;
+    let (model, families) = catalogue(model, options)?;
     let index = model
         .variants
         .iter()
@@ -437,12 +433,18 @@ fn search_from(
     progress: &mut dyn FnMut(&str),
 ) -> Result<Found, Error> {
     let (mut search, beforehand) = begun(input, likelihood, progress)?;
-    search.run(progress)?;
+    let is_searched = beforehand.too_few.is_none();
+    if is_searched {
+        search.run(progress)?;
+    }
     let of_effects = search.found();
     let variant = variant_of(input.robot, input.base)?;
     let (outcome, tracks) = parallel::both(
         || finish(input, &search, &of_effects, beforehand),
-        || structural::piecewise::tracks(&search, variant),
+        || {
+            let tracks = is_searched.then(|| structural::piecewise::tracks(&search, variant));
+            tracks.unwrap_or_default()
+        },
     );
     Found::new(search, tracks, outcome?)
 }
@@ -493,6 +495,7 @@ fn begun<'a>(
     let linear = LinearModel::of(&fit);
     let table = set.table(&linear);
     let (detectable, cannot_see) = detectability::detectability(&mut set, &best_columns, &table);
+    let too_few = TooFew::of(&set, &best_columns, &detectable, &cannot_see, &fit);
     set.weigh();
     let table = set.without_hidden(table);
     let (ambiguous, (misfit, serial)) = parallel::both(
@@ -511,6 +514,7 @@ fn begun<'a>(
         serial,
         detectable,
         cannot_see,
+        too_few,
         floor: before_floor,
         linear,
     };
@@ -527,11 +531,7 @@ pub fn reserved(error: InputError) -> InputError {
 }
 
 /// The model of a description with all catalogues and the unnamed families.
-fn catalogue(
-    described: &Model,
-    options: &Options,
-    range_m: (f64, f64),
-) -> Result<(Model, Vec<generic::Family>), Error> {
+fn catalogue(described: &Model, options: &Options) -> Result<(Model, Vec<generic::Family>), Error> {
     let mut model = described.clone();
     for text in &options.catalogues {
         model = effects_from_text(text, &model).map_err(|errors| not_sound(&errors))?;
@@ -546,7 +546,7 @@ fn catalogue(
         ))));
     }
     let triangles = constants::count(options.constants.triangles).max(2);
-    let (effects, families) = generic::families(&model, range_m, triangles);
+    let (effects, families) = generic::families(&model, triangles);
     model.effects.extend(effects);
     Ok((model, families))
 }

@@ -10,6 +10,7 @@ use tau_estimation::numerics::grouped::Grouped;
 use tau_estimation::numerics::products::transposed_times;
 use tau_estimation::numerics::projection::Basis;
 
+use crate::significance::Residuals;
 use crate::subspace::Subspace;
 
 /// Directions that a model no longer absorbs without some of its parameters.
@@ -60,6 +61,8 @@ pub(super) struct LinearModel {
     pub(super) rows: Vec<Row>,
     /// Degrees of freedom of the residuals.
     pub(super) degrees: f64,
+    /// Variance of the stated noise in units of the residuals; zero where nothing is stated.
+    pub(super) stated: f64,
     /// Sum of squares of the priors' residuals that is no misfit.
     pub(super) completed: f64,
 }
@@ -73,6 +76,7 @@ impl LinearModel {
             factors: fit.factors.clone(),
             rows: fit.joint.rows.clone(),
             degrees: fit.degrees(),
+            stated: fit.stated_variance(),
             completed: fit.joint.completed().sum(),
         }
     }
@@ -98,6 +102,7 @@ impl LinearModel {
             factors: fit.factors.clone(),
             rows: fit.joint.rows.clone(),
             degrees: fit.degrees(),
+            stated: fit.stated_variance(),
             completed: (left.map(|(_, square)| square)).sum(),
         }
     }
@@ -114,6 +119,7 @@ impl LinearModel {
             factors: self.factors.clone(),
             rows: self.rows.clone(),
             degrees: self.degrees - new as f64,
+            stated: self.stated,
             completed: self.completed,
         }
     }
@@ -142,6 +148,15 @@ impl LinearModel {
         let mut columns = raw.clone().resize_vertically(self.residuals.len(), 0.0);
         scale_rows(&mut columns, &self.factors);
         columns
+    }
+
+    /// The residuals, for tests of what stands beside the model.
+    pub(super) fn tested(&self) -> Residuals {
+        Residuals {
+            total: self.total(),
+            degrees: self.degrees,
+            stated: self.stated,
+        }
     }
 
     /// Sum of squares of the residuals.

@@ -205,10 +205,19 @@ pub(super) fn noise_scales(fit: &Fit) -> Vec<NoiseScale> {
     Component::ALL
         .into_iter()
         .filter(|&component| fit.joint.rows.iter().any(|row| row.component == component))
-        .map(|component| NoiseScale {
-            set: component.set(),
-            of: component.quantity(),
-            factor: fit.scales[component as usize],
+        .map(|component| {
+            // Where residuals are smaller than the stated noise, they are weighed by that.
+            let (sum, degrees, _) = fit.misfit(|row| fit.joint.rows[row].component == component);
+            let shown = if degrees < 1.0 {
+                1.0
+            } else {
+                (sum / degrees).sqrt()
+            };
+            NoiseScale {
+                set: component.set(),
+                of: component.quantity(),
+                factor: fit.scales[component as usize] * shown,
+            }
         })
         .collect()
 }

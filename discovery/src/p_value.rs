@@ -50,6 +50,16 @@ impl PValue {
         }
     }
 
+    /// The larger of two chances.
+    #[must_use]
+    pub(crate) fn larger(self, other: Self) -> Self {
+        if other.log10 > self.log10 {
+            other
+        } else {
+            self
+        }
+    }
+
     /// A chance by its natural logarithm.
     pub(crate) fn exp(ln: f64) -> Self {
         Self {

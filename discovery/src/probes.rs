@@ -22,6 +22,10 @@ pub(super) struct Probes {
     pub(super) closures: Vec<ClosureProbe>,
     /// Of the measured TCP position x, y, z.
     pub(super) tcp: [usize; 3],
+    /// Probe of each command that moves a crank or a link's length.
+    pub(super) commands: Vec<Option<usize>>,
+    /// Probes of joints on the base and of centres of cranks.
+    pub(super) bases: Vec<BaseProbe>,
     /// Number of rows.
     pub(super) row_count: usize,
 }
@@ -91,6 +95,18 @@ pub(super) struct ClosureProbe {
     pub(super) joint: Option<[usize; 3]>,
 }
 
+/// Indices of the probes of a joint on the base, or of the centre of a crank, along x, y, z.
+pub(super) struct BaseProbe {
+    pub(super) place: Place,
+    /// Link, cluster of a reduced arm or crank.
+    pub(super) owner: Owner,
+    /// The command of the crank or of the link, where it has one.
+    pub(super) command: Option<usize>,
+    /// Where it is, without effects (m).
+    pub(super) at_m: [f64; 3],
+    pub(super) shift: [usize; 3],
+}
+
 impl ClosureProbe {
     /// The link, or the cluster of a reduced arm.
     pub(super) fn owner(&self) -> Owner {
@@ -136,10 +152,58 @@ pub(super) fn compiled(model: &Model, variant: usize, poses: PosesOf) -> Variant
         let links = (0..model.links.len()).map(Place::Link);
         add(&mut probed, variant, of_link, links);
     }
+    for (subject, places) in of_drives(model) {
+        let name = format!("unnamed_probe_{}", subject.written().replace(' ', "_"));
+        let own = additive(&name, subject, &[(Target::Command, None)], None);
+        let places = places.into_iter().map(|(place, _)| place);
+        add(&mut probed, variant, own, places);
+    }
+    let of_base = [(Target::Shift, None)];
+    let of_base = additive(
+        "unnamed_probe_base_joint",
+        Subject::BaseJoint,
+        &of_base,
+        None,
+    );
+    let bases = bases(model, probed.variants[variant].arm);
+    add(&mut probed, variant, of_base, bases.into_iter());
     let closures = of_plate(&probed, variant, poses, |kind, _| {
         kind != ResidualKind::ClosureByPose
     });
     free_turning(&probed, variant, Some(&closures), poses)
+}
+
+/// Places at which a drive may add to its command, with the command.
+type Driven = Vec<(Place, usize)>;
+
+/// Drives that are no tracks, by what effects on them act on.
+fn of_drives(model: &Model) -> [(Subject, Driven); 3] {
+    let links = |subject: Subject| {
+        let links = model.links.iter().enumerate();
+        let own = links.filter(|(_, link)| subject.admits(link));
+        own.filter_map(|(index, link)| Some((Place::Link(index), link.actuated_by?)))
+            .collect()
+    };
+    let cranks = model.cranks().map(|track| (Place::Crank(track), track));
+    [
+        (Subject::Crank, cranks.collect()),
+        (Subject::LinkByLength, links(Subject::LinkByLength)),
+        (Subject::LinkByAngle, links(Subject::LinkByAngle)),
+    ]
+}
+
+/// Places whose shifts differ: a reduced arm has one joint a cluster.
+fn bases(model: &Model, arm: language::Arm) -> Vec<Place> {
+    let is_first = |link: &usize| {
+        let cluster = model.links_of_cluster(model.links[*link].cluster);
+        arm == language::Arm::Full || cluster.first() == Some(link)
+    };
+    let joints = model.links_on_base().filter(is_first).map(Place::BaseJoint);
+    model
+        .cranks()
+        .map(Place::CrankCentre)
+        .chain(joints)
+        .collect()
 }
 
 impl Probes {
@@ -193,14 +257,39 @@ impl Probes {
             }
             columns.add((shift, position, Some(axis)), &is_of_set_1)
         });
-        let closures = columns.closures(model, first + tracks + 1);
+        let mut effect = first + tracks + 1;
+        let closures = columns.closures(model, effect);
+        let arm = arm_of(&joint.machine.variant);
+        if arm == language::Arm::Full {
+            effect += model.links.len();
+        }
+        let mut commands = vec![None; model.commands()];
+        for (_, command) in of_drives(model).into_iter().flat_map(|(_, own)| own) {
+            let owner = Owner::Effect(effect);
+            let of_drive = (owner, Target::Command.name(), None);
+            commands[command] = Some(columns.add(of_drive, &is_of_set_1));
+            effect += 1;
+        }
+        let bases = bases(model, arm).into_iter().zip(effect..);
+        let bases = bases
+            .map(|(place, effect)| columns.base(model, place, effect))
+            .collect();
         Ok(Self {
             all: columns.all,
             carts,
             closures,
             tcp,
+            commands,
+            bases,
             row_count: joint.rows.len(),
         })
+    }
+}
+
+fn arm_of(variant: &Variant) -> language::Arm {
+    match variant.arm {
+        Arm::Full => language::Arm::Full,
+        Arm::Reduced => language::Arm::Reduced,
     }
 }
 
@@ -327,6 +416,46 @@ impl Columns<'_> {
         let of_plate = of_plate.map(|(index, _)| index).collect();
         self.all.push(Probe::of_rows(of_plate, moved.into_iter()));
         self.all.len() - 1
+    }
+
+    /// Shifts of a joint on the base or of the centre of a crank, at which the effect of an index acts.
+    fn base(&mut self, model: &Model, place: Place, effect: usize) -> BaseProbe {
+        let machine = &self.joint.machine;
+        let joint_m = |of: usize| {
+            let mut closures = machine.closure_instances();
+            let own = closures.find(|closure| closure.of == of);
+            own.map_or([f64::NAN; 3], |own| machine.base_joint_m(own))
+        };
+        let (owner, command, at_m) = match place {
+            Place::CrankCentre(track) => {
+                let centre_m = machine.crank_centre_m(track);
+                (
+                    Owner::Crank(track),
+                    Some(track),
+                    centre_m.unwrap_or([f64::NAN; 3]),
+                )
+            }
+            Place::BaseJoint(link) if machine.variant.arm == Arm::Reduced => {
+                let cluster = model.links[link].cluster;
+                (
+                    Owner::Cluster(cluster),
+                    model.command_of(link),
+                    joint_m(cluster),
+                )
+            }
+            Place::BaseJoint(link) => (Owner::Link(link), model.command_of(link), joint_m(link)),
+            _ => unreachable!("bases are joints of links and centres of cranks"),
+        };
+        let target = Target::Shift.name();
+        let shift = [0, 1, 2]
+            .map(|axis| self.add((Owner::Effect(effect), target, Some(axis)), &is_of_set_1));
+        BaseProbe {
+            place,
+            owner,
+            command,
+            at_m,
+            shift,
+        }
     }
 
     /// Lengths and joints of the links, the first of which has the effect of an index; or lengths of the clusters where

@@ -407,6 +407,8 @@ pub(super) mod tests {
             carts: vec![],
             closures: vec![],
             tcp: [0; 3],
+            commands: vec![],
+            bases: vec![],
             row_count: ROWS,
         };
         let slopes = (0..2).map(|_| Some((0..ROWS / 2).map(|_| number()).collect()));
@@ -429,6 +431,7 @@ pub(super) mod tests {
             rows: (0..ROWS).map(row).collect(),
             degrees: ROWS as f64,
             completed: 0.0,
+            stated: 1.0,
         }
     }
 
@@ -451,6 +454,8 @@ pub(super) mod tests {
             carts: vec![],
             closures: vec![],
             tcp: [0; 3],
+            commands: vec![],
+            bases: vec![],
             row_count: 10,
         };
         let entries: Vec<Entry> = (samples.iter().enumerate())
@@ -471,6 +476,7 @@ pub(super) mod tests {
             rows: vec![],
             degrees: 9.0,
             completed: 0.0,
+            stated: 1.0,
         };
         let columns = linear.weighted(&candidates::columns(&entries, &[0, 1], &probes));
         let responses = Responses::of(&linear, &probes, &pairs);

@@ -10,11 +10,14 @@ pub use tau_codegen::language::units::Dimension;
 use tau_codes::{Code, Remark, discovery as codes};
 use tau_estimation::evaluation::Summary;
 pub use tau_estimation::samples::{Lack, Treatment};
+use tau_estimation::trust;
 
 pub use super::gross_row::GrossRow;
 
+mod evidence;
 mod words;
 
+pub use evidence::{Bin, Evidence, Order, Pattern, SerialCorrelation, Spectrum, Whiteness};
 pub(crate) use words::TREATMENTS;
 pub use words::{Derived, Micro, Motion, Place, Quantity, Reason, Separation, UsedEffect};
 
@@ -48,8 +51,16 @@ pub struct Discovery {
     pub misfit: Vec<Misfit>,
     /// Estimated noise over the stated one, by set, once what was found is in the model.
     pub noise: Vec<NoiseScale>,
+    /// The residuals, with what was found, that stand out among the others where the fit is not consistent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub worst: Option<Misfit>,
+    /// The verdict on the final fit, by the function that judges calibrations; `None` where there is none.
+    #[serde(skip)]
+    pub fit: Option<trust::Verdict>,
     /// The effects that are missing, in the order in which they were found.
     pub effects: Vec<FoundEffect>,
+    /// Effects that were found and that measurements which took no part contradict: they are not in the model.
+    pub rejected: Vec<Rejected>,
     /// Tracks that follow the measured points of their carts, where the base has straight ones: what that
     /// takes up has no name, and stays among `unnamed`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -108,8 +119,7 @@ impl Discovery {
             Status::Explained => codes::EXPLAINED,
             Status::NothingMissing => codes::NOTHING_MISSING,
             Status::PartlyExplained => codes::PARTLY_EXPLAINED,
-            // Nothing follows anything: measurements scatter beyond their noise.
-            Status::UnnamedStructure if self.unnamed.is_empty() => codes::NOISY,
+            Status::Unresolved => codes::UNRESOLVED,
             Status::UnnamedStructure => codes::UNNAMED_STRUCTURE,
         }
     }
@@ -127,14 +137,27 @@ pub enum Status {
     UnnamedStructure,
     /// Something has a name, something is left.
     PartlyExplained,
+    /// The fit is not consistent, and no structure was found.
+    Unresolved,
 }
 
 impl Status {
     /// The verdict where something without a name is there, too.
     pub(super) fn with_unnamed(self) -> Self {
         match self {
-            Self::NothingMissing | Self::UnnamedStructure => Self::UnnamedStructure,
+            Self::NothingMissing | Self::UnnamedStructure | Self::Unresolved => {
+                Self::UnnamedStructure
+            }
             Self::Explained | Self::PartlyExplained => Self::PartlyExplained,
+        }
+    }
+
+    /// The verdict where the final fit is not consistent.
+    pub(super) fn with_misfit(self) -> Self {
+        match self {
+            Self::NothingMissing => Self::Unresolved,
+            Self::Explained => Self::PartlyExplained,
+            other => other,
         }
     }
 }
@@ -318,6 +341,19 @@ pub struct Wave {
     pub peak: f64,
 }
 
+/// An effect that was found and that measurements which took no part contradict.
+#[derive(Debug, Clone, Serialize)]
+pub struct Rejected {
+    /// Name in the catalogue.
+    pub name: String,
+    /// Its place.
+    pub place: Place,
+    /// Fall of χ² where it took part.
+    pub chi2_drop: f64,
+    /// Change of χ² by it where it took no part: a rise.
+    pub heldout_change: f64,
+}
+
 /// A track of the model that follows the measured points of its cart.
 #[derive(Debug, Clone, Serialize)]
 pub struct PiecewiseTrack {
@@ -390,6 +426,8 @@ pub enum Verdict {
     NotSignificant,
     /// It is significant, but does not predict blocks that were held out.
     NotConfirmed,
+    /// It was in the model, and measurements that took no part contradict it.
+    Rejected,
     /// Something else explains the same better, and that has no name.
     NotTheBest,
     /// Nothing of it is left beside what was found.
@@ -448,124 +486,6 @@ pub struct Ambiguous {
 
 /// Name of the finding that all links have closures of their own.
 pub const FULL_ARM: &str = "full_arm";
-
-/// Order of measurements.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Order {
-    /// By the column of time.
-    Time,
-    /// By the rows of the file, where that column is missing.
-    Row,
-}
-
-/// Serial correlation of the residuals of set 1.
-#[derive(Debug, Clone, Serialize)]
-pub struct Whiteness {
-    /// Order that neighbours are taken in.
-    pub order: Order,
-    /// Number of poses.
-    pub poses: usize,
-    /// Number of lags of the portmanteau statistic.
-    pub lags: usize,
-    /// With the base.
-    pub before: SerialCorrelation,
-    /// With what was found, named or not.
-    pub after: SerialCorrelation,
-}
-
-/// Autocorrelation of whitened residuals against that of white noise after the same fit.
-#[derive(Debug, Clone, Copy, Serialize)]
-pub struct SerialCorrelation {
-    /// Between neighbours, beyond what the fit itself brings in.
-    pub lag1: f64,
-    /// Chance of so much of it, of either sign, in white noise.
-    pub p_value: f64,
-    /// Statistic of Ljung and Box over the lags.
-    pub portmanteau: f64,
-    /// Chance of so high a value in white noise.
-    pub portmanteau_p_value: f64,
-}
-
-/// Chance in white noise below which residuals are said to depend on each other.
-const SERIAL: f64 = 0.01;
-
-impl SerialCorrelation {
-    /// True if residuals depend on each other, by neighbours or by all lags together.
-    pub fn is_significant(&self) -> bool {
-        self.p_value.min(self.portmanteau_p_value) < SERIAL
-    }
-}
-
-/// Evidence for an effect in the residuals.
-#[derive(Debug, Clone, Serialize)]
-pub struct Evidence {
-    /// Name in the catalogue.
-    pub name: String,
-    /// Its place.
-    pub place: Place,
-    /// One for each motion that it adds to.
-    pub residuals: Vec<Pattern>,
-    /// Score over the search, for a searched parameter.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub spectrum: Option<Spectrum>,
-}
-
-/// Residuals as a motion that would explain them, against what the effect depends on. Before: all that
-/// was found is in the model but this effect; after: it is too.
-#[derive(Debug, Clone, Serialize)]
-pub struct Pattern {
-    /// Moving part: a cart, a link, `tcp`, or several.
-    pub place: Place,
-    /// Its motion.
-    pub target: Motion,
-    /// Unit of the residuals.
-    pub unit: Micro,
-    /// The quantity that the effect follows best.
-    #[serde(flatten)]
-    pub against: Quantity,
-    /// The quantity is folded by this, where the effect repeats.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub period: Option<f64>,
-    /// Means over stretches of the quantity.
-    pub bins: Vec<Bin>,
-    /// Quantity, before, after of the samples that know most.
-    #[serde(skip)]
-    pub points: Vec<[f64; 3]>,
-}
-
-/// A mean of residuals.
-#[derive(Debug, Clone, Copy, Serialize)]
-pub struct Bin {
-    /// Mean of the quantity.
-    pub at: f64,
-    /// Without the effect.
-    pub before: f64,
-    /// With it.
-    pub after: f64,
-    /// One standard deviation of what is left with it.
-    pub sigma: f64,
-    /// Number of samples.
-    pub samples: usize,
-}
-
-/// The score of an effect over the range in which one of its parameters was searched.
-#[derive(Debug, Clone, Serialize)]
-pub struct Spectrum {
-    /// The parameter.
-    pub parameter: String,
-    /// Its dimension; in JSON the SI unit.
-    #[serde(serialize_with = "si_unit")]
-    pub unit: Dimension,
-    /// Score that is significant over the whole search and all candidates.
-    pub threshold: f64,
-    /// Value of the parameter, score without and with the effect in the model; the highest of each of
-    /// few stretches of the search.
-    pub points: Vec<[f64; 3]>,
-    /// The same, of many stretches.
-    #[serde(skip)]
-    pub curve: Vec<[f64; 3]>,
-}
 
 /// Structure without a name.
 #[derive(Debug, Clone, Serialize)]

@@ -1,6 +1,7 @@
 //! The score of a whole model: its misfit, −2 ln L, and the cost of its effects; the lower, the better.
 
 use super::linear_model::LinearModel;
+use super::significance::profile;
 use tau_estimation::joint::Component;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::samples::Sample;
@@ -11,6 +12,8 @@ use tau_estimation::samples::outliers;
 #[derive(Debug, Clone)]
 pub(crate) struct ProfileLikelihood {
     degrees: [f64; Component::ALL.len()],
+    /// Share of each that belongs to stated noise.
+    stated: [f64; Component::ALL.len()],
     /// χ² from which on a sample is an outlier, per row of its own.
     limits: Vec<f64>,
 }
@@ -28,6 +31,7 @@ impl ProfileLikelihood {
         }
         Self {
             degrees,
+            stated: base.stated_shares(),
             limits: outliers::limits(&rows, samples)
                 .into_iter()
                 .zip(rows)
@@ -37,7 +41,7 @@ impl ProfileLikelihood {
     }
 
     /// −2 ln L of a model beside the base, but for a constant: the noise of each component is what the model leaves
-    /// of it, an outlier counts as one that is just none, and priors count as measurements.
+    /// of it, and no less than is stated; an outlier counts as one that is just none, and priors count as measurements.
     ///
     /// `linear` is the fit with what unnamed families take up.
     pub(crate) fn misfit(&self, fit: &Fit, linear: &LinearModel) -> f64 {
@@ -56,9 +60,9 @@ impl ProfileLikelihood {
         }
         let measured: f64 = sums
             .iter()
-            .zip(&self.degrees)
+            .zip(self.degrees.iter().zip(&self.stated))
             .filter(|(sum, _)| **sum > 0.0)
-            .map(|(sum, degrees)| degrees * (sum / degrees).ln())
+            .map(|(sum, (degrees, stated))| profile(*sum, *degrees, *stated))
             .sum();
         let priors = linear
             .residuals

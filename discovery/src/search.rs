@@ -16,10 +16,11 @@ use std::sync::Arc;
 use super::candidate_set::{CandidateSet, Table};
 use super::confirmation::held_out_gain;
 use super::constants::count;
+use super::contradiction::{Change, Unseen};
 use super::linear_model::LinearModel;
 use super::results::{Derived, Gap, Step, UsedEffect};
 use super::score::ProfileLikelihood;
-use super::{Error, Input, Rule, held_out, serial, visits};
+use super::{Error, Input, Options, Rule, held_out, serial, visits};
 use crate::subspace::Subspace;
 use moves::{Joining, Move, Without};
 pub(crate) use review::Found;
@@ -45,6 +46,8 @@ pub(crate) struct Search<'a> {
     pub(crate) likelihood: ProfileLikelihood,
     /// Degrees of freedom of the base's residuals.
     degrees: f64,
+    /// Variance of the stated noise in units of the residuals of the model as it stands.
+    stated: f64,
     /// Cost of each candidate.
     costs: BTreeMap<usize, f64>,
     /// Models that were tried, from wherever, with their scores where they converged.
@@ -63,6 +66,17 @@ pub(crate) struct Search<'a> {
     without: Option<Arc<Vec<Without>>>,
     /// Structure that is left where the effects act.
     pub(crate) left: Vec<state::Unnamed>,
+    /// Effects that measurements which took no part contradict.
+    pub(crate) rejected: Vec<Contradicted>,
+}
+
+/// An effect that joined the model and that measurements which took no part contradict.
+pub(crate) struct Contradicted {
+    pub(crate) candidate: usize,
+    /// Fall of χ² where it took part.
+    pub(crate) chi2_drop: f64,
+    /// Change of χ² by it where it took no part.
+    pub(crate) heldout_change: f64,
 }
 
 impl<'a> Search<'a> {
@@ -106,6 +120,7 @@ impl<'a> Search<'a> {
             input,
             likelihood,
             degrees: base.fit.degrees(),
+            stated: state.fit.stated_variance(),
             state,
             base,
             starts_with_family: false,
@@ -123,6 +138,7 @@ impl<'a> Search<'a> {
             without: None,
             first: first.clone().without_model(),
             left: vec![],
+            rejected: vec![],
         };
         for score in &first.scores {
             search.cost(score);
@@ -135,6 +151,9 @@ impl<'a> Search<'a> {
     /// more from the base with both from the start, since names that stand in for what has none may be stepping
     /// stones to nowhere. The better end counts.
     pub(crate) fn run(&mut self, progress: &mut dyn FnMut(&str)) -> Result<(), Error> {
+        if !self.may_lack_something() {
+            return Ok(());
+        }
         self.climb(true, progress)?;
         // Where one effect is all that was found, to exchange it for a family has been tried already.
         let may_differ = self.state.count() > 1 || !self.state.unnamed.is_empty();
@@ -162,10 +181,66 @@ impl<'a> Search<'a> {
             }
             self.restate()?;
         }
+        if !self.is_without(Rule::Contradicted) {
+            self.reject(progress)?;
+        }
         if !self.is_without(Rule::Left) {
             self.left = self.left_where_found();
         }
         Ok(())
+    }
+
+    /// Takes effects out of the model that measurements which took no part contradict: each with the others kept, the most
+    /// contradicted first; and where they contradict all together, the one with which they are predicted worst.
+    fn reject(&mut self, progress: &mut dyn FnMut(&str)) -> Result<(), Error> {
+        let chance = self.input.options.constants.contradicted;
+        while !self.state.members.is_empty() {
+            let samples = &self.set.samples;
+            let Some(unseen) = Unseen::of(self.input, samples, &self.state.fit)? else {
+                return Ok(());
+            };
+            let context = self.context();
+            let members: Vec<usize> = (0..self.state.members.len()).collect();
+            let without =
+                |members: &[usize]| unseen.change(&self.state.step_without(&context, members)?);
+            let changes: Vec<(usize, Change)> = (members.iter())
+                .filter_map(|&member| Some((member, without(&[member])?)))
+                .collect();
+            let own = changes.iter().filter(|own| own.1.is_contradicted(chance));
+            let worst = own.min_by(|a, b| a.1.z.total_cmp(&b.1.z)).or_else(|| {
+                without(&members).filter(|all| all.is_contradicted(chance))?;
+                let all = changes.iter();
+                all.max_by(|a, b| a.1.chi2().total_cmp(&b.1.chi2()))
+            });
+            let Some(&(member, change)) = worst else {
+                return Ok(());
+            };
+            progress("taking out what held-out measurements contradict");
+            let chi2_drop = self.state.own_statistic(&context, member).unwrap_or(0.0);
+            let mut members = self.state.members.clone();
+            let candidate = members.remove(member).candidate;
+            let state = State {
+                fit: self.refitted(&members, None)?.settled()?,
+                members,
+                unnamed: self.state.unnamed.clone(),
+            };
+            self.rejected.push(Contradicted {
+                candidate,
+                chi2_drop,
+                heldout_change: change.chi2(),
+            });
+            self.drops_um.remove(&candidate);
+            let score = self.score_of_state(&state);
+            self.go_to(state, score);
+            self.record()?;
+        }
+        Ok(())
+    }
+
+    /// False where no candidate could pay: its whole sum of squares is worth less than the least that one costs.
+    fn may_lack_something(&self) -> bool {
+        let total = self.state.linear(&self.set).total();
+        -self.change(total, 0.0) > self.set.significance.least_cost()
     }
 
     /// Strong effects that a look-alike explains better are exchanged first; then come moves that exchange nothing, since
@@ -224,9 +299,24 @@ impl<'a> Search<'a> {
 
     /// The model that a move leads to, if what joins it is confirmed and it can be fitted.
     fn tried(&mut self, change: &Move, progress: &mut dyn FnMut(&str)) -> Option<State> {
-        for joining in &change.joining {
-            if !self.is_confirmed(joining) {
-                self.unconfirmed.insert(joining.score.candidate);
+        let mut serial_unless_refitted = vec![];
+        for Joining { score, beside } in &change.joining {
+            let subspace = self.set.subspace(beside, score.candidate, score.searched);
+            let is_confirmed = subspace.is_some_and(|(_, subspace)| {
+                if self.is_serial_noise(beside, &subspace, score.candidate) {
+                    // A linear model misses part of a strong effect, and what it misses is smooth, too: a refit decides.
+                    let mut members = change.members.iter();
+                    let is_refitted = members.any(|own| own.candidate == score.candidate);
+                    let tested = beside.tested();
+                    if !is_refitted || !tested.may_bend(score.statistic, score.null.rank) {
+                        return false;
+                    }
+                    serial_unless_refitted.push(score.candidate);
+                }
+                self.predicts_held_out(beside, &subspace)
+            });
+            if !is_confirmed {
+                self.unconfirmed.insert(score.candidate);
                 return None;
             }
         }
@@ -239,11 +329,24 @@ impl<'a> Search<'a> {
             let start = self.start(change);
             self.refitted(&change.members, start.as_deref()).ok()?
         };
-        Some(State {
+        let next = State {
             fit,
             members: change.members.clone(),
             unnamed: change.unnamed.clone(),
-        })
+        };
+        let still_serial = serial_unless_refitted.into_iter().find(|&candidate| {
+            let mut members = next.members.iter();
+            let member = members.position(|own| own.candidate == candidate);
+            let member = member.expect("what is refitted is in the model");
+            let without = next.view_without(&self.context(), &[member]);
+            let subspace = next.own_subspace(&self.context(), member, &without);
+            self.is_serial_noise(&without, &subspace, candidate)
+        });
+        if let Some(candidate) = still_serial {
+            self.unconfirmed.insert(candidate);
+            return None;
+        }
+        Some(next)
     }
 
     /// The fit with some effects from where the model stands; without any it is that of the base, of which values that
@@ -263,28 +366,21 @@ impl<'a> Search<'a> {
         is_newest.then(|| start_of(&self.set, beside, score))?
     }
 
-    /// True if a candidate predicts blocks that were held out, and is more than serial noise would imitate.
-    fn is_confirmed(&self, Joining { score, beside }: &Joining) -> bool {
-        let Some((_, subspace)) = self.set.subspace(beside, score.candidate, score.searched) else {
-            return false;
-        };
-        let inflation = self.inflation(beside, &subspace);
-        if inflation > 1.0 {
-            let total = beside.total();
-            let change = self.change(total, total - score.statistic / inflation);
-            if change + self.cost_of(Member::plain(score.candidate)) > 0.0 {
-                return false;
-            }
-        }
-        let constants = self.input.options.constants;
+    /// True if a candidate is no more than serial noise, or an error that readings of a visit share, would imitate.
+    fn is_serial_noise(&self, beside: &LinearModel, subspace: &Subspace, candidate: usize) -> bool {
+        let inflation = self.inflation(beside, subspace);
+        let (total, own) = (beside.total(), subspace.statistic(&beside.residuals));
+        let change = self.change(total, total - own / inflation);
+        inflation > 1.0 && change + self.cost_of(Member::plain(candidate)) > 0.0
+    }
+
+    /// True if a candidate predicts blocks that were held out.
+    fn predicts_held_out(&self, beside: &LinearModel, subspace: &Subspace) -> bool {
+        let Options {
+            constants, seed, ..
+        } = self.input.options;
         self.is_without(Rule::HeldOut)
-            || held_out_gain(
-                beside,
-                &subspace,
-                &self.set.samples,
-                self.input.options.seed,
-                &constants,
-            ) > 0.0
+            || held_out_gain(beside, subspace, &self.set.samples, *seed, constants) > 0.0
     }
 
     /// Factor by which noise that is not independent makes the score of a subspace too large.
@@ -344,6 +440,7 @@ impl<'a> Search<'a> {
     }
 
     fn go_to(&mut self, state: State, score: f64) {
+        self.stated = state.fit.stated_variance();
         self.state = state;
         self.score = score;
         self.known = [None, None];

@@ -341,6 +341,7 @@ mod tests {
                     rows: rows.clone(),
                     degrees,
                     completed: 0.0,
+                    stated: 1.0,
                 };
                 inflation(&linear, &subspace, &samples, &Constants::default())
             })

@@ -18,7 +18,6 @@ use tau_estimation::samples::Sample;
 use tau_kinematics::{Machine, nearest_rotation};
 use tau_robot::robot::{self, Owner, Robot};
 
-use super::candidate_set::f_form;
 use super::candidates::scope::NEEDS_FULL_ARM;
 use super::constants::Constants;
 use super::p_value::PValue;
@@ -26,6 +25,7 @@ use super::results::{
     Considered, Derived, Discovery, FULL_ARM, FoundEffect, Gap, Misfit, Place, Reason, Status,
     Step, Unseen, UsedEffect, Verdict,
 };
+use super::significance::{Null, Residuals};
 use super::{Error, Input, Outcome, fitted, not_described, shortfall, text, variant_of};
 
 /// A robot with its description, checked.
@@ -61,16 +61,15 @@ pub(super) fn search(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Resul
     if let Some(test) = beside.or(alone) {
         found.considered.insert(0, test.considered());
     }
-    found.remarks.extend(remark_on_arm(found, robot));
     Ok(outcome)
 }
 
 /// Advice where something has no name and effects took no part because the arm is reduced.
-fn remark_on_arm(found: &Discovery, robot: &Robot) -> Option<Remark> {
+pub(super) fn remark_on_arm(found: &Discovery, robot: &Robot) -> Option<Remark> {
     let needs_full_arm = |unseen: &Unseen| unseen.why == Reason::Lacks(NEEDS_FULL_ARM);
     let has_unnamed = matches!(
         found.status,
-        Status::UnnamedStructure | Status::PartlyExplained
+        Status::UnnamedStructure | Status::PartlyExplained | Status::Unresolved
     );
     if !has_unnamed || !found.cannot_see.iter().any(needs_full_arm) {
         return None;
@@ -210,8 +209,12 @@ impl FullArm {
         let spread = &ties * &full.basis.b;
         let solved = Cholesky::new(&spread * spread.transpose())?.solve(&broken);
         let (statistic, rank) = (broken.dot(&solved), ties.nrows() as f64);
-        let total = full.chi2() + statistic;
-        let (_, p_value) = f_form(statistic, rank, total, full.degrees() + rank);
+        let residuals = Residuals {
+            total: full.chi2() + statistic,
+            degrees: full.degrees() + rank,
+            stated: full.stated_variance(),
+        };
+        let p_value = residuals.p_value(statistic, Null::plain(rank));
         Some(Self {
             is_significant: p_value.value() <= constants.level * constants.further,
             p_value,

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use tau_codegen::equations::Scope;
-use tau_codegen::language::model::{Readable, Target};
+use tau_codegen::language::model::{self, Readable, Target};
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::order::smallest_first;
 use tau_estimation::samples::outliers;
@@ -139,6 +139,30 @@ impl CandidateSet {
                 return (place, Motion::Target(Target::Length, 0));
             }
         }
+        for base in &self.probes.bases {
+            if let Some(axis) = base.shift.iter().position(|&own| own == probe) {
+                let place = Place::of(&self.model, base.place);
+                return (place, Motion::Target(Target::Shift, axis));
+            }
+        }
+        let mut commands = self.probes.commands.iter();
+        if let Some(command) = commands.position(|own| *own == Some(probe)) {
+            let links = self.model.links.iter();
+            let link = { links }.position(|link| link.actuated_by == Some(command));
+            let (place, is_turned) = match link {
+                Some(link) => (
+                    model::Place::Link(link),
+                    self.model.links[link].is_driven_by_angle,
+                ),
+                None => (model::Place::Crank(command), true),
+            };
+            let motion = if is_turned {
+                Motion::Turn
+            } else {
+                Motion::Target(Target::Command, 0)
+            };
+            return (Place::of(&self.model, place), motion);
+        }
         let axis = self.probes.tcp.iter().position(|&own| own == probe);
         let motion = Motion::Target(Target::Position, axis.unwrap_or_default());
         (Place::Tcp, motion)
@@ -159,8 +183,11 @@ fn covariates(
     let place = match (track, closure) {
         (Some(track), _) => scope::of_cart(track, None),
         (None, Some(closure)) => scope::of_closure(closure),
-        (None, None) => Scope::default(),
+        (None, None) => of_other(probe, set),
     };
+    let drives = set.model.drives();
+    let drive = place.command.and_then(|command| drives.get(command));
+    let is_angle = drive.is_some_and(|drive| drive.is_angle);
     let series = |readable: Readable| {
         let series = scope::read(
             &place,
@@ -168,11 +195,28 @@ fn covariates(
             samples,
             &set.samples,
             &set.surroundings,
-            &set.probes.closures,
+            &set.probes,
         );
-        Some((Quantity::of(readable, &set.model), series.ok()?))
+        Some((
+            Quantity::of(readable, &set.model).of_drive(is_angle),
+            series.ok()?,
+        ))
     };
     against.iter().copied().filter_map(series).collect()
+}
+
+/// Meaning of words at a base joint or a drive that a probe moves, or at the TCP.
+fn of_other(probe: usize, set: &CandidateSet) -> Scope {
+    let mut commands = set.probes.commands.iter();
+    let mut bases = set.probes.bases.iter();
+    let base = bases.find(|base| base.shift.contains(&probe));
+    Scope {
+        command: commands
+            .position(|own| *own == Some(probe))
+            .or(base.and_then(|base| base.command)),
+        base_of: base.map(|base| base.owner),
+        ..Scope::default()
+    }
 }
 
 /// Magnitude of the correlation of two series.

@@ -28,23 +28,25 @@ pub(super) fn description(
             errors.to_string(),
         )
     };
-    let own = tokens(&robot.description).map_err(wrong)?;
     let mut text = String::new();
-    let mut known: Vec<&str> = Vec::new();
+    let mut known: Vec<Vec<&str>> = Vec::new();
     for effect in &variant.effects {
         let name = effect.name.as_str();
-        if known.contains(&name) || item(own.clone(), ["effect", name]).is_some() {
+        // Of effects of one name each is copied that is used: they act on places of different kinds.
+        let words = ["effect", name, "on"].into_iter();
+        let words: Vec<&str> = words.chain(effect.on.written().split(' ')).collect();
+        if known.contains(&words) || robot.model.effect(name, effect.on).is_some() {
             continue;
         }
-        known.push(name);
         for catalogue in catalogues {
             let items = tokens(catalogue).map_err(wrong)?;
-            if let Some((range, _)) = item(items, ["effect", name]) {
+            if let Some((range, _)) = item(items, &words) {
                 text.push_str(&catalogue[range]);
                 text.push_str("\n\n");
                 break;
             }
         }
+        known.push(words);
     }
     text.push_str(&with_lines(
         robot,
@@ -61,7 +63,7 @@ pub(super) fn with_lines(robot: &Robot, docs: &str, lines: &str) -> Result<Strin
     let items = tokens(own).map_err(|e| {
         InputError::whole(tau_codes::discovery::NOT_SOUND, &robot.name, e.to_string())
     })?;
-    let (_, end) = item(items, ["robot", &robot.name]).ok_or_else(|| {
+    let (_, end) = item(items, &["robot", &robot.name]).ok_or_else(|| {
         InputError::whole(
             tau_codes::discovery::NOT_SOUND,
             &robot.name,
@@ -109,15 +111,19 @@ pub(super) fn structure(model: &Model, variant: &Variant) -> String {
     )
 }
 
-/// Place of an item in a text by the two words that it begins with, its documentation included, and of its closing
-/// brace; of items in others, too.
-fn item(tokens: TokenStream, words: [&str; 2]) -> Option<(Range<usize>, usize)> {
+/// Place of an item in a text by the words before its brace, its documentation included, and of its closing brace; of
+/// items in others, too.
+fn item(tokens: TokenStream, words: &[&str]) -> Option<(Range<usize>, usize)> {
     let mut begun: Vec<TokenTree> = Vec::new();
     for token in tokens {
         match &token {
             TokenTree::Group(body) if body.delimiter() == Delimiter::Brace => {
-                let is = |pair: &[TokenTree]| words == [0, 1].map(|k| pair[k].to_string());
-                let found = begun.windows(2).any(is).then(|| {
+                let mut last = begun.iter().rev().map(TokenTree::to_string);
+                let is_meant = words
+                    .iter()
+                    .rev()
+                    .all(|word| last.next().as_deref() == Some(word));
+                let found = is_meant.then(|| {
                     let start = begun[0].span().byte_range().start;
                     let close = body.span_close().byte_range();
                     (start..close.end, close.start)
@@ -136,6 +142,8 @@ fn item(tokens: TokenStream, words: [&str; 2]) -> Option<(Range<usize>, usize)> 
 
 #[cfg(test)]
 mod tests {
+    use tau_codegen::language::model::Subject;
+
     use super::super::results::{Place, UsedEffect};
     use super::*;
 
@@ -147,6 +155,7 @@ mod tests {
         let robot = Robot::from_text(OWN).unwrap();
         let used = |name: &str| UsedEffect {
             name: name.to_owned(),
+            on: Subject::Cart,
             place: Place::Cart("one".to_owned()),
             with: vec![],
             tolerance_factor: 10.0,
@@ -167,5 +176,46 @@ mod tests {
         assert_eq!(names, ["backlash", "rack_pitch"]);
         assert!(text.contains("/// Reversal error"), "{text}");
         assert!(!text.contains("effect straightness"));
+    }
+
+    /// Effects of one name may have several forms: those that are used are copied.
+    #[test]
+    fn the_forms_that_are_used_are_copied() {
+        let own = "robot Legs {
+            track one;
+            crank two;
+            cluster arm on one { link a; }
+            cluster bar on two { link b; }
+            cluster legs on base { link c, d, e, f actuated length; }
+            variant N { arm full; tracks linear; }
+        }";
+        let robot = Robot::from_text(own).unwrap();
+        let used = |on: Subject, place: Place| UsedEffect {
+            name: "backlash".to_owned(),
+            on,
+            place,
+            with: vec![],
+            tolerance_factor: 10.0,
+        };
+        let link = |name: &str| used(Subject::LinkByLength, Place::Link(name.to_owned()));
+        let crank = used(Subject::Crank, Place::Crank("two".to_owned()));
+        let variant = Derived {
+            base: "N".to_owned(),
+            effects: vec![link("c"), crank, link("d")],
+        };
+        let catalogues = [tau_robot::effects::CATALOGUE.to_owned()];
+        let (text, model) = description(&robot, &catalogues, &variant).unwrap();
+        let subjects = model.effects.iter().map(|own| own.subject);
+        assert!(
+            subjects.eq([Subject::LinkByLength, Subject::Crank]),
+            "{text}"
+        );
+        // A robot that has a form of its own keeps it.
+        let kept =
+            format!("effect backlash on crank {{ param own: angle; command += own; }}\n{own}");
+        let robot = Robot::from_text(&kept).unwrap();
+        let (text, model) = description(&robot, &catalogues, &variant).unwrap();
+        let of_crank = model.effect("backlash", Subject::Crank).unwrap();
+        assert_eq!(model.effects[of_crank].parameters[0].name, "own", "{text}");
     }
 }

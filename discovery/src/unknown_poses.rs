@@ -154,6 +154,8 @@ pub(super) fn search(
                     .map_or_else(|| gross_rows(&of_base), gross_rows)
             }
         };
+        let verdict = fitted.as_ref().ok().map(UnknownPoses::verdict);
+        found.conclude(verdict, robot);
         found.gross_rows.extend(gross);
         (found.gross_rows)
             .sort_by(|a, b| (&a.file, a.line, &a.drive).cmp(&(&b.file, b.line, &b.drive)));
@@ -263,5 +265,20 @@ impl Outcome {
         }
         let setup = Setup::new(&robot, variant, &file, folder);
         unknown_poses::calibrate(setup, rows, &calibration::Options::default())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tau_codes::fit;
+
+    #[test]
+    fn a_result_that_could_not_be_calibrated_is_told() {
+        let error = Error::NotConverged {
+            variant: DISCOVERED.to_owned(),
+            why: Remark::new(fit::NOT_CONVERGED, "100 steps were not enough"),
+        };
+        insta::assert_snapshot!(not_calibrated(&error).to_string());
     }
 }

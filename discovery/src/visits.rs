@@ -278,6 +278,7 @@ mod tests {
                 rows: rows.clone(),
                 degrees: (count - 3 * width) as f64,
                 completed: 0.0,
+                stated: 1.0,
             };
             let of = (&samples[..], &[][..]);
             inflation(&linear, &subspace, of, &Constants::default())

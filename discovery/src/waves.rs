@@ -25,7 +25,7 @@ pub(super) fn waves(
         for (sine, _, argument) in of(Function::Sin) {
             let cosine = of(Function::Cos).find(|other| other.2 == *argument);
             let parameters = cosine.map(|cosine| [*sine, cosine.0]);
-            let motion = Motion::Target(term.target, 0);
+            let motion = Motion::of(term.target, 0, effect.subject);
             found.extend(
                 parameters.and_then(|own| wave(model, effect, fitted, own, argument, motion)),
             );
@@ -72,7 +72,7 @@ fn wave(
         amplitude,
         sigma: (of_sine * *sine + of_cosine * *cosine).norm() / amplitude,
         unit: described[0].dimension,
-        against: Quantity::of(readable, model),
+        against: Quantity::of(readable, model).of_drive(effect.subject.is_turned()),
         period,
         peak: ((sine.atan2(*cosine) - offset) / slope).rem_euclid(period),
     })

@@ -29,6 +29,9 @@ pub struct Surroundings {
     pub held: Vec<f64>,
     /// Noise of the links' lengths.
     pub length_noise: LengthNoise,
+    /// Low and high end of each command (m or rad), to which effects scale what they read as `travel`; empty where neither
+    /// the robot file nor a folder says.
+    pub travel: Vec<[f64; 2]>,
 }
 
 /// A link that pulls with a tension that nothing states.
@@ -159,8 +162,8 @@ impl<'a> From<&'a TcpPose> for Sample<'a> {
 pub enum Missing {
     /// A command.
     Command,
-    /// The side of approach of a command.
-    Direction,
+    /// The side of approach of a command, by index.
+    Direction(usize),
     /// The time.
     Time,
     /// The temperature.
@@ -173,12 +176,14 @@ pub enum Missing {
     Path,
     /// The value of a parameter that the variant holds.
     Held,
+    /// The travel of a drive.
+    Travel,
 }
 
 impl Missing {
     /// True for a column of the table that the samples come from.
     pub fn is_column(&self) -> bool {
-        matches!(self, Self::Direction | Self::Time | Self::Temperature)
+        matches!(self, Self::Direction(_) | Self::Time | Self::Temperature)
     }
 }
 
@@ -186,7 +191,13 @@ impl fmt::Display for Missing {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Command => "the command",
-            Self::Direction => "the columns `dir1`, `dir2`, …",
+            Self::Direction(command) => {
+                let number = command + 1;
+                return write!(
+                    f,
+                    "the side of approach of drive {number} (`dir{number}`, or `dir` of a cart)"
+                );
+            }
             Self::Time => "the column `time_s`",
             Self::Temperature => "the column `temperature_c`",
             Self::Forces => {
@@ -194,6 +205,7 @@ impl fmt::Display for Missing {
             }
             Self::Pull(pull) => return pull.fmt(f),
             Self::Held => "the value of a parameter that the variant holds",
+            Self::Travel => "the travel of the drives (`travel` of `[drives]` in the robot file)",
             Self::Path => "the path of the cart (set 2, `cart_poses.csv`)",
         })
     }
@@ -272,7 +284,7 @@ impl Surroundings {
                 Input::Direction(k) => (sample.directions)
                     .and_then(|directions| directions.get(k).copied())
                     .filter(|direction| !direction.is_nan())
-                    .ok_or(Missing::Direction)?,
+                    .ok_or(Missing::Direction(k))?,
                 Input::Time => sample.conditions.time_s.ok_or(Missing::Time)?,
                 Input::Temperature => {
                     (sample.conditions.temperature_c).ok_or(Missing::Temperature)?
@@ -299,6 +311,16 @@ impl Surroundings {
                 Input::SegmentStartCommand(track) => segment(track)?.commands[0],
                 Input::SegmentEndCommand(track) => segment(track)?.commands[1],
                 Input::Held(parameter) => *self.held.get(parameter).ok_or(Missing::Held)?,
+                Input::TravelMiddle(k) => {
+                    let [low, high] = self.travel.get(k).ok_or(Missing::Travel)?;
+                    f64::midpoint(*low, *high)
+                }
+                // A drive that never moves is in the middle of its travel.
+                Input::TravelHalf(k) => {
+                    let [low, high] = self.travel.get(k).ok_or(Missing::Travel)?;
+                    let half = 0.5 * (high - low);
+                    if half > 0.0 { half } else { 1.0 }
+                }
             });
         }
         Ok(())

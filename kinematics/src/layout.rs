@@ -237,6 +237,16 @@ impl Machine {
         (is_full && has(value)).then(|| self.value(closure, value).into())
     }
 
+    /// Joint (m) of a closure on the base, or on its cart or crank at command zero, effects left out.
+    pub fn base_joint_m(&self, closure: &Instance) -> [f64; 3] {
+        self.value(closure, Value::TrackOffset).into()
+    }
+
+    /// Centre (m) of the crank of a track, effects left out.
+    pub fn crank_centre_m(&self, track: usize) -> Option<[f64; 3]> {
+        self.crank(track).map(|[_, centre]| centre.into())
+    }
+
     /// A vector of a link or cluster, which may follow from a formula.
     fn value(&self, closure: &Instance, value: Value) -> Vector3<f64> {
         let formula = match self.variant.arm {

@@ -357,7 +357,7 @@ impl Machine {
         effects
             .filter(|&(index, _)| is_at_fault(index).is_some())
             .map(|(_, (name, places))| {
-                let terms = self.robot.terms_of(name).join("; ");
+                let terms = self.robot.terms_of(name, places).join("; ");
                 format!("`{name}({})`: `{terms}`", places.join(", "))
             })
             .collect()

@@ -78,8 +78,8 @@ pub fn check_text(text: &str) -> Result<Model, Errors> {
 
 /// Adds the effects of a catalogue, a text of `effect` items, to a model.
 ///
-/// An effect that the model already has by name stands: a description's own effect wins over the
-/// catalogue's.
+/// An effect that the model already has stands: a description's own effect wins over the catalogue's of the same name
+/// where both act on places of the same kind.
 ///
 /// # Errors
 /// All mistakes of the catalogue; positions count from the start of `text`.
@@ -95,7 +95,7 @@ pub fn effects_from_text(text: &str, into: &Model) -> Result<Model, Errors> {
 
     let mut model = into.clone();
     for effect in effects {
-        if !model.effects.iter().any(|own| own.name == effect.name) {
+        if !model.effects.iter().any(|own| own.is_rival_of(&effect)) {
             model.effects.push(effect);
         }
     }

@@ -85,6 +85,90 @@ impl Model {
         tracks.filter_map(|(index, track)| track.crank.is_none().then_some(index))
     }
 
+    /// Indices of the tracks that are cranks.
+    pub fn cranks(&self) -> impl Iterator<Item = usize> + Clone {
+        let tracks = self.tracks.iter().enumerate();
+        tracks.filter_map(|(index, track)| track.crank.is_some().then_some(index))
+    }
+
+    /// Indices of the links whose joint stands on the fixed base.
+    pub fn links_on_base(&self) -> impl Iterator<Item = usize> + Clone {
+        let links = self.links.iter().enumerate();
+        links.filter_map(|(index, link)| {
+            let track = self.clusters[link.cluster].track;
+            track.is_none().then_some(index)
+        })
+    }
+
+    /// The command that a link follows: that of its cart or crank, or its own; `None` where nothing drives it.
+    pub fn command_of(&self, link: usize) -> Option<usize> {
+        let link = self.links.get(link)?;
+        self.clusters[link.cluster].track.or(link.actuated_by)
+    }
+
+    /// Commands whose drives an effect on a subject moves, or moves with, at a place.
+    pub fn commands_at(&self, subject: Subject, place: Place) -> Vec<usize> {
+        match place {
+            Place::Cart { track, .. } | Place::Crank(track) | Place::CrankCentre(track) => {
+                vec![track]
+            }
+            Place::AllCarts => self.guideways().collect(),
+            Place::AllCranks => self.cranks().collect(),
+            Place::Link(link) | Place::BaseJoint(link) => {
+                self.command_of(link).into_iter().collect()
+            }
+            Place::AllLinks => {
+                let links = (0..self.links.len()).filter(|&link| subject.admits(&self.links[link]));
+                let mut commands: Vec<usize> =
+                    links.filter_map(|link| self.command_of(link)).collect();
+                commands.sort_unstable();
+                commands.dedup();
+                commands
+            }
+            Place::AllBaseJoints => {
+                let links = self.links_on_base();
+                let of_links = links.filter_map(|link| self.links[link].actuated_by);
+                self.cranks().chain(of_links).collect()
+            }
+            Place::Tcp => vec![],
+        }
+    }
+
+    /// Index of the effect of a name that acts on a subject.
+    pub fn effect(&self, name: &str, subject: Subject) -> Option<usize> {
+        let mut effects = self.effects.iter();
+        effects.position(|own| own.name == name && own.subject == subject)
+    }
+
+    /// True if a name stands for an effect at such a place of the model.
+    pub fn acts_on(&self, effect: &Effect, place: &str) -> bool {
+        let all = place == "all";
+        let mut links = self.links.iter();
+        let mut tracks = self.tracks.iter();
+        match effect.subject {
+            Subject::Tcp => place == "tcp",
+            Subject::Cart | Subject::CartFromSource => {
+                tracks.any(|own| own.crank.is_none() && (all || own.name == place))
+            }
+            Subject::Crank => tracks.any(|own| own.crank.is_some() && (all || own.name == place)),
+            Subject::BaseJoint => {
+                tracks.any(|own| own.crank.is_some() && (all || own.name == place))
+                    || links.any(|own| {
+                        effect.subject.admits_joint(own, &self.clusters)
+                            && (all || own.name == place)
+                    })
+            }
+            subject => links.any(|own| subject.admits(own) && (all || own.name == place)),
+        }
+    }
+
+    /// Index of the effect of a name that acts on places, as a description writes them.
+    pub fn effect_at(&self, name: &str, places: &[String]) -> Option<usize> {
+        let mut effects = self.effects.iter();
+        effects
+            .position(|own| own.name == name && places.iter().all(|place| self.acts_on(own, place)))
+    }
+
     /// The variant of a name.
     pub fn variant(&self, name: &str) -> Option<&Variant> {
         self.variants.iter().find(|variant| variant.name == name)

@@ -123,7 +123,7 @@ pub(crate) struct Effect {
     pub(crate) name: Ident,
     /// The word `driven` or `pulled` before its subject.
     pub(crate) kind: Option<Ident>,
-    /// `cart`, `link` or `tcp`.
+    /// `cart`, `link`, `crank`, `base` (of `base joint`) or `tcp`.
     pub(crate) subject: Ident,
     /// `actuated length` or `actuated angle`: the word `actuated`, and true for an angle.
     pub(crate) actuated: Option<(Ident, bool)>,

@@ -188,6 +188,7 @@ pub fn discovery(discovery: &Discovery) -> Value {
     let mut own = json!(discovery);
     remarks(&mut own, &all);
     own["code"] = json!(discovery.code().to_string());
+    own["fit"] = json!(discovery.fit.as_ref().map(trust::verdict));
     own
 }
 

@@ -112,6 +112,9 @@ fn discovered(screen: &mut Screen, found: &Discovery) {
     for structure in unnamed {
         screen.say_within("  ", &format!("Without a name: {structure}"));
     }
+    for sentence in findings::rejected(found) {
+        screen.say_within("  ", &sentence.to_string());
+    }
     if let Some(sentence) = findings::undisputed(found) {
         screen.gap();
         screen.say(&sentence);

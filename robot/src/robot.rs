@@ -309,10 +309,11 @@ impl Robot {
         self.with_effects(variant, |own, _| own != index)
     }
 
-    /// The terms of an effect as they are written.
-    pub fn terms_of(&self, effect: &str) -> Vec<String> {
-        let terms = self.model.effects.iter().filter(|own| own.name == effect);
-        terms
+    /// The terms of an effect that acts on places, as they are written.
+    pub fn terms_of(&self, effect: &str, places: &[String]) -> Vec<String> {
+        let found = self.model.effect_at(effect, places);
+        let found = found.and_then(|index| self.model.effects.get(index));
+        (found.into_iter())
             .flat_map(|own| &own.terms)
             .map(|term| term.text.clone())
             .collect()
@@ -356,6 +357,19 @@ impl Variant {
         self.instances
             .iter()
             .filter(move |instance| instance.kind == kind)
+    }
+
+    /// Commands whose drives' travel its residuals depend on, ascending.
+    pub fn reads_travel(&self) -> Vec<usize> {
+        let inputs = self.instances.iter().flat_map(|own| &own.inputs);
+        let commands = inputs.filter_map(|input| match input {
+            Input::TravelMiddle(command) => Some(*command),
+            _ => None,
+        });
+        let mut commands: Vec<usize> = commands.collect();
+        commands.sort_unstable();
+        commands.dedup();
+        commands
     }
 
     /// Effects of the tracker, with their place.

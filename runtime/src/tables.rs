@@ -285,4 +285,8 @@ pub enum Input {
     SegmentEndCommand(usize),
     /// Value of a parameter that the variant holds, by its index in [`Variant::parameters`].
     Held(usize),
+    /// Middle of the travel of a drive (m or rad), by index of the command.
+    TravelMiddle(usize),
+    /// Half of that travel (m or rad).
+    TravelHalf(usize),
 }

@@ -79,6 +79,7 @@ impl<'a> Drawing<'a> {
                 ways_m: vec![1.0; robot.commands],
                 payload: file.payload,
                 effects: Vec::new(),
+                travel: Vec::new(),
             },
             tolerances: Tolerances {
                 links,

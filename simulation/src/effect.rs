@@ -1,14 +1,12 @@
-//! Physical errors as functions, each written by hand from its physics.
-//!
-//! They carry the names and parameters of the catalogue, but nothing here reads its text: what the
-//! estimator finds is found in data that another formula made.
+//! Physical errors as functions of the state of the part that they act on.
 
-use std::f64::consts::TAU;
 use std::fmt;
 use std::sync::Arc;
 
 use tau_codegen::language::model::Place;
 use tau_robot::measurements;
+
+use super::listed::ALONG_TRAVEL;
 
 /// When, how warm, and from which side.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -38,6 +36,8 @@ impl Conditions {
 pub struct CartReading {
     /// Command of the cart (m).
     pub q_m: f64,
+    /// Travel of a drive from -1 at its low end to 1 at its high end.
+    pub travel: f64,
     /// Command of the source cart (m).
     pub source_q_m: f64,
     /// Side of approach, ±1.
@@ -61,6 +61,32 @@ pub struct CartError {
     pub turn_rad: [f64; 3],
 }
 
+/// State of the drive of a link or crank on which its errors can depend.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DriveReading {
+    /// Command (m; rad of cranks and drums).
+    pub q: f64,
+    /// Travel of a drive from -1 at its low end to 1 at its high end.
+    pub travel: f64,
+    /// Side of approach, ±1.
+    pub direction: f64,
+    /// Time (s).
+    pub time_s: f64,
+    /// Temperature (°C).
+    pub temperature_c: f64,
+}
+
+/// State of a joint on the fixed base, or of the centre of a crank, on which its displacement can depend.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BaseReading {
+    /// Where it is without errors (m).
+    pub point_m: [f64; 3],
+    /// Time (s).
+    pub time_s: f64,
+    /// Temperature (°C).
+    pub temperature_c: f64,
+}
+
 /// State of a link on which its errors can depend.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LinkReading {
@@ -72,6 +98,8 @@ pub struct LinkReading {
     pub q_m: f64,
     /// Line that its drum has paid out since command zero (m); zero without a drum.
     pub paid_out_m: f64,
+    /// Direction from its plate joint along the link, in TCP coordinates.
+    pub direction_on_plate: [f64; 3],
     /// Side of approach of that command, ±1.
     pub direction: f64,
     /// Time (s).
@@ -104,6 +132,10 @@ pub struct TcpReading {
 
 /// Error of a cart as a function.
 pub type CartFunction = dyn Fn(&CartReading) -> CartError + Send + Sync;
+/// Error that the drive of a link or crank adds to its command (m or rad), as a function.
+pub type DriveFunction = dyn Fn(&DriveReading) -> f64 + Send + Sync;
+/// Displacement (m) of a joint on the base, or of a crank, as a function.
+pub type BaseFunction = dyn Fn(&BaseReading) -> [f64; 3] + Send + Sync;
 /// Error of a link as a function.
 pub type LinkFunction = dyn Fn(&LinkReading) -> LinkError + Send + Sync;
 /// Error of a measured position (m) as a function.
@@ -114,6 +146,10 @@ pub type TcpFunction = dyn Fn(&TcpReading) -> [f64; 3] + Send + Sync;
 pub enum Physics {
     /// Displaces a cart.
     Cart(Arc<CartFunction>),
+    /// Adds to the command of a link that a drive lengthens, or of a crank (m or rad).
+    Drive(Arc<DriveFunction>),
+    /// Displaces joints on the base, and cranks with their joints (m).
+    Base(Arc<BaseFunction>),
     /// Changes a link.
     Link(Arc<LinkFunction>),
     /// Adds to the measured position of the TCP or of a target (m).
@@ -125,6 +161,8 @@ impl fmt::Debug for Physics {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Cart(_) => "Cart",
+            Self::Drive(_) => "Drive",
+            Self::Base(_) => "Base",
             Self::Link(_) => "Link",
             Self::Tcp(_) => "Tcp",
         })
@@ -171,7 +209,7 @@ impl Effect {
         }
     }
 
-    /// Its function of a cart, with the source it reads, where it acts there.
+    /// The function of a cart, with the source it reads, where it acts there.
     pub(crate) fn on_cart(&self, track: usize) -> Option<(&CartFunction, Option<usize>)> {
         let source = match self.place {
             Place::Cart {
@@ -187,344 +225,68 @@ impl Effect {
         }
     }
 
-    /// Its function of a link, where it acts there.
+    /// The function of a link, where it acts there.
     pub(crate) fn on_link(&self, link: usize) -> Option<&LinkFunction> {
-        match (&self.physics, self.place) {
-            (Physics::Link(error), Place::AllLinks) => {
-                let is_meant = self.links.as_ref().is_none_or(|own| own.contains(&link));
-                is_meant.then_some(error.as_ref())
-            }
-            (Physics::Link(error), Place::Link(place)) if place == link => Some(error.as_ref()),
+        match &self.physics {
+            Physics::Link(error) if self.means_link(link) => Some(error.as_ref()),
             _ => None,
         }
     }
 
-    /// Its function of the TCP, where it acts there.
+    /// The function of the drive that lengthens a link, where it acts there.
+    pub(crate) fn on_drive_of_link(&self, link: usize) -> Option<&DriveFunction> {
+        match &self.physics {
+            Physics::Drive(error) if self.means_link(link) => Some(error.as_ref()),
+            _ => None,
+        }
+    }
+
+    /// The function of the drive of a crank, where it acts there.
+    pub(crate) fn on_crank(&self, track: usize) -> Option<&DriveFunction> {
+        let is_meant = [Place::AllCranks, Place::Crank(track)].contains(&self.place);
+        match &self.physics {
+            Physics::Drive(error) if is_meant => Some(error.as_ref()),
+            _ => None,
+        }
+    }
+
+    /// The function of a joint on the base, where it acts there.
+    pub(crate) fn on_base_joint(&self, link: usize) -> Option<&BaseFunction> {
+        self.on_base(Place::BaseJoint(link))
+    }
+
+    /// The function of a crank that it displaces, where it acts there.
+    pub(crate) fn on_crank_centre(&self, track: usize) -> Option<&BaseFunction> {
+        self.on_base(Place::CrankCentre(track))
+    }
+
+    fn on_base(&self, place: Place) -> Option<&BaseFunction> {
+        let is_meant = [Place::AllBaseJoints, place].contains(&self.place);
+        match &self.physics {
+            Physics::Base(error) if is_meant => Some(error.as_ref()),
+            _ => None,
+        }
+    }
+
+    /// True if its place is a link, or all links of which it is one.
+    fn means_link(&self, link: usize) -> bool {
+        match self.place {
+            Place::Link(place) => place == link,
+            Place::AllLinks => self.links.as_ref().is_none_or(|own| own.contains(&link)),
+            _ => false,
+        }
+    }
+
+    /// True if what it does depends on how far the drives travel, or might.
+    pub(crate) fn reads_travel(&self) -> bool {
+        !self.listed || ALONG_TRAVEL.contains(&self.name.as_str())
+    }
+
+    /// The function of the TCP, where it acts there.
     pub(crate) fn on_tcp(&self) -> Option<&TcpFunction> {
         match &self.physics {
             Physics::Tcp(error) => Some(error.as_ref()),
             _ => None,
         }
     }
-}
-
-/// Subject of a listed effect.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Subject {
-    Cart,
-    CartFromSource,
-    Link,
-    DrivenLink,
-    LinkByLength,
-    LinkByAngle,
-    PulledLink,
-    Tcp,
-}
-
-impl Subject {
-    /// The links that it acts on, in words; `None` where it acts on none.
-    pub(crate) fn links(self) -> Option<&'static str> {
-        match self {
-            Self::Link => Some("links"),
-            Self::DrivenLink => Some("links that a drive lengthens"),
-            Self::LinkByLength => Some("links whose drive counts a length"),
-            Self::LinkByAngle => Some("links that a drum winds up"),
-            Self::PulledLink => Some("links that are pulled"),
-            Self::Cart | Self::CartFromSource | Self::Tcp => None,
-        }
-    }
-}
-
-/// A parameter of a listed effect.
-pub(crate) struct Parameter {
-    pub(crate) name: &'static str,
-    pub(crate) components: usize,
-    pub(crate) unit: &'static str,
-    /// True if the effect means nothing without it: a period.
-    pub(crate) required: bool,
-}
-
-/// A listed effect: its physics as a function of its parameters, one number a component.
-pub(crate) struct Listed {
-    pub(crate) name: &'static str,
-    pub(crate) subject: Subject,
-    pub(crate) parameters: &'static [Parameter],
-    pub(crate) physics: fn(Vec<f64>) -> Physics,
-}
-
-const fn amplitude(name: &'static str, unit: &'static str) -> Parameter {
-    Parameter {
-        name,
-        components: 1,
-        unit,
-        required: false,
-    }
-}
-
-const fn vector(name: &'static str, unit: &'static str) -> Parameter {
-    Parameter {
-        name,
-        components: 3,
-        unit,
-        required: false,
-    }
-}
-
-const PERIOD: Parameter = Parameter {
-    name: "period",
-    components: 1,
-    unit: "m",
-    required: true,
-};
-
-/// All listed effects.
-pub(crate) const LISTED: &[Listed] = &[
-    Listed {
-        name: "rack_pitch",
-        subject: Subject::Cart,
-        parameters: &[
-            amplitude("sine", "m"),
-            amplitude("cosine", "m"),
-            amplitude("second_sine", "m"),
-            amplitude("second_cosine", "m"),
-            PERIOD,
-        ],
-        physics: |p| {
-            let first = wave(p[0], p[1], p[4]);
-            let second = wave(p[2], p[3], 0.5 * p[4]);
-            shift(move |at| [first(at.q_m) + second(at.q_m), 0.0, 0.0])
-        },
-    },
-    Listed {
-        name: "pinion_eccentricity",
-        subject: Subject::Cart,
-        parameters: &[amplitude("sine", "m"), amplitude("cosine", "m"), PERIOD],
-        physics: |p| {
-            let wave = wave(p[0], p[1], p[2]);
-            shift(move |at| [wave(at.q_m), 0.0, 0.0])
-        },
-    },
-    Listed {
-        name: "positioning_error",
-        subject: Subject::Cart,
-        parameters: &[amplitude("degree2", "m"), amplitude("degree3", "m")],
-        physics: |p| {
-            shift(move |at| {
-                let [_, second, third] = legendre(at.q_m);
-                [p[0] * second + p[1] * third, 0.0, 0.0]
-            })
-        },
-    },
-    Listed {
-        name: "straightness",
-        subject: Subject::Cart,
-        parameters: &[
-            amplitude("horizontal2", "m"),
-            amplitude("horizontal3", "m"),
-            amplitude("vertical2", "m"),
-            amplitude("vertical3", "m"),
-        ],
-        physics: |p| {
-            shift(move |at| {
-                let [_, second, third] = legendre(at.q_m);
-                [
-                    0.0,
-                    p[0] * second + p[1] * third,
-                    p[2] * second + p[3] * third,
-                ]
-            })
-        },
-    },
-    Listed {
-        name: "angular_motion",
-        subject: Subject::Cart,
-        parameters: &[
-            amplitude("roll1", "rad"),
-            amplitude("roll2", "rad"),
-            amplitude("roll3", "rad"),
-            amplitude("pitch1", "rad"),
-            amplitude("pitch2", "rad"),
-            amplitude("pitch3", "rad"),
-            amplitude("yaw1", "rad"),
-            amplitude("yaw2", "rad"),
-            amplitude("yaw3", "rad"),
-        ],
-        physics: |p| {
-            cart(move |at| {
-                let shapes = legendre(at.q_m);
-                let angle = |axis: usize| (0..3).map(|k| p[3 * axis + k] * shapes[k]).sum();
-                CartError {
-                    shift_m: [0.0; 3],
-                    turn_rad: [angle(0), angle(1), angle(2)],
-                }
-            })
-        },
-    },
-    Listed {
-        name: "backlash",
-        subject: Subject::Cart,
-        parameters: &[amplitude("gap", "m")],
-        physics: |p| {
-            shift(move |at| {
-                [
-                    if at.direction < 0.0 {
-                        -p[0] / 2.0
-                    } else {
-                        p[0] / 2.0
-                    },
-                    0.0,
-                    0.0,
-                ]
-            })
-        },
-    },
-    Listed {
-        name: "cart_compliance",
-        subject: Subject::Cart,
-        parameters: &[
-            amplitude("along_compliance", "m/N"),
-            amplitude("horizontal_compliance", "m/N"),
-            amplitude("vertical_compliance", "m/N"),
-        ],
-        physics: |p| shift(move |at| [0, 1, 2].map(|axis| p[axis] * at.load_n[axis])),
-    },
-    Listed {
-        name: "link_compliance",
-        subject: Subject::Link,
-        parameters: &[amplitude("strain", "1/N")],
-        physics: |p| length(move |at| at.length_m * p[0] * at.tension_n),
-    },
-    Listed {
-        name: "length_offset",
-        subject: Subject::DrivenLink,
-        parameters: &[amplitude("offset", "m")],
-        physics: |p| length(move |_| p[0]),
-    },
-    Listed {
-        name: "length_scale",
-        subject: Subject::LinkByLength,
-        parameters: &[amplitude("scale", "1")],
-        physics: |p| length(move |at| at.q_m * p[0]),
-    },
-    Listed {
-        name: "drum_radius",
-        subject: Subject::LinkByAngle,
-        parameters: &[amplitude("error", "1")],
-        // A turn pays out a larger circumference.
-        physics: |p| length(move |at| (1.0 + p[0]) * at.paid_out_m - at.paid_out_m),
-    },
-    Listed {
-        name: "line_buildup",
-        subject: Subject::LinkByAngle,
-        parameters: &[amplitude("growth", "1/rad")],
-        // The mean radius on the way to the command, over that at command zero.
-        physics: |p| {
-            length(move |at| {
-                let radius = |q: f64| 1.0 - p[0] * q;
-                at.paid_out_m * (f64::midpoint(radius(0.0), radius(at.q_m)) - 1.0)
-            })
-        },
-    },
-    Listed {
-        name: "pull_strain",
-        subject: Subject::PulledLink,
-        parameters: &[amplitude("strain", "1")],
-        physics: |p| length(move |at| p[0] * at.length_m),
-    },
-    Listed {
-        name: "anchor_compliance",
-        subject: Subject::DrivenLink,
-        parameters: &[amplitude("yielding", "m/N")],
-        physics: |p| length(move |at| p[0] * at.tension_n),
-    },
-    Listed {
-        name: "link_thermal",
-        subject: Subject::Link,
-        parameters: &[amplitude("expansion", "1/K")],
-        physics: |p| length(move |at| at.length_m * p[0] * (at.temperature_c - REFERENCE_C)),
-    },
-    Listed {
-        name: "track_thermal",
-        subject: Subject::Cart,
-        parameters: &[amplitude("expansion", "1/K"), amplitude("shift", "m/K")],
-        physics: |p| {
-            shift(move |at| {
-                let warmer = at.temperature_c - REFERENCE_C;
-                [warmer * p[0] * at.q_m + warmer * p[1], 0.0, 0.0]
-            })
-        },
-    },
-    Listed {
-        name: "cart_crosstalk",
-        subject: Subject::CartFromSource,
-        parameters: &[amplitude("gain", "1")],
-        physics: |p| shift(move |at| [p[0] * at.source_q_m, 0.0, 0.0]),
-    },
-    Listed {
-        name: "tracker_drift",
-        subject: Subject::Tcp,
-        parameters: &[vector("rate", "m/s")],
-        physics: |p| tcp(move |at| [0, 1, 2].map(|axis| p[axis] * at.time_s)),
-    },
-    Listed {
-        name: "tracker_scale",
-        subject: Subject::Tcp,
-        parameters: &[amplitude("scale", "1")],
-        // The measured length holds the share, so that it is the true one over 1 − scale.
-        physics: |p| tcp(move |at| at.position_m.map(|x| x / (1.0 - p[0]) - x)),
-    },
-    Listed {
-        name: JOINT_PLACEMENT,
-        subject: Subject::Link,
-        parameters: &[vector("offset", "m")],
-        physics: |p| {
-            Physics::Link(Arc::new(move |_| LinkError {
-                length_m: 0.0,
-                joint_m: [p[0], p[1], p[2]],
-            }))
-        },
-    },
-];
-
-/// Listed effects that follow the forces in the arm, of which there are none without a payload.
-pub(super) const LOADED: [&str; 2] = ["cart_compliance", "link_compliance"];
-
-/// The listed effect that moves plate joints.
-pub(crate) const JOINT_PLACEMENT: &str = "joint_placement";
-
-/// Reference temperature of ISO 1 (°C).
-const REFERENCE_C: f64 = 20.0;
-
-fn cart(error: impl Fn(&CartReading) -> CartError + Send + Sync + 'static) -> Physics {
-    Physics::Cart(Arc::new(error))
-}
-
-fn shift(error: impl Fn(&CartReading) -> [f64; 3] + Send + Sync + 'static) -> Physics {
-    cart(move |at| CartError {
-        shift_m: error(at),
-        turn_rad: [0.0; 3],
-    })
-}
-
-fn length(error: impl Fn(&LinkReading) -> f64 + Send + Sync + 'static) -> Physics {
-    Physics::Link(Arc::new(move |at| LinkError {
-        length_m: error(at),
-        joint_m: [0.0; 3],
-    }))
-}
-
-fn tcp(error: impl Fn(&TcpReading) -> [f64; 3] + Send + Sync + 'static) -> Physics {
-    Physics::Tcp(Arc::new(error))
-}
-
-/// The wave of a wheel or a rack, once every `period` of travel.
-fn wave(sine: f64, cosine: f64, period: f64) -> impl Fn(f64) -> f64 + Send + Sync + 'static {
-    let (radius, phase) = (sine.hypot(cosine), cosine.atan2(sine));
-    move |q| radius * (TAU * (q / period) + phase).sin()
-}
-
-/// Legendre's polynomials of degree 1, 2 and 3, by their recurrence (n+1) Pₙ₊₁ = (2n+1) x Pₙ − n Pₙ₋₁.
-fn legendre(x: f64) -> [f64; 3] {
-    let second = (3.0 * x * x - 1.0) / 2.0;
-    [x, second, (5.0 * x * second - 2.0 * x) / 3.0]
 }

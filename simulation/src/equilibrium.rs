@@ -6,7 +6,7 @@
 use nalgebra::{DMatrix, DVector, Rotation3, Vector3};
 
 use super::closing::{self, SETTLED};
-use super::effect::{CartReading, Conditions, LinkReading};
+use super::effect::{BaseReading, CartReading, Conditions, DriveReading, Effect, LinkReading};
 use super::linear::least_norm;
 use super::machine::{CartState, Machine, State, track_frame};
 use super::parts::Pose;
@@ -130,10 +130,14 @@ impl Machine {
 
     /// Moves joints and changes lengths by what the effects say at the state's forces and pose.
     fn displace(&self, commands: &[f64], conditions: &Conditions, state: &mut State) {
-        let straight = self.unloaded(commands, state.pose);
+        let driven = self.driven(commands, conditions);
+        let mut straight = self.unloaded(&driven, state.pose);
+        for k in 0..self.rods.len() {
+            straight.joints_m[k] += self.shift_of_base(k, conditions);
+        }
         let command = |k: usize| commands.get(k).copied().unwrap_or(0.0);
         let direction = |k: usize| conditions.directions.get(k).copied().unwrap_or(1.0);
-        for track in 0..self.tracks {
+        for (track, &commanded) in driven.iter().enumerate().take(self.tracks) {
             let mut shift = Vector3::zeros();
             let mut turn = Vector3::zeros();
             for (effect, source) in self
@@ -144,6 +148,7 @@ impl Machine {
             {
                 let error = effect(&CartReading {
                     q_m: command(track),
+                    travel: self.travelled(track, command(track)),
                     source_q_m: source.map_or(0.0, command),
                     direction: direction(track),
                     time_s: conditions.time_s,
@@ -168,13 +173,16 @@ impl Machine {
             for &k in &on_cart {
                 state.joints_m[k] = point + turn * (straight.joints_m[k] - centre);
             }
-            let built = self.built_rotation(track, command(track));
+            let built = self.built_rotation(track, commanded);
             state.carts[track] = CartState {
                 point_m: point,
                 rotation: turn * built,
             };
         }
         for (k, rod) in self.rods.iter().enumerate() {
+            if rod.track.is_none() {
+                state.joints_m[k] = straight.joints_m[k];
+            }
             let own = rod.track.or(rod.actuated_by);
             let reading = LinkReading {
                 length_m: rod.undisturbed_m(rod.actuated_by.map_or(0.0, command)),
@@ -183,6 +191,12 @@ impl Machine {
                 paid_out_m: match (&rod.transmission, rod.actuated_by) {
                     (Some(_), Some(k)) => rod.length_at(command(k)) - rod.length_at(0.0),
                     _ => 0.0,
+                },
+                direction_on_plate: {
+                    let plate_joint =
+                        state.pose.position_m + state.pose.rotation * rod.plate_joint_m;
+                    let along = (state.joints_m[k] - plate_joint).normalize();
+                    (state.pose.rotation.inverse() * along).into()
                 },
                 direction: own.map_or(1.0, direction),
                 time_s: conditions.time_s,
@@ -198,6 +212,56 @@ impl Machine {
                 state.plate_joints_m[k] += Vector3::from(error.joint_m);
             }
         }
+    }
+
+    /// Commands (m or rad) with what the effects make the drives of links and cranks add to them.
+    fn driven(&self, commands: &[f64], conditions: &Conditions) -> Vec<f64> {
+        let reading = |drive: usize| DriveReading {
+            q: commands[drive],
+            travel: self.travelled(drive, commands[drive]),
+            direction: conditions.directions.get(drive).copied().unwrap_or(1.0),
+            time_s: conditions.time_s,
+            temperature_c: conditions.temperature_c,
+        };
+        let mut driven = commands.to_vec();
+        for effect in &self.effects {
+            for track in (0..self.tracks).filter(|&track| self.crank(track).is_some()) {
+                if let Some(error) = effect.on_crank(track) {
+                    driven[track] += error(&reading(track));
+                }
+            }
+            for (link, rod) in self.rods.iter().enumerate() {
+                if let (Some(drive), Some(error)) = (rod.actuated_by, effect.on_drive_of_link(link))
+                {
+                    driven[drive] += error(&reading(drive));
+                }
+            }
+        }
+        driven
+    }
+
+    /// Displacement (m) of the joint of a rod with the base, or with the crank that carries it.
+    fn shift_of_base(&self, link: usize, conditions: &Conditions) -> Vector3<f64> {
+        let rod = &self.rods[link];
+        let crank = rod
+            .track
+            .and_then(|track| Some((track, self.crank(track)?)));
+        let point = crank.map_or(rod.track_offset_m, |(_, crank)| crank.centre_m);
+        let reading = BaseReading {
+            point_m: point.into(),
+            time_s: conditions.time_s,
+            temperature_c: conditions.temperature_c,
+        };
+        let shift = |effect: &Effect| {
+            let error = match (crank, rod.track) {
+                (Some((track, _)), _) => effect.on_crank_centre(track)?,
+                (None, None) => effect.on_base_joint(link)?,
+                // Carts stand on tracks, which have errors of their own.
+                (None, Some(_)) => return None,
+            };
+            Some(Vector3::from(error(&reading)))
+        };
+        self.effects.iter().filter_map(shift).sum()
     }
 
     /// Tensions that hold the plate in equilibrium in its freedoms under payload and pulls, and the forces of the arm on

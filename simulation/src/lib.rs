@@ -15,6 +15,7 @@ mod equilibrium;
 mod folder;
 mod forces;
 mod linear;
+mod listed;
 mod machine;
 mod noise;
 mod parse;
@@ -30,8 +31,8 @@ mod write;
 
 pub use build::Build;
 pub use effect::{
-    CartError, CartFunction, CartReading, Conditions, Effect, LinkError, LinkFunction, LinkReading,
-    Physics, TcpFunction, TcpReading,
+    BaseFunction, BaseReading, CartError, CartFunction, CartReading, Conditions, DriveFunction,
+    DriveReading, Effect, LinkError, LinkFunction, LinkReading, Physics, TcpFunction, TcpReading,
 };
 pub use folder::{SimulatedFolder, Truth};
 pub use machine::{CartState, Machine, State};

@@ -32,6 +32,8 @@ pub struct Machine {
     pub payload: Option<Payload>,
     /// Physical errors.
     pub effects: Vec<Effect>,
+    /// Low and high end of the travel of each drive (m or rad), to which effects scale; empty while it is not known.
+    pub travel: Vec<[f64; 2]>,
 }
 
 /// A cart at a command, effects included.
@@ -147,6 +149,14 @@ impl Machine {
         }
         let (w, _) = shortest(&matrix, &travel);
         Rotation3::new(Vector3::new(w[0], w[1], w[2]))
+    }
+
+    /// A command from -1 at the low end of its drive's travel to 1 at the high end; 0 where the drive never moves.
+    pub(crate) fn travelled(&self, drive: usize, command: f64) -> f64 {
+        match self.travel.get(drive) {
+            Some([low, high]) if low < high => (2.0 * command - low - high) / (high - low),
+            _ => 0.0,
+        }
     }
 
     /// True if forces act in the arm: it carries a load, or some of its drives pull.

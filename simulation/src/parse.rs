@@ -10,7 +10,8 @@ use tau_robot::input_error::{InputError, Source, quoted, suggestion};
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::Value;
 
-use super::effect::{Effect, JOINT_PLACEMENT, LISTED, Listed, Parameter, Subject};
+use super::effect::Effect;
+use super::listed::{JOINT_PLACEMENT, LISTED, Listed, Parameter, Subject};
 
 impl Effect {
     /// An effect of the catalogue from text: its name, its place in parentheses, and after a colon its
@@ -143,8 +144,13 @@ impl Text<'_> {
                 .error(files::EFFECT_SYNTAX, head, message)
                 .help(EXAMPLE));
         };
-        let Some(listed) = LISTED.iter().find(|listed| listed.name == name.text) else {
-            let known = LISTED.iter().map(|listed| listed.name);
+        let of_name: Vec<&Listed> = (LISTED.iter())
+            .filter(|listed| listed.name == name.text)
+            .collect();
+        if of_name.is_empty() {
+            let mut known: Vec<&str> = LISTED.iter().map(|listed| listed.name).collect();
+            // Effects of one name stand together.
+            known.dedup();
             let mut described = robot.model.effects.iter();
             if described.any(|own| own.name == name.text) {
                 let message = format!(
@@ -152,7 +158,6 @@ impl Text<'_> {
                      check them against themselves",
                     name.text
                 );
-                let known: Vec<&str> = known.collect();
                 return Err(self
                     .error(files::NO_SUCH_EFFECT, name, message)
                     .help(format!(
@@ -167,7 +172,7 @@ impl Text<'_> {
                     format!("unknown effect `{}`", name.text),
                 )
                 .help(suggestion(name.text, known)));
-        };
+        }
         let Some(places) = rest.text.strip_suffix(')') else {
             return Err(self
                 .error(
@@ -182,7 +187,7 @@ impl Text<'_> {
             ..rest
         }
         .trim();
-        let place = self.place(listed, places, robot)?;
+        let (listed, place) = self.place(&of_name, places, robot)?;
         let Some(tail) = tail.filter(|tail| !tail.text.is_empty()) else {
             let names: Vec<String> = listed.parameters.iter().map(in_units).collect();
             return Err(self
@@ -201,10 +206,10 @@ impl Text<'_> {
         Ok(Effect {
             name: listed.name.to_owned(),
             place,
-            links: listed.subject.links().map(|_| {
+            links: listed.subject.is_link().then(|| {
                 let links = 0..robot.links.len();
                 links
-                    .filter(|&own| acts_on(listed.subject, robot, own))
+                    .filter(|&own| listed.subject.admits(robot, own))
                     .collect()
             }),
             listed: true,
@@ -213,113 +218,86 @@ impl Text<'_> {
         })
     }
 
-    fn place(&self, listed: &Listed, part: Part<'_>, robot: &Robot) -> Result<Place, InputError> {
-        let places = part.list();
-        let expected = match listed.subject {
-            Subject::CartFromSource => 2,
-            _ => 1,
+    /// The effect of a name that acts on a place as it is written, and that place.
+    fn place<'l>(
+        &self,
+        of_name: &[&'l Listed],
+        part: Part<'_>,
+        robot: &Robot,
+    ) -> Result<(&'l Listed, Place), InputError> {
+        let name = of_name[0].name;
+        let error = |part: Part<'_>, message: String, help: String| {
+            Err(self.error(files::EFFECT_PLACE, part, message).help(help))
         };
+        let has_source = of_name[0].subject == Subject::CartFromSource;
+        let (places, expected) = (part.list(), if has_source { 2 } else { 1 });
         if places.len() != expected {
-            let message = format!(
-                "`{}` acts at {expected} place{}",
-                listed.name,
-                plural(expected)
-            );
-            let help = match listed.subject {
-                Subject::CartFromSource => {
-                    "name the cart that moves and the one it follows: `(one, two)`"
-                }
-                _ => "name one place for each `--effect`",
+            let message = format!("`{name}` acts at {expected} place{}", plural(expected));
+            let help = if has_source {
+                "name the cart that moves and the one it follows: `(one, two)`"
+            } else {
+                "name one place for each `--effect`"
             };
-            return Err(self.error(files::EFFECT_PLACE, part, message).help(help));
+            return error(part, message, help.to_owned());
         }
-        let guideways = robot.tracks.iter().enumerate();
-        let guideways = guideways.filter(|(track, _)| !robot.is_crank(*track));
-        let guideways: Vec<(usize, &str)> = guideways
-            .map(|(track, name)| (track, name.as_str()))
+        let there: Vec<(&'l Listed, Vec<(&str, Place)>)> = (of_name.iter())
+            .map(|listed| (*listed, listed.subject.places(robot)))
+            .filter(|(_, places)| !places.is_empty())
             .collect();
-        let tracks = || guideways.iter().map(|(_, name)| *name);
-        let acts_on_carts = matches!(listed.subject, Subject::Cart | Subject::CartFromSource);
-        if acts_on_carts && guideways.is_empty() {
-            let message = format!(
-                "`{}` acts on a track's cart, and the robot has none",
-                listed.name
-            );
-            return Err(self
-                .error(files::EFFECT_PLACE, part, message)
-                .help("choose an effect on a link or on `tcp`"));
+        if there.is_empty() {
+            return error(part, lacking(of_name), "choose another effect".to_owned());
         }
-        let is_admitted = |own: &usize| acts_on(listed.subject, robot, *own);
-        let mut named = (0..robot.links.len())
-            .filter(|&own| ["all", &robot.links[own].name].contains(&places[0].text));
-        if let Some(links) = listed.subject.links()
-            && named.clone().next().is_some()
-            && !named.any(|own| is_admitted(&own))
-        {
-            let message = format!("`{}` acts on {links}", listed.name);
-            let others = robot.links.iter().enumerate();
-            let others = others.filter(|(own, _)| is_admitted(own));
-            let mut others = others.map(|(_, link)| link.name.as_str()).peekable();
-            let help = match others.peek() {
-                Some(_) => format!("expected one of {}", quoted(others)),
-                None => "the robot has none: choose another effect".to_owned(),
-            };
-            return Err(self.error(files::EFFECT_PLACE, part, message).help(help));
-        }
-        if listed.name == JOINT_PLACEMENT && robot.plate.is_point() {
+        if name == JOINT_PLACEMENT && robot.plate.is_point() {
             let message = "links that meet in a point have no plate joints to move";
-            return Err(self
-                .error(files::EFFECT_PLACE, part, message)
-                .help("choose another effect on a link"));
+            let help = "choose another effect on a link";
+            return error(part, message.to_owned(), help.to_owned());
         }
-        let links = || robot.links.iter().map(|link| link.name.as_str());
-        let unknown = |part: Part<'_>, what: &str, known: Vec<&str>| {
-            let message = format!(
-                "`{}` acts on a {what}, and `{}` is none",
-                listed.name, part.text
-            );
-            self.error(files::EFFECT_PLACE, part, message)
-                .help(suggestion(part.text, known))
+        let known = there.iter().flat_map(|(_, places)| places);
+        let of = |part: Part<'_>| {
+            let mut all = there.iter().flat_map(|(listed, places)| {
+                places.iter().map(|(name, place)| (*listed, *name, *place))
+            });
+            let found = all.find(|(_, name, _)| *name == part.text);
+            found.map(|(listed, _, place)| (listed, place))
         };
-        let track = |part: Part<'_>| {
-            let found = guideways.iter().find(|(_, name)| *name == part.text);
-            found
-                .map(|(track, _)| *track)
-                .ok_or_else(|| unknown(part, "track's cart", tracks().collect()))
+        let alls: Vec<(&'l Listed, Place)> = (there.iter())
+            .filter_map(|(listed, _)| Some((*listed, listed.subject.all()?)))
+            .collect();
+        let names = || known.clone().map(|(name, _)| *name);
+        let found = |part: Part<'_>| {
+            of(part).map_or_else(
+                || {
+                    let (message, help) = unknown(&there, part.text, names().collect(), robot);
+                    error(part, message, help)
+                },
+                Ok,
+            )
         };
-        Ok(match (listed.subject, places[0].text) {
-            (Subject::Cart, "all") => Place::AllCarts,
-            (Subject::Cart, _) => Place::Cart {
-                track: track(places[0])?,
-                source: None,
-            },
-            (Subject::CartFromSource, _) => {
-                let (moved, source) = (track(places[0])?, track(places[1])?);
-                if moved == source {
-                    return Err(self.error(
-                        files::EFFECT_PLACE,
-                        places[1],
-                        "a cart is not its own source",
-                    ));
-                }
-                Place::Cart {
-                    track: moved,
-                    source: Some(source),
-                }
+        match (places[0].text, alls.as_slice()) {
+            ("all", [all]) => Ok(*all),
+            ("all", [_, _, ..]) => {
+                let kinds = there.iter().map(|(listed, _)| listed.subject.described());
+                let message = format!("`{name}(all)` could mean {}", either(kinds));
+                let help = format!("name one place for each `--effect`: {}", quoted(names()));
+                error(places[0], message, help)
             }
-            (Subject::Tcp, "tcp") => Place::Tcp,
-            (Subject::Tcp, _) => {
-                let message = format!("`{}` acts on the tracker's target", listed.name);
-                return Err(self
-                    .error(files::EFFECT_PLACE, places[0], message)
-                    .help("its place is `tcp`"));
+            _ => {
+                let (listed, place) = found(places[0])?;
+                let (Some(source), Place::Cart { track, .. }) = (places.get(1), place) else {
+                    return Ok((listed, place));
+                };
+                let (_, other) = found(*source)?;
+                if other == place {
+                    let message = "a cart is not its own source";
+                    return Err(self.error(files::EFFECT_PLACE, *source, message));
+                }
+                let source = match other {
+                    Place::Cart { track, .. } => Some(track),
+                    _ => None,
+                };
+                Ok((listed, Place::Cart { track, source }))
             }
-            (_, "all") => Place::AllLinks,
-            (_, name) => match links().position(|link| link == name) {
-                Some(link) => Place::Link(link),
-                None => return Err(unknown(places[0], "link", links().collect())),
-            },
-        })
+        }
     }
 
     fn parameters(
@@ -421,19 +399,66 @@ fn in_units(parameter: &Parameter) -> String {
         (_, unit) => format!("`{name}=(…, …, …)` in {unit}"),
     }
 }
-/// True if an effect on such a subject acts on a link of an index.
-fn acts_on(subject: Subject, robot: &Robot, link: usize) -> bool {
-    let drive = robot.links[link].actuated_by;
-    let is_pulled = || {
-        let link = robot.model.links.get(link);
-        link.is_some_and(|link| link.pull.is_some())
-    };
-    match subject {
-        Subject::Link => true,
-        Subject::DrivenLink => drive.is_some(),
-        Subject::LinkByLength => drive.is_some_and(|drive| !robot.is_angle(drive)),
-        Subject::LinkByAngle => drive.is_some_and(|drive| robot.is_angle(drive)),
-        Subject::PulledLink => is_pulled(),
-        Subject::Cart | Subject::CartFromSource | Subject::Tcp => false,
+
+/// `carts`, `carts or cranks`, `carts, links or cranks`.
+fn either<'a>(words: impl Iterator<Item = &'a str>) -> String {
+    let words: Vec<&str> = words.collect();
+    match words.split_last() {
+        Some((last, [])) => (*last).to_owned(),
+        Some((last, others)) => format!("{} or {last}", others.join(", ")),
+        None => String::new(),
+    }
+}
+
+/// Says that a robot has nothing that effects of one name act on.
+fn lacking(of_name: &[&Listed]) -> String {
+    let name = of_name[0].name;
+    match of_name {
+        [one] if !one.subject.is_link() => {
+            let one = match one.subject {
+                Subject::Base => one.subject.described(),
+                subject => subject.described_one(),
+            };
+            format!("`{name}` acts on {one}, and the robot has none")
+        }
+        _ => {
+            let kinds = of_name.iter().map(|listed| listed.subject.described());
+            format!("`{name}` acts on {}, and the robot has none", either(kinds))
+        }
+    }
+}
+
+/// Message and help on a place that effects of one name do not act on; `known` are those of the robot that they do.
+fn unknown(
+    there: &[(&Listed, Vec<(&str, Place)>)],
+    place: &str,
+    known: Vec<&str>,
+    robot: &Robot,
+) -> (String, String) {
+    let name = there[0].0.name;
+    let subjects = || there.iter().map(|(listed, _)| listed.subject);
+    match (there, there[0].0.subject) {
+        ([_], Subject::Tcp) => (
+            format!("`{name}` acts on the tracker's target"),
+            "its place is `tcp`".to_owned(),
+        ),
+        ([_], Subject::Base) => (
+            format!("`{name}` acts on {}", Subject::Base.described()),
+            "its place is `all`".to_owned(),
+        ),
+        _ => {
+            let mut links = robot.links.iter();
+            if subjects().all(Subject::is_link) && links.any(|link| link.name == place) {
+                let kinds = either(subjects().map(Subject::described));
+                let help = format!("expected one of {}", quoted(known));
+                return (format!("`{name}` acts on {kinds}"), help);
+            }
+            let kinds = match there {
+                [(one, _)] => one.subject.described_one().to_owned(),
+                _ => either(subjects().map(Subject::described)),
+            };
+            let message = format!("`{name}` acts on {kinds}, and `{place}` is none");
+            (message, suggestion(place, known))
+        }
     }
 }

@@ -11,9 +11,10 @@ use tau_robot::robot_file::RobotFile;
 use super::build::{self, Build};
 use super::commanded::Commanded;
 use super::drawing::{self, Drawing};
-use super::effect::{self, Effect};
+use super::effect::Effect;
 use super::folder::{SimulatedFolder, Truth};
 use super::forces;
+use super::listed::LOADED;
 use super::machine::{Machine, State};
 use super::noise;
 use super::plan::{Planner, Poses, SECONDS, Stop, Stops, number};
@@ -115,7 +116,7 @@ impl<'a> Session<'a> {
             }
         }
         let follows_forces =
-            |effect: &&Effect| effect.listed && effect::LOADED.contains(&effect.name.as_str());
+            |effect: &&Effect| effect.listed && LOADED.contains(&effect.name.as_str());
         let following = machine.effects.iter().find(follows_forces);
         if let Some(effect) = following.filter(|_| !machine.is_loaded()) {
             let message = format!(
@@ -143,7 +144,39 @@ impl<'a> Session<'a> {
         })
     }
 
-    fn run(self) -> Result<SimulatedFolder, InputError> {
+    /// The folder. Effects along the travel of a drive scale to what the robot file states of it, or else to the extent of
+    /// the commands in the folder. Redundant drives follow the plate, so that their commands depend on the effects again;
+    /// each round brings both nearer by the size of the effects over that of the machine.
+    fn run(mut self) -> Result<SimulatedFolder, InputError> {
+        /// Change of the travel, as a share of it, that is rounding.
+        const SETTLED: f64 = 1e-13;
+        const ROUNDS: usize = 8;
+        let stated = &self.simulation.file.measuring.travel;
+        self.machine.travel.clone_from(stated);
+        let mut simulated = self.measure()?;
+        if !stated.is_empty() || !self.machine.effects.iter().any(Effect::reads_travel) {
+            return Ok(simulated);
+        }
+        for _ in 0..ROUNDS {
+            let found = simulated.folder.travel(self.machine.commands);
+            let pairs = found.iter().zip(&self.machine.travel);
+            let is_settled = found.len() == self.machine.travel.len()
+                && pairs
+                    .clone()
+                    .all(|([low, high], [low_before, high_before])| {
+                        let change = (low - low_before).abs().max((high - high_before).abs());
+                        change <= SETTLED * (high - low)
+                    });
+            if is_settled {
+                break;
+            }
+            self.machine.travel = found;
+            simulated = self.measure()?;
+        }
+        Ok(simulated)
+    }
+
+    fn measure(&self) -> Result<SimulatedFolder, InputError> {
         let simulation = self.simulation;
         let seed = simulation.seed;
         let is_random = matches!(simulation.poses, Poses::Random { .. });
@@ -274,7 +307,7 @@ impl<'a> Session<'a> {
                     .map(|link| link.name.clone())
                     .collect(),
                 tracks: simulation.robot.tracks.clone(),
-                machine: self.machine,
+                machine: self.machine.clone(),
             },
         })
     }
@@ -422,7 +455,7 @@ impl<'a> Session<'a> {
         });
         let largest = forces.fold(0.0, f64::max);
         let following = self.machine.effects.iter();
-        let following = following.filter(|effect| effect::LOADED.contains(&effect.name.as_str()));
+        let following = following.filter(|effect| LOADED.contains(&effect.name.as_str()));
         for effect in following.filter(|_| largest < NO_FORCE_N) {
             says_nothing(format!(
                 "`{}` does nothing: no forces act in the arm at these poses",

@@ -268,15 +268,19 @@ pub(super) fn place(effect: &Effect, robot: &Robot) -> String {
         Place::Cart {
             track,
             source: None,
-        } => robot.tracks[track].clone(),
+        }
+        | Place::Crank(track)
+        | Place::CrankCentre(track) => robot.tracks[track].clone(),
         Place::Cart {
             track,
             source: Some(source),
         } => {
             format!("{},{}", robot.tracks[track], robot.tracks[source])
         }
-        Place::Link(link) => robot.links[link].name.clone(),
-        Place::AllCarts | Place::AllLinks => "all".to_owned(),
+        Place::Link(link) | Place::BaseJoint(link) => robot.links[link].name.clone(),
+        Place::AllCarts | Place::AllLinks | Place::AllCranks | Place::AllBaseJoints => {
+            "all".to_owned()
+        }
         Place::Tcp => "tcp".to_owned(),
     }
 }

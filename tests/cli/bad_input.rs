@@ -272,6 +272,23 @@ fn measurements_of_drives_that_the_robot_lacks_are_refused() {
     insta::assert_snapshot!("drives", refusals(&work, cases));
 }
 
+/// A folder says how far drives travel; without one the robot file has to.
+#[test]
+fn travel_that_nothing_states_is_asked_for() {
+    let work = Work::prototype();
+    let effect =
+        "effect bend on cart { param size: length tol 1 mm; vertical += size * travel^2; }\n";
+    let own = std::fs::read_to_string(GANTRY).unwrap();
+    let body = own.trim_end().strip_suffix('}').unwrap();
+    work.write(
+        "x.tau",
+        format!("{effect}{body}    variant Bent = Full + bend(one);\n}}\n"),
+    );
+    let cases = "
+        kinematics forward --model DIR/x.tau --robot DIR/measured/robot.toml --variant Bent --commands 0,0,0 => T257 measured/robot.toml";
+    insta::assert_snapshot!("travel", refusals(&work, cases));
+}
+
 /// Without a robot file there is none to add anything to.
 #[test]
 fn a_missing_reference_is_asked_of_the_file_that_is_there() {

@@ -62,7 +62,8 @@ fn the_noise_of_measured_points_gets_no_name() {
 fn an_effect_is_confirmed_beside_measured_points() {
     let found = trial("03").discovered("--base BestPerLink");
     assert_eq!(effects(&found), ["backlash(one)"]);
-    assert_eq!(found["status"], "explained");
+    // Paths through measured points have their noise, which the fit does not know.
+    assert_eq!(found["status"], "partly_explained");
     assert!(at(&found, "validation.after.mean_um") < 20.0);
 }
 

@@ -73,7 +73,15 @@ fn noise_stated_a_quarter_wrong_changes_no_verdict_and_is_reported() {
         }
         let (found, stated_right) = (work.discovered(""), found_in_trial(name));
         assert_eq!(effects(&found), effects(stated_right), "{name}");
-        assert_eq!(found["status"], stated_right["status"], "{name}");
+        // Noise that is stated too small is a misfit, too.
+        let is_consistent = found["fit"]["status"] == "consistent";
+        assert_eq!(is_consistent, factor > 1.0, "{name}");
+        let told = if is_consistent {
+            &stated_right["status"]
+        } else {
+            &Value::from("unresolved")
+        };
+        assert_eq!(found["status"], *told, "{name}");
         for noise in list(&found["noise"]) {
             // A hundred residuals and more: a standard deviation is known to 7 % and better.
             assert_alike(at(noise, "factor") * factor, 1.0, 0.15);
@@ -89,7 +97,7 @@ fn a_dimension_far_from_its_drawing_is_remarked() {
     let work = trial("01");
     work.replace("value = 2.04413", "value = 2.04713");
     let found = work.discovered("");
-    assert_eq!(found["status"], "nothing_missing");
+    assert_eq!(found["status"], "unresolved");
     assert_eq!(remarks(&found, FAR_FROM_DRAWING), 1);
     let pull = &found["pulls"][0];
     assert_eq!(pull["parameter"], "l1.length");
@@ -167,7 +175,7 @@ fn a_second_harmonic_earns_its_place() {
         "{text}"
     );
     assert_near(&found, 0.1, &[("sine", 2.5e-5), ("period", 0.02)]);
-    assert_near(&found, 0.1, &[("cosine", 1e-5), ("second_sine", 1.5e-5)]);
+    assert_near(&found, 0.12, &[("cosine", 1e-5), ("second_sine", 1.5e-5)]);
     let [value, sigma] = estimate(&found, "second_cosine");
     assert!(value.abs() < 4.0 * sigma, "{value} ± {sigma}");
 }

@@ -55,6 +55,18 @@ fn effects_of_other_robots_have_their_names() {
     }
 }
 
+/// The side of approach is that of a leg's own drive: a machine without tracks has one, too.
+#[test]
+fn sides_of_approach_are_those_of_the_drives() {
+    let work = Work::simulated("--model hexapod --poses 60 --seed 1 --random-approach");
+    let found = work.discovered("");
+    let seen = of_effect(&found, "detectable", "backlash").into_iter();
+    let places: Vec<&str> = seen.filter_map(|own| own["place"].as_str()).collect();
+    for leg in ["leg1", "leg2", "leg3", "leg4", "leg5", "leg6", "all"] {
+        assert!(places.contains(&leg), "{places:?}");
+    }
+}
+
 /// A leg that is longer than its drive counts is as good as another length of it, but for the tolerance of that: it is
 /// tried and named, though it has no amplitude beyond which measurements alone would show it.
 #[test]

@@ -21,7 +21,8 @@ pub(crate) fn hidden_is_found(simulation: &str, hidden: &str, arguments: &str) -
     let found = work.discovered(arguments);
     let mut parts = hidden.split([':', ',']);
     assert_eq!(effects(&found), [parts.next().unwrap()], "{simulation}");
-    assert_eq!(found["status"], "explained", "{hidden}");
+    let reasons = &found["fit"]["reasons"];
+    assert_eq!(found["status"], "explained", "{hidden} {reasons:#}");
     // Of several parameters the first one is known well.
     for (value, share) in parts.zip([0.5, f64::INFINITY, f64::INFINITY]) {
         let (parameter, value) = value.split_once('=').unwrap();

@@ -86,9 +86,6 @@ fn every_code_is_documented() {
     assert_eq!(shown, expected, "{PAGE}");
 }
 
-/// Codes whose words no snapshot shows: no input is known that leads to them.
-const NOT_SHOWN: &[&str] = &["T351", "T353", "T390", "T643"];
-
 #[test]
 fn every_code_is_shown_by_a_snapshot() {
     let snapshots = texts(".snap", |_| true);
@@ -96,5 +93,5 @@ fn every_code_is_shown_by_a_snapshot() {
         .map(|code| code.to_string())
         .filter(|code| !snapshots.contains(code))
         .collect();
-    assert_eq!(hidden, NOT_SHOWN);
+    assert!(hidden.is_empty(), "{hidden:?}");
 }

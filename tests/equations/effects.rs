@@ -15,6 +15,8 @@ pub(crate) const GANTRY_TAU: &str = include_str!("robots/gantry_tau.tau");
 const HYBRID: &str = include_str!("robots/hybrid.tau");
 /// Lines on drums and belts.
 const LINES: &str = include_str!("robots/lines.tau");
+/// Cranks, a driven link and a passive one on the base, and effects of all targets on them.
+const DRIVES: &str = include_str!("robots/drives.tau");
 
 /// A description with the catalogue and more lines.
 pub(crate) fn with_catalogue(description: &str, lines: &str) -> String {
@@ -35,8 +37,9 @@ fn written(model: &Model, effect: &Effect, place: Place) -> String {
             source: Some(source),
         } => format!("{}, {}", track(moved), track(source)),
         Place::Cart { track: moved, .. } => track(moved).clone(),
-        Place::Link(link) => model.links[link].name.clone(),
-        Place::AllCarts | Place::AllLinks => "all".into(),
+        Place::Link(link) | Place::BaseJoint(link) => model.links[link].name.clone(),
+        Place::Crank(own) | Place::CrankCentre(own) => track(own).clone(),
+        Place::AllCarts | Place::AllLinks | Place::AllCranks | Place::AllBaseJoints => "all".into(),
         Place::Tcp => "tcp".into(),
     };
     format!("{}({place})", effect.name)
@@ -126,6 +129,12 @@ fn all_effects_together_agree_with_dual_numbers() {
         }
         check_description(&with_catalogue(description, &(line + ";")), 0..3);
     }
+}
+
+/// Drives that add to their commands, and base joints that move, whatever they read.
+#[test]
+fn effects_on_drives_and_base_joints_agree_with_dual_numbers() {
+    check_description(DRIVES, 0..3);
 }
 
 /// An effect on a cart is seen in all three sets, by the same parameters, and neither by other links nor by other carts.

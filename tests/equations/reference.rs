@@ -139,10 +139,77 @@ impl Reference<'_> {
     }
 
     fn length(&self, owner: Owner) -> Dual64 {
+        self.length_by(owner, false)
+    }
+
+    fn length_by(&self, owner: Owner, driven: bool) -> Dual64 {
+        let scope = Scope {
+            driven,
+            ..self.of_link(owner)
+        };
         match self.derived(owner, Value::Length) {
-            Some(formula) => self.formula(formula, self.of_link(owner)),
+            Some(formula) => self.formula(formula, scope),
             None => self.parameter(owner, "length", None),
         }
+    }
+
+    /// A command with all that effects add to it.
+    fn driven(&self, command: usize) -> Dual64 {
+        let mut driven = self.datum(Input::Command(command));
+        let links = || self.model.links.iter().enumerate();
+        let own = links().find(|(_, link)| link.actuated_by == Some(command));
+        let is_crank = (self.model.tracks.get(command)).is_some_and(|own| own.crank.is_some());
+        for (effect, used) in self.described.effects.iter().enumerate() {
+            let found = &self.model.effects[used.effect];
+            let acts = match used.place {
+                Place::Crank(track) => track == command,
+                Place::AllCranks => is_crank,
+                Place::Link(link) => own.is_some_and(|(index, _)| index == link),
+                Place::AllLinks => own.is_some_and(|(_, link)| found.subject.admits(link)),
+                _ => false,
+            };
+            let link = own.map(|(index, _)| index);
+            let scope = Scope {
+                effect,
+                command: Some(command),
+                link,
+                length_of: link.map(Owner::Link),
+                set_one: true,
+                ..Scope::default()
+            };
+            let terms = found.terms.iter();
+            for term in terms.filter(|term| acts && term.target == Target::Command) {
+                driven += self.formula(&term.formula, scope);
+            }
+        }
+        driven
+    }
+
+    /// Displacement of a joint on the base or on a crank.
+    fn shift(&self, owner: Owner, of: usize, track: Option<usize>) -> V {
+        let crank = track.filter(|&track| self.model.tracks[track].crank.is_some());
+        let mut shift = V::zeros();
+        for (effect, used) in self.described.effects.iter().enumerate() {
+            let acts = match used.place {
+                Place::BaseJoint(link) if self.is_full() => link == of,
+                Place::BaseJoint(link) => self.model.links[link].cluster == of,
+                Place::CrankCentre(own) => crank == Some(own),
+                Place::AllBaseJoints => track.is_none() || crank.is_some(),
+                _ => false,
+            };
+            let scope = Scope {
+                effect,
+                command: crank.or(self.of_link(owner).command),
+                base_of: Some(crank.map_or(owner, Owner::Crank)),
+                set_one: true,
+                ..Scope::default()
+            };
+            let terms = self.model.effects[used.effect].terms.iter();
+            for term in terms.filter(|_| acts) {
+                shift += self.formulas(&term.formula, scope);
+            }
+        }
+        shift
     }
 
     fn value(&self, owner: Owner, value: Value) -> V {
@@ -168,7 +235,7 @@ impl Reference<'_> {
             owner
         };
         let offset = self.value(owner, Value::TrackOffset);
-        let q = self.datum(Input::Command(track));
+        let q = self.driven(track);
         let (travel, direction) = match self.variant.tracks[track].shape {
             TrackShape::Linear => {
                 let direction = match self.derived(owner, Value::TrackDirection) {
@@ -263,7 +330,7 @@ impl Reference<'_> {
         let actuated = self.of_link(owner).command;
         let plate = self.model.plate;
         let has_joint = self.is_full() && !plate.is_point();
-        let mut length = self.length(owner);
+        let mut length = self.length_by(owner, true);
         let mut tcp = self.data(Input::Position);
         let mut joint = if has_joint {
             self.value(owner, Value::PlateJoint)
@@ -287,6 +354,7 @@ impl Reference<'_> {
                     Target::Length => length += self.formula(&term.formula, scope),
                     Target::Joint => joint += self.formulas(&term.formula, scope),
                     Target::Position => tcp -= self.formulas(&term.formula, scope),
+                    Target::Command => {}
                     other => panic!("{other:?}"),
                 }
             }
@@ -294,7 +362,7 @@ impl Reference<'_> {
         if let Some(command) = actuated
             && self.derived(owner, Value::Length).is_none()
         {
-            length += self.datum(Input::Command(command));
+            length += self.driven(command);
         }
         let base = match track {
             None => self.value(owner, Value::TrackOffset),
@@ -309,6 +377,7 @@ impl Reference<'_> {
                 own + travel + moved.unwrap_or_else(V::zeros)
             }
         };
+        let base = base + self.shift(owner, of, track);
         if plate.is_in_plane() {
             tcp[2] = Dual64::from(0.0);
         }

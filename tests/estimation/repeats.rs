@@ -9,7 +9,7 @@ use tau::simulation::{Effect, Measure, Noise, Simulation};
 use tau::trust::{Reason, Status, Verdict};
 use tau::unknown_poses::{KindRepeats, UnknownPoses};
 use tau::weighing::Treatment;
-use tau_testkit::{Random, Work, list, number, robots, said};
+use tau_testkit::{Random, Table, Work, list, number, robots, said};
 
 use crate::unknown_poses::Measured;
 
@@ -313,4 +313,33 @@ fn repeats_are_said_by_the_command() {
     });
     let ran = work.run("calibrate MEASURED --variant Full --split all --out DIR/c");
     assert!(ran.says("T325") && !ran.out.contains("NaN"), "{}", ran.out);
+}
+
+/// Whoever counts poses may give all readings of one the same number.
+#[test]
+fn readings_may_share_the_number_of_their_pose() {
+    let simulated = "--model servo_hexapod --random --poses 40 --readings 2 --seed 2";
+    let work = Work::simulated(simulated);
+    let apart = work.calibrated("--variant Full --split all");
+    let commands = |table: &Table, row: usize| -> Vec<String> {
+        let commands = (1..=6).map(|k| table.cell(row, &format!("q{k}_rad")).to_owned());
+        commands.collect()
+    };
+    work.edit("tcp_poses.csv", |table| {
+        let first = |row: usize| (1..row).find(|&own| commands(table, own) == commands(table, row));
+        let shared: Vec<usize> = (1..=table.rows.len())
+            .map(|row| first(row).unwrap_or(row))
+            .collect();
+        assert!(shared.iter().enumerate().any(|(row, own)| row + 1 != *own));
+        for (row, number) in shared.into_iter().enumerate() {
+            table.set(row + 1, "pose", number);
+        }
+    });
+    let together = work.calibrated("--variant Full --split all");
+    for key in ["chi2", "dof", "status"] {
+        assert_eq!(together["fit"][key], apart["fit"][key], "{key}");
+    }
+    work.edit("tcp_poses.csv", |table| table.set(3, "pose", 1));
+    work.run("check MEASURED")
+        .refused(&[("T226", "measured/tcp_poses.csv", 4)]);
 }

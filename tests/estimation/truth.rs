@@ -227,6 +227,10 @@ fn discovery_considers_what_a_robot_can_have() {
             .collect();
         assert!(!names.contains(&"joint_placement"), "{robot}: {names:?}");
         let has_carts = robot == "linear_delta";
-        assert_eq!(names.contains(&"backlash"), has_carts, "{robot}: {names:?}");
+        assert_eq!(
+            names.contains(&"straightness"),
+            has_carts,
+            "{robot}: {names:?}"
+        );
     }
 }

@@ -7,7 +7,7 @@ use tau::simulation::Effect;
 use tau_testkit::{Work, robots};
 
 /// Effects, the code of what is wrong with each, and what is marked.
-const EFFECTS: [(&str, &str, &str); 15] = [
+const EFFECTS: [(&str, &str, &str); 17] = [
     ("rack_pich(two): sine=8e-5", "T291", "rack_pich"),
     ("rack_pitch(tow): sine=8e-5, period=0.01", "T292", "tow"),
     ("rack_pitch(two): sin=8e-5, period=0.01", "T293", "sin"),
@@ -19,6 +19,8 @@ const EFFECTS: [(&str, &str, &str); 15] = [
     ("cart_crosstalk(one): gain=1e-5", "T292", "one"),
     ("cart_crosstalk(one, one): gain=1e-5", "T292", "one"),
     ("tracker_scale(two): scale=1e-5", "T292", "two"),
+    ("gear_error(one): sine=1e-4, period=0.5", "T292", "one"),
+    ("base_thermal(all): expansion=1e-5", "T292", "all"),
     ("joint_placement(l2b): offset=1e-4", "T293", "1e-4"),
     ("link_thermal(l2): expansion=1e-5", "T292", "l2"),
     ("backlash", "T290", "backlash"),
@@ -68,7 +70,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn no_text_of_an_effect_makes_the_parser_panic(text in "[a-z_(): =,.0-9é\\[\\]-]{0,40}", case in 0..15_usize) {
+    fn no_text_of_an_effect_makes_the_parser_panic(text in "[a-z_(): =,.0-9é\\[\\]-]{0,40}", case in 0..17_usize) {
         let robot = robots::gantry_tau();
         let _ = Effect::parse(&text, &robot, "--effect");
         let name = EFFECTS[case].0.split('(').next().unwrap();
@@ -129,7 +131,7 @@ fn all_mistakes_are_named_at_once_and_nothing_is_written() {
         ),
         // No cart, no plate joints, and a belt whose tension is known.
         (
-            "--model five_bar --effect backlash(left):gap=1e-5",
+            "--model five_bar --effect track_thermal(left):shift=1e-6",
             &[("T292", "--effect", 1)],
         ),
         (

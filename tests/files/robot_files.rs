@@ -98,6 +98,48 @@ fn nothing_is_validated_where_all_poses_calibrate() {
     }
 }
 
+/// Polynomials scale to the travel of the drives in the folder that calibrated; its file says what that was.
+#[test]
+fn a_calibration_writes_the_travel_that_its_effects_read() {
+    let work = Work::prototype();
+    let effect =
+        "effect bend on cart { param size: length tol 1 mm; vertical += size * travel^2; }\n";
+    let own = std::fs::read_to_string(GANTRY).unwrap();
+    let body = own.trim_end().strip_suffix('}').unwrap();
+    work.write(
+        "x.tau",
+        format!("{effect}{body}    variant Bent = Full + bend(one);\n}}\n"),
+    );
+    let with = "--model DIR/x.tau --variant";
+    let calibrate = |more: &str| json(&work, &format!("calibrate MEASURED {with} {more}"));
+    calibrate("Full --out DIR/plain");
+    assert!(file(&work, "plain/robot.toml").measuring.travel.is_empty());
+
+    let found = calibrate("Bent --out DIR/fit");
+    let written = file(&work, "fit/robot.toml");
+    // Nothing is said of their noise, which would be another calibration.
+    assert!(written.measuring.drives.is_empty());
+    let [low, high] = written.measuring.travel[0];
+    assert!(low < -0.6 && high > 0.6, "{low} {high}");
+
+    // Alone it moves the plate as it did there, with another travel it does not.
+    let x = |robot: &str| {
+        let line = format!("kinematics forward {with} Bent --robot {robot} --commands 0.5,0,0");
+        number(&json(&work, &line)["poses"][0]["position_m"][2])
+    };
+    let text = work.read("fit/robot.toml");
+    let (before, after) = text.split_once("travel = [[").unwrap();
+    let (_, rest) = after.split_once(']').unwrap();
+    work.write("other.toml", format!("{before}travel = [[-0.1, 0.1]{rest}"));
+    let size = written.effects["bend(one)"]["size"].value[0];
+    let off = x("DIR/other.toml") - x("DIR/fit/robot.toml");
+    assert!(off.abs() > size.abs(), "{off} {size}");
+    // On the folder it has the errors that the calibration said.
+    let line = format!("evaluate MEASURED {with} Bent --robot DIR/fit/robot.toml");
+    let again = json(&work, &line);
+    assert!((mean(&again) - mean(&found)).abs() < 1e-3);
+}
+
 #[test]
 fn a_file_says_where_it_comes_from() {
     let work = Work::empty();

@@ -142,7 +142,7 @@ fn residual(context: &mut Context<'_>, of: usize, turn: Option<Vector>) -> Expr 
     context.own_command = track.or(actuated_by);
 
     let mut tcp = context.vector_datum(Input::Position);
-    let mut length = context.length(owner);
+    let mut length = context.driven_length(owner);
     let plate = context.model.plate;
     let mut joint = match context.variant.arm {
         Arm::Full if plate.is_point() => None,
@@ -161,7 +161,7 @@ fn residual(context: &mut Context<'_>, of: usize, turn: Option<Vector>) -> Expr 
                 (links.iter()).any(|&link| subject.admits(&context.model.links[link]))
             }
             Place::Link(link) => links.contains(&link),
-            Place::Tcp | Place::Cart { .. } | Place::AllCarts => false,
+            _ => false,
         };
         if !applies {
             continue;
@@ -174,6 +174,7 @@ fn residual(context: &mut Context<'_>, of: usize, turn: Option<Vector>) -> Expr 
             link: links.first().copied(),
             length_of: Some(owner),
             at_tcp: true,
+            ..Scope::default()
         };
         for (target, value) in context.terms(index, scope) {
             match (target, value.as_slice()) {
@@ -181,6 +182,8 @@ fn residual(context: &mut Context<'_>, of: usize, turn: Option<Vector>) -> Expr 
                 (Target::Joint, &[x, y, z]) => {
                     joint = joint.map(|joint| vector::add(&mut context.g, joint, [x, y, z]));
                 }
+                // What the drive adds to its command stands in the length that follows from it.
+                (Target::Command, _) => {}
                 _ => unreachable!("the checker admits only such targets on a link"),
             }
         }
@@ -188,13 +191,16 @@ fn residual(context: &mut Context<'_>, of: usize, turn: Option<Vector>) -> Expr 
     // A formula reads its command itself.
     let counts_from_zero = context.formula_of(owner, Value::Length).is_none();
     if let Some(command) = actuated_by.filter(|_| counts_from_zero) {
-        let q = context.datum(Input::Command(command));
+        let q = context.driven(command);
         length = context.g.add(length, q);
     }
-    let base = match track {
+    let mut base = match track {
         Some(track) => context.joint_position(owner, track),
         None => context.vector_value(owner, Value::TrackOffset),
     };
+    for shift in context.base_shifts(owner, &links, track) {
+        base = vector::add(&mut context.g, base, shift);
+    }
     if plate.is_in_plane() {
         tcp[2] = context.g.constant(0.0);
     }

@@ -222,6 +222,8 @@ impl<'a> Context<'a> {
             Input::SegmentStartCommand(_) => "segment_start_q".into(),
             Input::SegmentEndCommand(_) => "segment_end_q".into(),
             Input::Held(index) => self.local_name(&self.table[index]),
+            Input::TravelMiddle(command) => qualified("travel_middle", command),
+            Input::TravelHalf(command) => qualified("travel_half", command),
         }
     }
 }

@@ -13,7 +13,7 @@ use crate::graph::{Elementary, Expr, Graph};
 /// Meaning of a formula's words at a place.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Scope {
-    /// The command that `q` and `direction` mean.
+    /// The command that `q`, `travel` and `direction` mean.
     pub command: Option<usize>,
     /// The track whose load is read.
     pub track: Option<usize>,
@@ -23,13 +23,15 @@ pub struct Scope {
     pub link: Option<usize>,
     /// Owner of `length`.
     pub length_of: Option<Owner>,
+    /// Link, cluster or crank whose base joint or centre is read.
+    pub base_of: Option<Owner>,
     /// True if `x`, `y`, `z` are the measured position of this residual (set 1), or the TCP's elsewhere.
     pub at_tcp: bool,
 }
 
 impl Scope {
-    /// The datum that a quantity is; `None` for lengths, which are values of the machine, and for what does not exist
-    /// here.
+    /// The datum that a quantity is; `None` for travels, which are two more, for lengths and base joints, which are values
+    /// of the machine, and for what does not exist here.
     pub fn input(&self, readable: Readable) -> Option<Input> {
         let load = |component| {
             let track = self.track?;
@@ -48,7 +50,7 @@ impl Scope {
             Readable::Tension => self.link.map(Input::Tension),
             Readable::Position(component) if self.at_tcp => Some(Input::Position(component)),
             Readable::Position(component) => Some(Input::TcpPosition(component)),
-            Readable::Length | Readable::PaidOut => None,
+            Readable::Travel | Readable::Length | Readable::PaidOut | Readable::Base(_) => None,
         }
     }
 }
@@ -139,8 +141,19 @@ struct Placed<'c, 'm> {
     scope: Scope,
     /// Index of the effect in the variant.
     effect: Option<usize>,
-    /// True if the command is taken as zero.
-    at_zero: bool,
+    /// The command that values of the machine follow.
+    reading: Reading,
+}
+
+/// The command that values of the machine follow.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Reading {
+    /// As it is among the data: what effects read.
+    Commanded,
+    /// With what effects make the drive add to it.
+    Driven,
+    /// Zero.
+    AtZero,
 }
 
 impl Leaves for Placed<'_, '_> {
@@ -178,7 +191,14 @@ impl Leaves for Placed<'_, '_> {
             Formula::Read(readable) => {
                 let known = "the checker admits this quantity only where it exists";
                 match readable {
-                    Readable::Command if self.at_zero => context.g.constant(0.0),
+                    Readable::Command if self.reading == Reading::AtZero => context.g.constant(0.0),
+                    Readable::Command if self.reading == Reading::Driven => {
+                        context.driven(scope.command.expect(known))
+                    }
+                    Readable::Travel => context.travel(scope.command.expect(known)),
+                    Readable::Base(component) => {
+                        context.base(scope.base_of.expect(known))[*component]
+                    }
                     Readable::Length => context.length(scope.length_of.expect(known)),
                     Readable::PaidOut => context.paid_out(scope.length_of.expect(known)),
                     _ => {
@@ -228,17 +248,29 @@ impl Context<'_> {
         formula: &Formula,
         scope: Scope,
     ) -> Vec<Expr> {
-        self.placed(formula, scope, Some(effect), false)
+        self.placed(formula, scope, Some(effect), Reading::Commanded)
     }
 
-    /// A formula that a value of the machine is; with its command taken as zero where `at_zero` says so.
+    /// A formula that a value of the machine is.
     pub(super) fn of_machine(
         &mut self,
         formula: &Formula,
         scope: Scope,
-        at_zero: bool,
+        reading: Reading,
     ) -> Vec<Expr> {
-        self.placed(formula, scope, None, at_zero)
+        self.placed(formula, scope, None, reading)
+    }
+
+    /// A command as a number: from -1 to 1 over the travel of its drive.
+    fn travel(&mut self, command: usize) -> Expr {
+        let inputs = [
+            Input::Command(command),
+            Input::TravelMiddle(command),
+            Input::TravelHalf(command),
+        ];
+        let [q, middle, half] = inputs.map(|input| self.datum(input));
+        let off = self.g.subtract(q, middle);
+        self.g.divide(off, half)
     }
 
     fn placed(
@@ -246,13 +278,13 @@ impl Context<'_> {
         formula: &Formula,
         scope: Scope,
         effect: Option<usize>,
-        at_zero: bool,
+        reading: Reading,
     ) -> Vec<Expr> {
         let mut placed = Placed {
             context: self,
             scope,
             effect,
-            at_zero,
+            reading,
         };
         (components(formula).iter())
             .map(|component| scalar(component, &mut placed))

@@ -6,6 +6,7 @@
 
 mod closure;
 mod context;
+mod drive;
 pub(crate) mod formula;
 mod motion;
 mod parameters;

@@ -69,7 +69,7 @@ impl Context<'_> {
     /// The path of a joint (eqs. 2 and 4).
     pub(super) fn path(&mut self, joint: Owner, track: usize) -> Path {
         let offset = self.vector_value(joint, Value::TrackOffset);
-        let q = self.datum(Input::Command(track));
+        let q = self.driven(track);
         let (travel, direction) = match self.variant.tracks[track].shape {
             TrackShape::Linear => {
                 let direction = self.direction_of(joint);
@@ -219,7 +219,11 @@ impl Context<'_> {
                     Target::Roll => &mut total.turn[0],
                     Target::Pitch => &mut total.turn[1],
                     Target::Yaw => &mut total.turn[2],
-                    Target::Length | Target::Joint | Target::Position => {
+                    Target::Length
+                    | Target::Joint
+                    | Target::Position
+                    | Target::Command
+                    | Target::Shift => {
                         unreachable!("the checker admits only cart targets on a cart")
                     }
                 };

@@ -96,8 +96,11 @@ pub fn places(model: &Model, place: Place) -> Vec<String> {
             .chain(source)
             .map(|track| model.tracks[track].name.clone())
             .collect(),
-        Place::Link(link) => vec![model.links[link].name.clone()],
-        Place::AllCarts | Place::AllLinks => vec!["all".into()],
+        Place::Link(link) | Place::BaseJoint(link) => vec![model.links[link].name.clone()],
+        Place::Crank(track) | Place::CrankCentre(track) => vec![model.tracks[track].name.clone()],
+        Place::AllCarts | Place::AllLinks | Place::AllCranks | Place::AllBaseJoints => {
+            vec!["all".into()]
+        }
         Place::Tcp => vec!["tcp".into()],
     }
 }

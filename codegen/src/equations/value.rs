@@ -4,19 +4,36 @@ use tau_model_dsl::model::{Crank, CrankValue, Formula, Value};
 use tau_runtime::Owner;
 
 use super::Context;
-use super::formula::Scope;
+use super::formula::{Reading, Scope};
 use crate::graph::Expr;
 use crate::vector::Vector;
 
 impl<'a> Context<'a> {
-    /// `length` of a link or cluster; that of a link may follow from its command.
+    /// `length` of a link or cluster, as effects read it; that of a link may follow from its command.
     pub(super) fn length(&mut self, owner: Owner) -> Expr {
+        self.length_by(owner, Reading::Commanded)
+    }
+
+    /// The same, driven by what effects make of the command.
+    pub(super) fn driven_length(&mut self, owner: Owner) -> Expr {
+        self.length_by(owner, Reading::Driven)
+    }
+
+    fn length_by(&mut self, owner: Owner, reading: Reading) -> Expr {
         match self.formula_of(owner, Value::Length) {
             Some(formula) => {
                 let scope = self.scope_of(owner);
-                self.of_machine(formula, scope, false)[0]
+                self.of_machine(formula, scope, reading)[0]
             }
             None => self.parameter(owner, "length", None),
+        }
+    }
+
+    /// Joint of a link or cluster on the base, or centre of a crank, without effects (m).
+    pub(super) fn base(&mut self, of: Owner) -> Vector {
+        match of {
+            Owner::Crank(track) => self.crank_value(track, CrankValue::Centre),
+            joint => self.vector_value(joint, Value::TrackOffset),
         }
     }
 
@@ -26,8 +43,8 @@ impl<'a> Context<'a> {
             return self.g.constant(0.0);
         };
         let scope = self.scope_of(owner);
-        let [length, at_zero] =
-            [false, true].map(|at_zero| self.of_machine(formula, scope, at_zero)[0]);
+        let [length, at_zero] = [Reading::Commanded, Reading::AtZero]
+            .map(|reading| self.of_machine(formula, scope, reading)[0]);
         self.g.subtract(length, at_zero)
     }
 
@@ -62,7 +79,7 @@ impl<'a> Context<'a> {
     }
 
     fn vector_formula(&mut self, formula: &Formula, scope: Scope) -> Vector {
-        let components = self.of_machine(formula, scope, false);
+        let components = self.of_machine(formula, scope, Reading::Commanded);
         components
             .try_into()
             .unwrap_or_else(|_| unreachable!("the checker admits only vectors here"))

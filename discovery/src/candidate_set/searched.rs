@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
-use tau_codegen::language::model::{Model, Place};
+use tau_codegen::language::model::Model;
 use tau_estimation::calibration::widest;
 use tau_estimation::numerics::order::smallest_first;
 use tau_estimation::numerics::parallel;
@@ -12,9 +12,9 @@ use tau_estimation::samples::Sample;
 use super::super::candidates::{self, Candidate};
 use super::super::linear_model::LinearModel;
 use super::super::response::{Displacements, Responses};
-use super::super::scan::{Band, LEAST_SHOWN, Scores, global_p, lengths, lobe, peaks};
+use super::super::scan::{Band, LEAST_SHOWN, Scores, lengths, lobe, peaks};
 use super::super::significance::Null;
-use super::{CandidateSet, Score, Table, f_form};
+use super::{CandidateSet, Score, Table};
 use crate::subspace::orthonormal;
 
 /// A searched candidate and the bands that cover its range, by their places.
@@ -92,10 +92,12 @@ impl CandidateSet {
         if rank == 0.0 || self.hidden.contains(&scan.candidate) {
             return None;
         }
-        let p_value = |statistic: f64| {
-            let (equivalent, _) = f_form(statistic, rank, linear.total(), linear.degrees);
-            global_p(equivalent, rank, crossings)
+        let null = Null {
+            rank,
+            crossings: Some(crossings),
         };
+        let residuals = linear.tested();
+        let p_value = |statistic: f64| residuals.p_value(statistic, null);
         let highest = scanned.bands.iter().map(|(_, scores)| scores.highest());
         let highest = highest.fold(0.0, f64::max);
         let height = LEAST_SHOWN * highest;
@@ -131,10 +133,7 @@ impl CandidateSet {
             candidate: scan.candidate,
             statistic,
             p_value,
-            null: Null {
-                rank,
-                crossings: Some(crossings),
-            },
+            null,
             searched: Some(value),
             is_beyond,
         })
@@ -343,18 +342,13 @@ fn covered(
 
 /// Widest range of the commands that a searched effect sees.
 pub(super) fn reach(candidate: &Candidate, model: &Model, samples: &[Sample]) -> f64 {
-    let own = match candidate.place {
-        Place::Cart { track, .. } => Some(track),
-        Place::Link(link) => {
-            let link = &model.links[link];
-            model.clusters[link.cluster].track.or(link.actuated_by)
-        }
-        _ => None,
+    let own = candidate.commands(model);
+    let own = if own.is_empty() { vec![0] } else { own };
+    let range = |&command: &usize| {
+        let samples = samples.iter();
+        widest(samples.filter_map(|sample| sample.commands_m.get(command)))
     };
-    let commands = samples
-        .iter()
-        .filter_map(|sample| sample.commands_m.get(own.unwrap_or(0)));
-    widest(commands)
+    own.iter().map(range).fold(0.0, f64::max)
 }
 
 #[cfg(test)]

@@ -142,8 +142,7 @@ impl<'a> Readings<'a> {
                     };
                     let at = &probes.all[probe].samples;
                     let of = |&readable| {
-                        let closures = &probes.closures;
-                        scope::read(&action.scope, readable, at, samples, surroundings, closures)
+                        scope::read(&action.scope, readable, at, samples, surroundings, probes)
                     };
                     let data = function
                         .reads

@@ -93,7 +93,8 @@ pub(super) fn patterns(
                     point.at = point.at.rem_euclid(period);
                 }
             }
-            let target = Motion::Target(target, component);
+            let subject = set.model.effects[described.effect].subject;
+            let target = Motion::of(target, component, subject);
             Some(Pattern {
                 place: place(&set.model, described, &group),
                 unit: target.unit(),
@@ -115,7 +116,18 @@ fn covariate(
     group: &[&Entry],
     mut read: Vec<Readable>,
 ) -> Option<Readable> {
-    read.retain(|readable| !matches!(readable, Readable::Length | Readable::PaidOut));
+    read.retain(|readable| {
+        !matches!(
+            readable,
+            Readable::Length | Readable::PaidOut | Readable::Base(_)
+        )
+    });
+    // A drive's travel is shown in the unit of its command.
+    for readable in &mut read {
+        if *readable == Readable::Travel {
+            *readable = Readable::Command;
+        }
+    }
     if read.is_empty() {
         // A constant depends on nothing: its cart's command, or else the place, shows that.
         let has_cart = group.iter().all(|entry| entry.scope.command.is_some());
@@ -159,7 +171,7 @@ fn series(set: &CandidateSet, entry: &Entry, readable: Readable) -> Option<Vec<f
         &probe(set, entry).samples,
         &set.samples,
         &set.surroundings,
-        &set.probes.closures,
+        &set.probes,
     )
     .ok()
 }
@@ -291,7 +303,10 @@ fn place(model: &Model, described: &Candidate, group: &[&Entry]) -> Place {
 /// A quantity by its name: that of the source cart's command where there is one.
 fn quantity(model: &Model, readable: Readable, scope: Scope) -> Quantity {
     let source = (scope.source).filter(|_| readable == Readable::SourceCommand);
+    let drives = model.drives();
+    let drive = scope.command.and_then(|command| drives.get(command));
     Quantity::of(source.map_or(readable, Readable::CommandOf), model)
+        .of_drive(drive.is_some_and(|drive| drive.is_angle))
 }
 
 #[cfg(test)]

@@ -2,11 +2,11 @@
 
 use nalgebra::DVector;
 
-use crate::candidate_set::{CandidateSet, Table, f_form};
+use crate::candidate_set::{CandidateSet, Table};
 use crate::linear_model::LinearModel;
 use crate::response::Responses;
 use crate::results::Spectrum;
-use crate::significance::Null;
+use crate::significance::{Null, Residuals};
 
 /// Stretches of the grid of which the highest point is kept: as data that a person can read, and as a curve with a point
 /// for each of the points across a figure.
@@ -32,14 +32,17 @@ pub(super) fn spectrum(
     }
     let [before, after] = residuals.map(|residuals| {
         let left = left_by(base, residuals, factors);
-        let (left, total) = (
+        let (left, residuals) = (
             Responses::sums(base, &set.probes, left.as_slice()),
-            left.norm_squared(),
+            Residuals {
+                total: left.norm_squared(),
+                ..base.tested()
+            },
         );
         let mut statistics = Vec::new();
         for (band, scores) in &scanned.bands {
             let scanned = band.statistics_of(scores, &left).into_iter();
-            statistics.extend(scanned.map(|own| f_form(own, rank, total, base.degrees).0));
+            statistics.extend(scanned.map(|own| residuals.scaled(own, rank)));
         }
         statistics
     });

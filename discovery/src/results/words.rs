@@ -27,6 +27,14 @@ pub enum Place {
     AllCarts,
     /// All links in common.
     AllLinks,
+    /// A crank.
+    Crank(String),
+    /// All cranks in common.
+    AllCranks,
+    /// The base joint of a link, or the centre of a crank.
+    BaseJoint(String),
+    /// All of these in common.
+    AllBaseJoints,
     /// The TCP as measured.
     Tcp,
     /// The driven part of a command, counted from 1, where that has no name.
@@ -48,8 +56,32 @@ impl Place {
             model::Place::AllCarts => Self::AllCarts,
             model::Place::Link(link) => Self::Link(model.links[link].name.clone()),
             model::Place::AllLinks => Self::AllLinks,
+            model::Place::Crank(own) => Self::Crank(track(own)),
+            model::Place::AllCranks => Self::AllCranks,
+            model::Place::BaseJoint(link) => Self::BaseJoint(model.links[link].name.clone()),
+            model::Place::CrankCentre(own) => Self::BaseJoint(track(own)),
+            model::Place::AllBaseJoints => Self::AllBaseJoints,
             model::Place::Tcp => Self::Tcp,
         }
+    }
+}
+
+impl Place {
+    /// True if an effect of a model acts there.
+    pub fn is_of(&self, model: &Model, effect: &model::Effect) -> bool {
+        let on = effect.subject;
+        let is_kind = match self {
+            Self::Cart(_) | Self::AllCarts => on == model::Subject::Cart,
+            Self::CartFrom(..) => on == model::Subject::CartFromSource,
+            Self::Link(_) | Self::Cluster(_) | Self::AllLinks => on.is_link(),
+            Self::Crank(_) | Self::AllCranks => on == model::Subject::Crank,
+            Self::BaseJoint(_) | Self::AllBaseJoints => on == model::Subject::BaseJoint,
+            Self::Tcp => on == model::Subject::Tcp,
+            Self::Command(_) => false,
+            Self::Several(places) => return places.iter().all(|own| own.is_of(model, effect)),
+        };
+        let name = self.to_string();
+        is_kind && name.split(',').all(|name| model.acts_on(effect, name))
     }
 }
 
@@ -57,10 +89,16 @@ impl fmt::Display for Place {
     /// The alternate form (`{:#}`) is that of a description, with a space behind each comma.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Cart(name) | Self::Link(name) | Self::Cluster(name) => f.write_str(name),
+            Self::Cart(name)
+            | Self::Link(name)
+            | Self::Cluster(name)
+            | Self::Crank(name)
+            | Self::BaseJoint(name) => f.write_str(name),
             Self::CartFrom(moved, source) if f.alternate() => write!(f, "{moved}, {source}"),
             Self::CartFrom(moved, source) => write!(f, "{moved},{source}"),
-            Self::AllCarts | Self::AllLinks => f.write_str("all"),
+            Self::AllCarts | Self::AllLinks | Self::AllCranks | Self::AllBaseJoints => {
+                f.write_str("all")
+            }
             Self::Tcp => f.write_str("tcp"),
             Self::Command(number) => write!(f, "command {number}"),
             Self::Several(places) => {
@@ -76,15 +114,27 @@ impl fmt::Display for Place {
 pub enum Motion {
     /// Motion that effects add to: the target, and its component where it is a vector.
     Target(Target, usize),
+    /// What a crank or a drum adds to its command, an angle.
+    Turn,
     /// Off in one stretch of a track.
     InOneStretch,
 }
 
 impl Motion {
+    /// That of a component of a target in effects on a subject.
+    pub(crate) fn of(target: Target, component: usize, subject: model::Subject) -> Self {
+        if target == Target::Command && subject.is_turned() {
+            return Self::Turn;
+        }
+        Self::Target(target, component)
+    }
+
     /// Unit of its size.
     pub fn unit(self) -> Micro {
         match self {
-            Self::Target(Target::Roll | Target::Pitch | Target::Yaw, _) => Micro::Radian,
+            Self::Target(Target::Roll | Target::Pitch | Target::Yaw, _) | Self::Turn => {
+                Micro::Radian
+            }
             _ => Micro::Metre,
         }
     }
@@ -93,11 +143,15 @@ impl Motion {
 impl fmt::Display for Motion {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Target(target @ (Target::Joint | Target::Position), component) => {
+            Self::Target(
+                target @ (Target::Joint | Target::Position | Target::Shift),
+                component,
+            ) => {
                 let axis = ["x", "y", "z"][(*component).min(2)];
                 write!(f, "{} {axis}", target.name())
             }
             Self::Target(target, _) => f.write_str(target.name()),
+            Self::Turn => f.write_str(Target::Command.name()),
             Self::InOneStretch => f.write_str("in one stretch"),
         }
     }
@@ -147,6 +201,20 @@ impl Quantity {
                 Dimension::TEMPERATURE => "°C".to_owned(),
                 dimension => dimension.si_unit(),
             },
+        }
+    }
+}
+
+impl Quantity {
+    /// The same of a drive whose command may be an angle.
+    #[must_use]
+    pub(crate) fn of_drive(self, is_angle: bool) -> Self {
+        if !is_angle || self.readable != Readable::Command {
+            return self;
+        }
+        Self {
+            unit: Dimension::ANGLE.si_unit(),
+            ..self
         }
     }
 }
@@ -268,13 +336,14 @@ impl fmt::Display for Separation {
             return f.write_str("no measurement of set 1 shows the one without the other");
         };
         if is_nothing(*chi2) {
-            return f
-                .write_str("nothing on this machine can: it explains whatever the effect does");
+            return f.write_str(
+                "no measurement on this machine tells the two apart: the rival explains whatever the effect does",
+            );
         }
         if !self.decides() {
             return write!(
                 f,
-                "nothing on this machine can: {POSES} further poses would raise the separation from χ² = {present:.1} to \
+                "no measurement on this machine tells the two apart: {POSES} further poses would raise the separation from χ² = {present:.1} to \
                  {raised:.1} at most, {needed:.1} are needed"
             );
         }
@@ -303,6 +372,7 @@ impl Verdict {
             Self::Rival => codes::RIVAL,
             Self::NotSignificant => codes::NOT_SIGNIFICANT,
             Self::NotConfirmed => codes::NOT_CONFIRMED,
+            Self::Rejected => codes::REJECTED,
             Self::NotTheBest => codes::NOT_THE_BEST,
             Self::Explained => codes::EXPLAINED_BY_OTHERS,
             Self::WithoutName => codes::WITHOUT_NAME,
@@ -317,6 +387,7 @@ impl fmt::Display for Verdict {
             Self::Rival => "could be meant instead",
             Self::NotSignificant => "not significant",
             Self::NotConfirmed => "not confirmed",
+            Self::Rejected => "rejected",
             Self::NotTheBest => "not the best explanation",
             Self::Explained => "explained by what was found",
             Self::WithoutName => "in the model, without a name",
@@ -329,6 +400,8 @@ impl fmt::Display for Verdict {
 pub struct UsedEffect {
     /// Name in the catalogue.
     pub name: String,
+    /// What effects of this form act on; others of the name may act on something else.
+    pub on: model::Subject,
     /// Its place.
     pub place: Place,
     /// Optional parameters that it takes.
@@ -344,6 +417,7 @@ impl UsedEffect {
         let names = used.with.iter().map(|&k| effect.parameters[k].name.clone());
         Self {
             name: effect.name.clone(),
+            on: effect.subject,
             place: Place::of(model, used.place),
             with: names.collect(),
             tolerance_factor: used.tolerance_factor,

@@ -8,13 +8,12 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use tau_codegen::language::model::Place;
 use tau_estimation::numerics::order::smallest_first;
 
 use super::super::candidate_set::{CandidateSet, Score, Table};
 use super::super::constants::Constants;
 use super::super::linear_model::LinearModel;
-use super::super::significance::Null;
+use super::super::significance::{Null, profile};
 use super::Search;
 use super::state::{Member, State, Unnamed};
 use crate::subspace::Subspace;
@@ -74,7 +73,8 @@ impl Search<'_> {
 
     /// The change of −2 ln L from a model that leaves `before` of the sum of squares to one that leaves `after`.
     pub(super) fn change(&self, before: f64, after: f64) -> f64 {
-        self.degrees * (after.max(1e-12) / before.max(1e-12)).ln()
+        let minus_2_ln_l = |sum: f64| profile(sum.max(1e-12), self.degrees, self.stated);
+        minus_2_ln_l(after) - minus_2_ln_l(before)
     }
 
     /// Index of a member's effect in the catalogue.
@@ -486,8 +486,7 @@ impl Search<'_> {
     }
 
     pub(super) fn is_common(&self, candidate: usize) -> bool {
-        let place = self.set.candidates[candidate].place;
-        matches!(place, Place::AllCarts | Place::AllLinks)
+        self.set.candidates[candidate].place.is_common()
     }
 
     /// The score of a candidate without a search from its subspace.

@@ -4,13 +4,14 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use super::super::candidate_set::{Score, f_form};
+use super::super::candidate_set::Score;
 use super::super::candidates;
 use super::super::constants::{Constants, count};
 use super::super::linear_model::LinearModel;
 use super::super::p_value::PValue;
 use super::super::results::Separation;
 use super::super::separation::{Separator, Signal};
+use super::super::significance::Null;
 use super::Search;
 use super::moves::{Without, cosine};
 use super::state::{Member, State, Unnamed};
@@ -64,11 +65,8 @@ impl Search<'_> {
             Some(score) => (score.p_value, self.set.aliases(&without.table, score)),
             None => {
                 let rank = own.rank().max(1) as f64;
-                let Without { linear, .. } = without;
-                (
-                    f_form(statistic, rank, linear.total(), linear.degrees).1,
-                    vec![],
-                )
+                let residuals = without.linear.tested();
+                (residuals.p_value(statistic, Null::plain(rank)), vec![])
             }
         };
         Found {
@@ -286,7 +284,7 @@ impl Search<'_> {
         let (_, subspace) = self.set.subspace(linear, score.candidate, None)?;
         let statistic = score.statistic / self.inflation(linear, &subspace);
         let rank = subspace.rank() as f64;
-        Some(f_form(statistic, rank, linear.total(), linear.degrees).1)
+        Some(linear.tested().p_value(statistic, Null::plain(rank)))
     }
 
     /// Harmonics of a found period together, as an unnamed family on the same displacement: the family, the
@@ -322,7 +320,7 @@ impl Search<'_> {
         if rank == 0 {
             return None;
         }
-        let (_, p_value) = f_form(statistic, rank as f64, linear.total(), linear.degrees);
+        let p_value = linear.tested().p_value(statistic, Null::plain(rank as f64));
         Some((family, strongest.1, p_value))
     }
 

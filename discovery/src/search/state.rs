@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 
 use super::super::base::meets_exact;
 use super::super::candidate_set::{CandidateSet, Score};
+use super::super::contradiction::step_without;
 use super::super::linear_model::{Freed, LinearModel};
 use super::super::{Error, Input};
 use crate::subspace::Subspace;
@@ -137,6 +138,18 @@ impl State {
         let b = self.fit.basis.b.select_rows(&own);
         let solved = Cholesky::new(&b * b.transpose())?.solve(&amplitudes);
         Some(amplitudes.dot(&solved))
+    }
+
+    /// The step of the fit to where some of the effects do nothing.
+    pub(crate) fn step_without(
+        &self,
+        context: &Context<'_>,
+        members: &[usize],
+    ) -> Option<DVector<f64>> {
+        let all = members.iter();
+        let offsets = all.flat_map(|&member| self.offsets(context, member));
+        let (columns, amplitudes): (Vec<usize>, Vec<f64>) = offsets.unzip();
+        step_without(&self.fit.basis.b, &columns, &DVector::from_vec(amplitudes))
     }
 
     /// Columns of an effect's amplitudes in the fit, and their distances from no effect.

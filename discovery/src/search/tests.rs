@@ -195,7 +195,7 @@ fn separations_are_what_least_squares_leave() {
     assert!(rivals.len() > 5);
 }
 
-/// Without any effect, the misfit is that of each component's estimated noise, and the priors'; an outlier counts as a
+/// Without any effect, the misfit is that of each component's noise, estimated where it exceeds the stated one, and the priors'; an outlier counts as a
 /// sample that is just none.
 #[test]
 fn the_misfit_is_that_of_the_estimated_noise() {
@@ -212,8 +212,9 @@ fn the_misfit_is_that_of_the_estimated_noise() {
         let mut expected = of_priors.norm_squared() - fit.joint.completed().sum::<f64>();
         for component in tau_estimation::joint::Component::ALL {
             let (sum, degrees, _) = fit.misfit(|row| fit.joint.rows[row].component == component);
-            let scale = fit.scales[component as usize];
-            expected += degrees * (scale.powi(2) * sum / degrees).ln();
+            let sum = sum * fit.scales[component as usize].powi(2);
+            let variance = f64::max(sum / degrees, 1.0);
+            expected += degrees * (variance.ln() - 1.0) + sum / variance;
         }
         let found = search.likelihood.misfit(fit, &linear);
         let mut rows = vec![0.0; fit.weights.len()];

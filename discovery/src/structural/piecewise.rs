@@ -13,7 +13,6 @@ use tau_estimation::numerics::parallel;
 
 use nalgebra::Vector3;
 
-use super::super::candidate_set::f_form;
 use super::super::candidates::{self, Entry};
 use super::super::constants::count;
 use super::super::linear_model::LinearModel;
@@ -256,7 +255,7 @@ fn of_track(search: &Search<'_>, track: usize, knots: &[f64]) -> TrackTest {
     let rank = (subspace.rank() as f64).max(1.0);
     let statistic = subspace.statistic(&linear.residuals);
     let deflated = statistic / search.inflation(linear, &subspace);
-    let (_, p_value) = f_form(deflated, rank, linear.total(), linear.degrees);
+    let p_value = linear.tested().p_value(deflated, Null::plain(rank));
     let cost = set.significance.cost(Null::plain(rank), true);
     // With what has no name, or in its stead.
     let families = search.state.linear(set);

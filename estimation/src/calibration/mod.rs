@@ -21,7 +21,7 @@ use tau_codes::fit;
 use tau_kinematics::{Machine, Statics};
 use tau_robot::fingerprint::of_numbers;
 use tau_robot::input_error::InputError;
-use tau_robot::measurements::{Folder, TcpPose};
+use tau_robot::measurements::{Folder, TCP_POSES, TcpPose};
 use tau_robot::robot::{Instance, ResidualKind, Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 
@@ -77,6 +77,21 @@ pub struct Options {
     /// True if mistakes of rows are recognised where these are not met and poses are unknown, before more is tried to fit
     /// them as they are.
     pub recognises_mistakes: bool,
+}
+
+impl Options {
+    /// Refuses to free the scale where poses are measured.
+    ///
+    /// # Errors
+    /// [`Self::free_scale`] is set.
+    pub fn refuse_free_scale(&self) -> Result<(), InputError> {
+        if !self.free_scale {
+            return Ok(());
+        }
+        let message = "found measured poses, which determine the scale of the machine: there is nothing to free";
+        Err(InputError::whole(fit::SCALE_MEASURED, TCP_POSES, message)
+            .help("leave `--free-scale` out (`free_scale` of the options)"))
+    }
 }
 
 /// A combination of parameters that the data do not determine.
@@ -187,6 +202,7 @@ pub fn calibrate(
     poses: &[usize],
     options: &Options,
 ) -> Result<Calibration, Error> {
+    options.refuse_free_scale()?;
     let folder = setup.folder;
     let file = &setup.file.completed(setup.robot);
     let setup = Setup { file, ..setup };

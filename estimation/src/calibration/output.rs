@@ -223,6 +223,12 @@ pub(super) fn file(
 ) -> RobotFile {
     let mut file = nominal.clone();
     let robot = &machine.robot;
+    // Without its folder the file would not say what its polynomials scale to.
+    if !machine.variant.reads_travel().is_empty() {
+        file.measuring
+            .travel
+            .clone_from(&machine.surroundings.travel);
+    }
     for (estimate, &index) in estimates.iter().zip(used) {
         let parameter = &machine.variant.parameters[index];
         let tolerance = estimate

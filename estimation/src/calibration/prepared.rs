@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Rotation3};
+use tau_codes::files;
 use tau_kinematics::{
     LengthNoise, Machine, Statics, Surroundings, UnknownPull, nearest_rotation, xyz, zyz,
 };
@@ -144,6 +145,7 @@ impl Prepared {
             is_sketch: false,
             held: nominal.iter().map(|nominal| nominal.value).collect(),
             length_noise: length_noise(robot, file),
+            travel: travel(robot, variant, file, folder)?,
         };
         let machine = Machine {
             robot: robot.clone(),
@@ -184,6 +186,42 @@ impl Prepared {
         let known = closures.filter(|(_, deviation)| **deviation > 0.0);
         known.map(|(closure, _)| track_scale::name(&self.machine, closure))
     }
+}
+
+/// Travel of each drive: as the file states it, or else what the folder's commands cover.
+fn travel(
+    robot: &Robot,
+    variant: &Variant,
+    file: &RobotFile,
+    folder: Option<&Folder>,
+) -> Result<Vec<[f64; 2]>, InputError> {
+    let stated = file.measuring.travel.clone();
+    let measured = || folder.map(|folder| folder.travel(robot.commands));
+    let travel = if stated.is_empty() {
+        measured().unwrap_or_default()
+    } else {
+        stated
+    };
+    if travel.is_empty() && !variant.reads_travel().is_empty() {
+        let message = format!(
+            "an effect of `{}` reads `travel`, and nothing states how far the drives travel",
+            variant.name
+        );
+        let pair = |command| {
+            if robot.is_angle(command) {
+                "[-1.0, 1.0]"
+            } else {
+                "[0.0, 1.0]"
+            }
+        };
+        let pairs: Vec<&str> = (0..robot.commands).map(pair).collect();
+        let help = format!(
+            "add `travel = [{}]` to `[drives]` of the robot file: the low and high end of each command, in m or rad",
+            pairs.join(", ")
+        );
+        return Err(InputError::whole(files::NO_TRAVEL, &file.source, message).help(help));
+    }
+    Ok(travel)
 }
 
 /// Stated noise of drives and links; noise that is to be estimated is not known here.

@@ -282,7 +282,8 @@ impl Descent {
         Ok(self)
     }
 
-    /// Noise of each component over the stated one: squares over what the fit leaves of their number.
+    /// Noise of each component over the stated one: squares over what the fit leaves of their number, and no less than is
+    /// stated.
     fn noise(&self) -> [f64; 4] {
         let Some(b) = self.normal.inverse_factor() else {
             return self.scales;
@@ -302,7 +303,7 @@ impl Descent {
             if degrees < 1.0 {
                 scale
             } else {
-                scale * (sum / degrees).sqrt().max(1e-3)
+                (scale * (sum / degrees).sqrt()).max(self.joint.least_scale)
             }
         })
     }

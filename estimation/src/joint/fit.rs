@@ -189,6 +189,62 @@ impl Fit {
         (sum, degrees, count)
     }
 
+    /// Share of each component's degrees of freedom that belongs to measurements whose noise is stated, not estimated.
+    pub fn stated_shares(&self) -> [f64; Component::ALL.len()] {
+        let mut shares = [1.0; Component::ALL.len()];
+        let (mut stated, mut all, mut first) = (0.0, 0.0, 0);
+        for group in &self.joint.eliminated {
+            let count = group.by_closure.nrows();
+            if self.factors[first] > 0.0 {
+                let absorbed = &group.basis * self.basis.q.rows(first, count);
+                for (row, origin) in group.origins.iter().enumerate() {
+                    let free = group.basis.row(row).norm_squared();
+                    let left = free - absorbed.row(row).norm_squared();
+                    all += left;
+                    stated += if origin.is_stated { left } else { 0.0 };
+                }
+            }
+            first += count;
+        }
+        if all > 0.0 {
+            shares[Component::Closure as usize] = f64::clamp(stated / all, 0.0, 1.0);
+        }
+        shares
+    }
+
+    /// Variance that the stated noise alone lets expect of the residuals, over the one that they are weighed by: one where
+    /// no component has more noise than is stated, zero where nothing is stated.
+    pub fn stated_variance(&self) -> f64 {
+        let mut left = vec![1.0; self.joint.rows.len()];
+        for column in self.basis.q.column_iter() {
+            let own = left.iter_mut().zip(column);
+            own.for_each(|(left, entry)| *left -= entry * entry);
+        }
+        let (mut measured, mut stated) = (0.0, 0.0);
+        let shares = self.stated_shares();
+        for (row, left) in self
+            .joint
+            .rows
+            .iter()
+            .zip(&left)
+            .enumerate()
+            .filter_map(|(k, own)| (self.factors[k] > 0.0).then_some(own))
+        {
+            // Exact closures have no noise.
+            let component = row.component as usize;
+            if let (Some(share), Some(scale)) = (shares.get(component), self.scales.get(component))
+            {
+                measured += left;
+                stated += left * share / (scale * scale);
+            }
+        }
+        if stated == 0.0 {
+            return 0.0;
+        }
+        let degrees = self.degrees();
+        (stated + (degrees - measured).max(0.0)) / degrees
+    }
+
     /// Sum of squares of all residuals, those of the priors too.
     pub fn chi2(&self) -> f64 {
         self.residuals.norm_squared() - self.joint.completed().sum::<f64>()

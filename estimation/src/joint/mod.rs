@@ -4,6 +4,7 @@ pub mod descent;
 pub(crate) mod exact;
 pub mod fit;
 pub mod knots;
+pub mod predicted;
 mod priors;
 mod start;
 pub mod unknown;
@@ -61,6 +62,8 @@ pub struct Joint {
     pub rows: Vec<Row>,
     /// The poses that are unknown, in the order of their rows; nothing where poses are known.
     pub eliminated: Vec<Eliminated>,
+    /// Least noise of a component over the stated one: 1, or next to nothing where noise is estimated.
+    pub(crate) least_scale: f64,
 }
 
 /// Origin of a residual.
@@ -87,6 +90,8 @@ pub struct Linear {
 
 /// Residuals this many standard deviations large count less in the first fit.
 const ROBUST: f64 = 3.0;
+/// Least noise, over the one that residuals are weighed by, where that is estimated.
+const LEAST_SCALE: f64 = 1e-3;
 /// Share of a column's norm that stands in for the prior of a parameter that has none.
 const WEAK: f64 = 1e-6;
 
@@ -146,6 +151,10 @@ impl Joint {
             joint.priors.extend_from_slice(objects);
             joint.groups = joint.groups();
         }
+        let mut origins = groups.iter().flat_map(|group| &group.origins);
+        if origins.any(|origin| !origin.is_stated) {
+            joint.least_scale = LEAST_SCALE;
+        }
         joint.eliminated = groups;
         Ok(joint)
     }
@@ -194,6 +203,7 @@ impl Joint {
             groups: Groups::default(),
             rows,
             eliminated: vec![],
+            least_scale: 1.0,
         };
         joint.groups = joint.groups();
         if let Some(knots) = knots::measured(&joint, samples) {

@@ -6,7 +6,7 @@ use tau_robot::robot::ResidualKind;
 use tau_robot::robot_file::Noise;
 
 use super::fit::Fit;
-use super::{Component, Joint, Origin, RowPlace};
+use super::{Component, Joint, Linear, Origin, RowPlace};
 use crate::calibration::error::Error;
 use crate::calibration::nominal::Nominal;
 use crate::numerics::distribution::{chi2_survival, narrower};
@@ -152,6 +152,24 @@ impl Fit {
         samples: &[Sample],
         noise: Noise,
     ) -> Result<HeldOut, Error> {
+        let (poses, gross) = self.without_gross(poses, samples, noise)?;
+        let mut found = HeldOut {
+            gross,
+            ..HeldOut::default()
+        };
+        for group in &self.groups_held_out(&poses, samples, noise)? {
+            group.add_to(&mut found);
+        }
+        Ok(found)
+    }
+
+    /// Poses without held-out measurements that are outliers, and these outliers.
+    pub(super) fn without_gross<'a>(
+        &self,
+        poses: &EstimatedPoses<'a>,
+        samples: &[Sample],
+        noise: Noise,
+    ) -> Result<(EstimatedPoses<'a>, Vec<GrossRow>), Error> {
         let mut poses = poses.clone();
         let mut gross: Vec<GrossRow> = vec![];
         loop {
@@ -171,26 +189,18 @@ impl Fit {
                     });
                     poses.leave_out(place);
                 }
-                _ => {
-                    let mut found = HeldOut {
-                        gross,
-                        ..HeldOut::default()
-                    };
-                    for group in &groups {
-                        group.add_to(&mut found);
-                    }
-                    return Ok(found);
-                }
+                _ => return Ok((poses, gross)),
             }
         }
     }
 
-    fn groups_held_out(
+    /// Measurements that took no part, linearised where the fit is.
+    pub(super) fn linear_held_out(
         &self,
         poses: &EstimatedPoses<'_>,
         samples: &[Sample],
         noise: Noise,
-    ) -> Result<Vec<Judged>, Error> {
+    ) -> Result<(Joint, Linear), Error> {
         let machine = (self.joint.machine).with_values(self.joint.values(&self.fitted));
         let displaced = self.objects();
         let placed = poses.placed(Side::HeldOut, &machine, displaced, samples, &[])?;
@@ -209,14 +219,19 @@ impl Fit {
         let first = at.len() - displaced.len();
         at[first..].copy_from_slice(displaced);
         let linear = joint.linearize(&at, &vec![1.0; joint.rows.len()]);
+        Ok((joint, linear))
+    }
+
+    fn groups_held_out(
+        &self,
+        poses: &EstimatedPoses<'_>,
+        samples: &[Sample],
+        noise: Noise,
+    ) -> Result<Vec<Judged>, Error> {
+        let (joint, linear) = self.linear_held_out(poses, samples, noise)?;
         let jacobian = linear.jacobian.dense();
-        // Of what both fits have: parameters by index, then objects.
         let root = self.deviations_at_stated_noise();
-        let place = |index: &usize| self.joint.used.binary_search(index).ok();
-        let last = root.nrows() - displaced.len();
-        let columns: Vec<Option<usize>> = (joint.used.iter().map(place))
-            .chain((last..root.nrows()).map(Some))
-            .collect();
+        let columns = self.columns_of(&joint);
         let mut row = 0;
         let groups = joint.eliminated.into_iter().map(|group| {
             let rows = group.by_closure.nrows();

@@ -43,7 +43,7 @@ pub fn additive(
     let per = factor.map_or(Dimension::NUMBER, Readable::dimension);
     let (mut parameters, mut terms) = (Vec::new(), Vec::new());
     for (index, &(target, tolerance)) in targets.iter().enumerate() {
-        let dimension = target.dimension().divide(per).unwrap_or_default();
+        let dimension = target.dimension(subject).divide(per).unwrap_or_default();
         parameters.push(EffectParameter {
             components: if target.is_vector() { 3 } else { 1 },
             tolerance,
@@ -168,14 +168,17 @@ pub fn free_turning_from(
         Place::Cart { track, .. } if is_of_cart(kind) => of == track,
         Place::Cart { track, .. } => model.clusters[cluster_of(of)].track == Some(track),
         Place::AllCarts => true,
-        Place::Link(link) => {
+        Place::Crank(track) | Place::CrankCentre(track) => {
+            !is_of_cart(kind) && model.clusters[cluster_of(of)].track == Some(track)
+        }
+        Place::Link(link) | Place::BaseJoint(link) => {
             !is_of_cart(kind)
                 && match before.arm {
                     Arm::Full => of == link,
                     Arm::Reduced => of == model.links[link].cluster,
                 }
         }
-        Place::AllLinks | Place::Tcp => !is_of_cart(kind),
+        Place::AllLinks | Place::AllCranks | Place::AllBaseJoints | Place::Tcp => !is_of_cart(kind),
     };
     let stretching = stretching(model, variant);
     let model = stretching.as_ref().unwrap_or(model);

@@ -325,7 +325,7 @@ impl Part {
                     return Error::at_pose(pose, machine.explained(error, &view));
                 }
                 let why = format!("pose {pose}: the closures do not depend on the pose");
-                InputError::whole(fit::NO_DEPENDENCE, TCP_POSES, why).into()
+                InputError::whole(fit::UNSOLVABLE, TCP_POSES, why).into()
             })?;
             part.data.extend(factor);
         }

@@ -114,6 +114,8 @@ pub struct Origin {
     pub sigma: f64,
     /// True if the noise is that of an angle (rad), false for a length (m).
     pub is_angle: bool,
+    /// False if the noise is estimated from residuals.
+    pub is_stated: bool,
 }
 
 /// Samples that are evaluated together: what is passed from closure to closure stays in the nearest cache.

@@ -36,8 +36,12 @@ impl From<&Missing> for Lack {
                 codes::LACKS_VALUE,
                 "the value of a parameter that the variant holds is missing",
             ),
+            Missing::Travel => (
+                codes::LACKS_VALUE,
+                "the travel of the drives is missing (`travel` of `[drives]` in the robot file)",
+            ),
             Missing::Command => (codes::LACKS_COLUMN, "a command is missing"),
-            Missing::Direction => (
+            Missing::Direction(_) => (
                 codes::LACKS_COLUMN,
                 "the column of the side of approach (`dir`) is missing",
             ),

@@ -153,7 +153,7 @@ pub fn check(
     for (own, variant) in checked.iter_mut().zip(variants) {
         let is_without_fit = found.is_without_fit
             && looked_at.is_some_and(|setup| setup.variant.name == variant.name);
-        let without_fit = is_without_fit.then(|| Remark::new(fit::WITHOUT_FIT, WITHOUT_FIT));
+        let without_fit = is_without_fit.then(|| Remark::new(fit::NOT_CONVERGED, WITHOUT_FIT));
         let why_not = own
             .why_not
             .take()

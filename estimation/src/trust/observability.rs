@@ -17,6 +17,10 @@ pub enum Need {
     Payload,
     /// A cart, of which the machine has none: no measurement would show the effect.
     Cart,
+    /// A crank, of which the machine has none.
+    Crank,
+    /// A joint on the fixed base or a crank, of which the machine has none.
+    BaseJoint,
     /// The file of set 2.
     CartPoses,
     /// Temperatures.
@@ -41,6 +45,8 @@ impl Need {
         match self {
             Self::Payload => "[payload] in robot.toml",
             Self::Cart => "a cart: the machine has none",
+            Self::Crank => "a crank: the machine has none",
+            Self::BaseJoint => "joints on the fixed base: the machine has none",
             Self::CartPoses => CART_POSES,
             Self::Temperature => "column temperature_c",
             Self::Time => "column time_s",
@@ -59,13 +65,18 @@ impl Need {
             Self::Payload | Self::Tensions => codes::LACKS_VALUE,
             Self::CartPoses => codes::LACKS_FILE,
             Self::Tracker => codes::LACKS_TRACKER,
-            Self::Cart | Self::Link | Self::PlateJoints => codes::LACKS_PART,
+            Self::Cart | Self::Crank | Self::BaseJoint | Self::Link | Self::PlateJoints => {
+                codes::LACKS_PART
+            }
         }
     }
 
     /// True of parts that the machine has not.
     fn is_of_machine(self) -> bool {
-        matches!(self, Self::Cart | Self::Link | Self::PlateJoints)
+        matches!(
+            self,
+            Self::Cart | Self::Crank | Self::BaseJoint | Self::Link | Self::PlateJoints
+        )
     }
 
     /// True of columns and values, which files that are there could hold.
@@ -74,7 +85,13 @@ impl Need {
             Self::Payload | Self::Temperature | Self::Time | Self::Directions | Self::Tensions => {
                 true
             }
-            Self::Cart | Self::CartPoses | Self::Link | Self::Tracker | Self::PlateJoints => false,
+            Self::Cart
+            | Self::Crank
+            | Self::BaseJoint
+            | Self::CartPoses
+            | Self::Link
+            | Self::Tracker
+            | Self::PlateJoints => false,
         }
     }
 }
@@ -113,7 +130,22 @@ pub(super) fn observabilities(
         name: effect.name.clone(),
         lacks: lacks(effect, model, file, folder),
     };
-    model.effects.iter().map(of).collect()
+    let mut found: Vec<Observability> = Vec::new();
+    for own in model.effects.iter().map(of) {
+        let lacks_part = |own: &Observability| own.lacks.iter().any(|need| need.is_of_machine());
+        match found.iter_mut().find(|first| first.name == own.name) {
+            // Of effects of one name those count that have something to act on.
+            Some(first) if lacks_part(first) => *first = own,
+            Some(_) if lacks_part(&own) => {}
+            Some(first) => {
+                first.lacks.extend(own.lacks);
+                first.lacks.sort_unstable();
+                first.lacks.dedup();
+            }
+            None => found.push(own),
+        }
+    }
+    found
 }
 
 fn lacks(effect: &Effect, model: &Model, file: &RobotFile, folder: &Folder) -> Vec<Need> {
@@ -122,10 +154,15 @@ fn lacks(effect: &Effect, model: &Model, file: &RobotFile, folder: &Folder) -> V
     if effect.subject == Subject::Tcp {
         lacks.extend(folder.hides_tracker().map(|_| Need::Tracker));
     }
-    let is_on_cart = !effect.subject.is_link() && effect.subject != Subject::Tcp;
-    if is_on_cart && model.guideways().next().is_none() {
-        lacks.insert(Need::Cart);
-    }
+    let has_cart = model.guideways().next().is_some();
+    let has_crank = model.cranks().next().is_some();
+    let has_base_joint = has_crank || model.links_on_base().next().is_some();
+    lacks.extend(match effect.subject {
+        Subject::Cart | Subject::CartFromSource if !has_cart => Some(Need::Cart),
+        Subject::Crank if !has_crank => Some(Need::Crank),
+        Subject::BaseJoint if !has_base_joint => Some(Need::BaseJoint),
+        _ => None,
+    });
     if effect.lacks_plate_joints(model.plate).is_some() {
         lacks.insert(Need::PlateJoints);
     }
@@ -161,11 +198,13 @@ fn lacks(effect: &Effect, model: &Model, file: &RobotFile, folder: &Folder) -> V
                 (is_unloaded && !is_measured).then_some(Need::Payload)
             }
             Readable::Command
+            | Readable::Travel
             | Readable::CommandOf(_)
             | Readable::SourceCommand
             | Readable::Length
             | Readable::PaidOut
-            | Readable::Position(_) => None,
+            | Readable::Position(_)
+            | Readable::Base(_) => None,
         };
         lacks.extend(missing);
     }

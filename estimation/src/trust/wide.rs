@@ -1,6 +1,6 @@
 //! Tolerances of lengths so wide that they tell nothing of a machine, as those that are written in millimetres.
 
-use tau_robot::robot::Variant;
+use tau_robot::robot::{Owner, Variant};
 
 use crate::calibration::Nominal;
 use crate::trust::NEARER;
@@ -10,11 +10,13 @@ use crate::trust::tried::exceeds_noise;
 
 /// Share of the links' length that no tolerance reaches: it would tell nothing of the machine.
 const WIDEST: f64 = 0.1;
-/// The widest tolerance of a length (m) that is stated; zero where none is.
+
+/// The widest tolerance of a dimension (m) that is stated; zero where none is. Those of effects only keep a fit from
+/// wandering, and may be as wide as one likes.
 pub(super) fn widest_m(variant: &Variant, nominal: &[Nominal]) -> f64 {
     let parameters = variant.parameters.iter().zip(nominal);
     parameters
-        .filter(|(parameter, _)| parameter.unit == LENGTH)
+        .filter(|(own, _)| own.unit == LENGTH && !matches!(own.owner, Owner::Effect(_)))
         .filter_map(|(parameter, nominal)| {
             nominal.tolerance.filter(|own| is_stated(parameter, *own))
         })

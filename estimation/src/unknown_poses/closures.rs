@@ -146,7 +146,7 @@ fn factor(closures: &Closures, pose: u32, sigmas: &[f64]) -> Result<Vec<f64>, Er
         lower.and_then(|lower| lower.solve_lower_triangular(&DMatrix::identity(count, count)));
     let inverse = inverse.ok_or_else(|| {
         let message = format!("pose {pose}: the closures do not depend on the drives");
-        InputError::whole(fit::NO_DEPENDENCE, "readings.csv", message)
+        InputError::whole(fit::UNSOLVABLE, "readings.csv", message)
     })?;
     let scaled = DMatrix::from_fn(count, count, |row, column| {
         inverse[(row, column)] / closures.slopes[column]

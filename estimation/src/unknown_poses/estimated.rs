@@ -390,6 +390,7 @@ impl Grouped<'_> {
                 kind: kind.of.file(),
                 sigma: kind.sigma / weight,
                 is_angle: kind.of.is_angle(),
+                is_stated: !kind.is_estimated(),
             }
         })
         .collect()

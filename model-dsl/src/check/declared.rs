@@ -27,20 +27,31 @@ impl Declared {
             self.names.insert(name.to_string(), here);
             return true;
         };
-        let message = format!(
-            "`{name}` is already declared as {} {first}, on line {line}",
-            article(first)
-        );
         let help = if *first == what && what.starts_with("value") {
             "say it once"
         } else {
             "choose another name"
         };
-        diagnostics.error(language::DECLARED_TWICE, name, message, help);
+        twice(name, first, *line, help, diagnostics);
         false
     }
 
     pub(super) fn kind(&self, name: &Ident) -> Option<&'static str> {
         self.names.get(&name.to_string()).map(|(what, _)| *what)
     }
+}
+
+/// Reports a name that was declared on a line.
+pub(super) fn twice(
+    name: &Ident,
+    first: &str,
+    line: usize,
+    help: &str,
+    diagnostics: &mut Diagnostics,
+) {
+    let message = format!(
+        "`{name}` is already declared as {} {first}, on line {line}",
+        article(first)
+    );
+    diagnostics.error(language::DECLARED_TWICE, name, message, help);
 }

@@ -2,14 +2,14 @@
 
 use tau_codes::language;
 
-use super::declared::Declared;
+use super::declared::{Declared, twice};
 use super::formula::formula;
 use super::quantity::{dimension, scalar, tolerance, unit_help};
 use super::scope::{Home, Scope};
 use super::value::Shape;
 use super::vocabulary::{TARGETS, meaning, subject_of, subject_word};
 use crate::diagnostics::Diagnostics;
-use crate::model::{Effect, EffectParameter, Subject, Term, Track};
+use crate::model::{Effect, EffectParameter, Subject, Target, Term, Track};
 use crate::names::nearest;
 use crate::plausible::SMALLEST_OF_PARAMETER;
 use crate::syntax;
@@ -73,6 +73,36 @@ pub(super) fn effect(
     CheckedEffect { effect, subject }
 }
 
+/// Names of effects so far, with their subject and line. Several effects may have one name where no place is one of both.
+pub(super) type Names = Vec<(String, Option<Subject>, usize)>;
+
+/// Declares the name of an effect; one that a use could not tell from an earlier one is an error.
+pub(super) fn declare(
+    effect: &syntax::Effect,
+    checked: &CheckedEffect,
+    names: &mut Names,
+    diagnostics: &mut Diagnostics,
+) {
+    let name = &effect.name;
+    let first = names.iter().find(|(own, subject, _)| {
+        name == own && (subject.zip(checked.subject)).is_none_or(|(first, own)| first.overlaps(own))
+    });
+    if let Some((_, subject, line)) = first {
+        let help = match subject.zip(checked.subject) {
+            Some((first, own)) if first != own => format!(
+                "choose another name: `on {}` and `on {}` can mean the same place",
+                first.written(),
+                own.written()
+            ),
+            _ => "choose another name".to_owned(),
+        };
+        twice(name, "effect", *line, &help, diagnostics);
+        return;
+    }
+    let line = name.span().start().line;
+    names.push((name.to_string(), checked.subject, line));
+}
+
 fn subject(effect: &syntax::Effect, diagnostics: &mut Diagnostics) -> Option<Subject> {
     let word = effect.subject.to_string();
     let subject = match (word.as_str(), &effect.source) {
@@ -84,26 +114,31 @@ fn subject(effect: &syntax::Effect, diagnostics: &mut Diagnostics) -> Option<Sub
             (None, None) => Subject::Link,
         }),
         ("cart", None) => Some(Subject::Cart),
+        ("crank", _) => Some(Subject::Crank),
+        ("base", _) => Some(Subject::BaseJoint),
         ("cart", Some(_)) => Some(Subject::CartFromSource),
         ("link", _) => Some(Subject::Link),
         ("tcp", _) => Some(Subject::Tcp),
         _ => {
-            let help = match nearest(&word, ["cart", "link", "tcp"]) {
+            let help = match nearest(&word, ["cart", "link", "crank", "tcp"]) {
                 Some(near) => format!("did you mean `{near}`?"),
                 None => {
-                    "an effect on a cart moves it, on a link changes its length or joint, on the \
-                         tcp shifts the measured position"
+                    "an effect on a cart moves it, on a link changes its length or joint, on a crank its \
+                         angle, on a base joint shifts that, on the tcp the measured position"
                         .to_owned()
                 }
             };
-            let message = format!("effects act on `cart`, `link` or `tcp`, found `{word}`");
+            let message = format!(
+                "effects act on `cart`, `link`, `crank`, `base joint` or `tcp`, found `{word}`"
+            );
             diagnostics.error(language::UNKNOWN_SUBJECT, &effect.subject, message, help);
             None
         }
     };
     let actuated = effect.actuated.as_ref().map(|(actuated, _)| actuated);
-    if let (Some(Subject::Cart | Subject::CartFromSource | Subject::Tcp), Some(kind)) =
-        (subject, effect.kind.as_ref().or(actuated))
+    let word = subject.map_or(word.as_str(), |own| subject_word(own));
+    if let (Some(subject), Some(kind)) = (subject, effect.kind.as_ref().or(actuated))
+        && !subject.is_link()
     {
         let message = format!("only links are {kind}, found an effect on {word}");
         let help = format!("leave out `{kind}`, or let the effect act on `link`");
@@ -114,7 +149,13 @@ fn subject(effect: &syntax::Effect, diagnostics: &mut Diagnostics) -> Option<Sub
         let help = "write `on driven link`, `on pulled link`, `on link actuated length` or `on link actuated angle`";
         diagnostics.error(language::SUBJECT, actuated, message, help);
     }
-    if let (Some(Subject::Link | Subject::Tcp), Some(source)) = (subject, &effect.source) {
+    let has_none = |subject: Subject| {
+        matches!(
+            subject,
+            Subject::Link | Subject::Crank | Subject::BaseJoint | Subject::Tcp
+        )
+    };
+    if let (Some(source), true) = (&effect.source, subject.is_some_and(has_none)) {
         let message = format!("only an effect on cart has a source, found `on {word} from source`");
         let help = "leave out `from source`; `q(track)` reads the command of a named track";
         diagnostics.error(language::SUBJECT, source, message, help);
@@ -217,16 +258,18 @@ fn search(
     diagnostics: &mut Diagnostics,
 ) -> Option<(f64, f64)> {
     let (low, high) = declaration.search.as_ref()?;
-    // The grid's density follows from the range of the commands, which are lengths.
-    if let Some(found) = dimension.filter(|dimension| *dimension != Dimension::LENGTH) {
+    // The grid's density follows from the range of the commands, which are lengths or angles.
+    let of_commands = [Dimension::LENGTH, Dimension::ANGLE];
+    if let Some(found) = dimension.filter(|dimension| !of_commands.contains(dimension)) {
         diagnostics.error(language::SEARCH,
             declaration.dimension.location,
             format!(
-                "{name} is searched and must be {}, found {}",
+                "{name} is searched and must be {} or {}, found {}",
                 Dimension::LENGTH.describe(),
+                Dimension::ANGLE.describe(),
                 found.describe()
             ),
-            "what is searched is the length in which an effect repeats; declare anything else with `param`",
+            "what is searched is the length or angle in which an effect repeats; declare anything else with `param`",
         );
         return None;
     }
@@ -241,7 +284,7 @@ fn search(
             language::SEARCH_RANGE,
             low.location.to(high.location),
             format!("{what} is empty"),
-            "write the smaller end first: `in 4 mm ..= 50 mm`",
+            "write two ends, the smaller one first: `in 4 mm ..= 50 mm`",
         );
         return None;
     }
@@ -251,7 +294,7 @@ fn search(
             language::SEARCH_RANGE,
             low.location,
             format!("{what} must begin above zero"),
-            "write the smallest length that is plausible first: `in 4 mm ..= 50 mm`",
+            "write the smallest value that is plausible first: `in 4 mm ..= 50 mm`",
         );
         return None;
     }
@@ -275,11 +318,20 @@ fn term(
             let message = format!("an effect cannot add to `{name}`");
             diagnostics.error(language::UNKNOWN_TARGET, &given.target, message, help);
         }
-        (Some((_, target, ..)), Some(subject)) if subject_of(*target) != subject_word(subject) => {
+        (Some((_, Target::Command, ..)), Some(subject))
+            if subject.is_link() && !subject.takes(Target::Command) =>
+        {
+            let on = subject.written();
+            let message =
+                format!("an effect on {on} cannot add to `{name}`, which is a length or an angle");
+            let help = "write `on link actuated length` or `on link actuated angle`";
+            diagnostics.error(language::TARGET_OF_OTHER, &given.target, message, help);
+        }
+        (Some((_, target, ..)), Some(subject)) if !subject.takes(*target) => {
             let word = subject_word(subject);
             let own: Vec<_> = TARGETS
                 .iter()
-                .filter(|(_, target, ..)| subject_of(*target) == word)
+                .filter(|(_, target, ..)| subject.takes(*target))
                 .map(|(name, ..)| *name)
                 .collect();
             let message = format!("an effect on {word} cannot add to `{name}`");
@@ -293,7 +345,12 @@ fn term(
         _ => {}
     }
     let formula = formula(&given.formula, scope, diagnostics)?;
-    let (_, target, expected, vector) = *target?;
+    let (_, target, _, vector) = *target?;
+    let expected = match (target, scope.subject()) {
+        // Whether it is a length or an angle nobody knows after an error.
+        (Target::Command, None) => return None,
+        (_, subject) => target.dimension(subject.unwrap_or(Subject::Cart)),
+    };
     let location = given.formula.location;
     if vector != matches!(formula.shape, Shape::Vector(_)) {
         let (wanted, found, help) = if vector {

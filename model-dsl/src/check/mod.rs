@@ -21,7 +21,6 @@ mod value;
 mod variant;
 mod vocabulary;
 
-use self::declared::Declared;
 use self::effect::CheckedEffect;
 use crate::diagnostics::Diagnostics;
 use crate::model::{Effect, Model, Track};
@@ -78,11 +77,12 @@ fn all_effects<'a>(
     tracks: &[Track],
     diagnostics: &mut Diagnostics,
 ) -> Vec<CheckedEffect> {
-    let mut names = Declared::default();
+    let mut names = Vec::new();
     effects
         .map(|effect| {
-            names.declare(&effect.name, "effect", diagnostics);
-            effect::effect(effect, tracks, diagnostics)
+            let checked = effect::effect(effect, tracks, diagnostics);
+            effect::declare(effect, &checked, &mut names, diagnostics);
+            checked
         })
         .collect()
 }

@@ -4,7 +4,7 @@ use proc_macro2::Ident;
 use tau_codes::language;
 
 use super::effect::CheckedEffect;
-use super::parts::unknown_track;
+use super::parts::{Geometry, unknown_track};
 use super::variant::Context;
 use crate::diagnostics::{Diagnostic, Diagnostics, Location};
 use crate::model::{Effect, EffectUse, Link, Place, Readable, Subject};
@@ -19,10 +19,13 @@ impl Context<'_> {
         used: &syntax::EffectUse,
         diagnostics: &mut Diagnostics,
     ) -> Option<(EffectUse, Location)> {
-        let found = self
-            .effects
-            .iter()
-            .position(|checked| used.effect == checked.effect.name);
+        let named: Vec<usize> = (0..self.effects.len())
+            .filter(|&index| used.effect == self.effects[index].effect.name)
+            .collect();
+        let found = match named[..] {
+            [first, _, ..] => Some(self.overloaded(first, &named, used, diagnostics)?),
+            _ => named.first().copied(),
+        };
         let Some((effect, checked)) =
             found.and_then(|index| Some((index, self.effects.get(index)?)))
         else {
@@ -48,6 +51,8 @@ impl Context<'_> {
             Subject::Cart => (1, "track"),
             Subject::CartFromSource => (2, "moved, source"),
             Subject::Tcp => (1, "tcp"),
+            Subject::Crank => (1, "crank"),
+            Subject::BaseJoint => (1, "all"),
             _ => (1, "link"),
         };
         if used.places.len() != wanted {
@@ -91,6 +96,10 @@ impl Context<'_> {
             (subject, [place]) if subject.is_link() => {
                 self.links(place, &used.effect, checked, diagnostics)?
             }
+            (Subject::Crank, [place]) => self.cranks(place, &used.effect, diagnostics)?,
+            (Subject::BaseJoint, [place]) => {
+                self.base_joints(place, &used.effect, &checked.effect, diagnostics)?
+            }
             (_, [place, ..]) if *place != "tcp" => {
                 let help = format!("write `{}(tcp)`", used.effect);
                 let message = format!("`{}` acts on the tcp, found `{place}`", used.effect);
@@ -107,6 +116,211 @@ impl Context<'_> {
             tolerance_factor: tolerance_factor(used, &checked.effect, diagnostics)?,
         };
         Some((found, used.location))
+    }
+
+    /// The effect that acts on a place, among effects of one name that are given by their indices.
+    fn overloaded(
+        &self,
+        first: usize,
+        named: &[usize],
+        used: &syntax::EffectUse,
+        diagnostics: &mut Diagnostics,
+    ) -> Option<usize> {
+        let subject = |index: usize| self.effects[index].subject;
+        let Some(place) = used.places.first() else {
+            return Some(first);
+        };
+        // An effect with an error may be meant; that has been reported.
+        if named.iter().any(|&index| subject(index).is_none()) {
+            return None;
+        }
+        let acts = named.iter().copied();
+        let acts: Vec<usize> = acts
+            .filter(|&index| subject(index).is_some_and(|subject| self.has_place(subject, place)))
+            .collect();
+        let on = |indices: &[usize]| {
+            let on = indices.iter().filter_map(|&index| subject(index));
+            let on: Vec<String> = on
+                .map(|subject| format!("`on {}`", subject.written()))
+                .collect();
+            on.join(", ")
+        };
+        let name = &used.effect;
+        match acts[..] {
+            [one] => Some(one),
+            [] => {
+                let message = format!("no `{name}` acts on `{place}`");
+                let help = format!("it is declared {}: name such a place", on(named));
+                diagnostics.error(language::PLACE_OF_OTHER_KIND, place, message, help);
+                None
+            }
+            _ => {
+                let message = format!(
+                    "`{name}({place})` may mean any of the effects {}",
+                    on(&acts)
+                );
+                let help = "name the places one by one: each is of one kind";
+                diagnostics.error(language::PLACE_AMBIGUOUS, place, message, help);
+                None
+            }
+        }
+    }
+
+    /// True if effects on a subject act at a place.
+    fn has_place(&self, subject: Subject, place: &Ident) -> bool {
+        let Geometry {
+            tracks,
+            clusters,
+            links,
+            ..
+        } = self.geometry;
+        let all = *place == "all";
+        let is_meant = |name: &str| all || *place == name;
+        let has_track = |is_crank: bool| {
+            let mut own = tracks.iter();
+            own.any(|track| track.crank.is_some() == is_crank && is_meant(&track.name))
+        };
+        let mut links = links.iter().filter(|link| is_meant(&link.name));
+        match subject {
+            Subject::Cart | Subject::CartFromSource => has_track(false),
+            Subject::Crank => has_track(true),
+            Subject::BaseJoint => {
+                has_track(true) || links.any(|link| subject.admits_joint(link, clusters))
+            }
+            Subject::Tcp => *place == "tcp",
+            _ => links.any(|link| subject.admits(link)),
+        }
+    }
+
+    fn cranks(
+        &self,
+        place: &Ident,
+        effect: &Ident,
+        diagnostics: &mut Diagnostics,
+    ) -> Option<Place> {
+        let tracks = &self.geometry.tracks;
+        if *place == "all" {
+            if self.has_place(Subject::Crank, place) {
+                return Some(Place::AllCranks);
+            }
+            let message = format!("robot `{}` has no cranks", self.robot.name);
+            let help = "an effect on crank needs one";
+            diagnostics.error(language::PLACE_OF_OTHER_KIND, place, message, help);
+            return None;
+        }
+        let found = tracks.iter().position(|track| *place == track.name);
+        let found = found.filter(|&track| tracks[track].crank.is_some());
+        if found.is_none() {
+            let unknown = || {
+                let cranks = tracks.iter().filter(|track| track.crank.is_some());
+                let names = cranks.map(|track| track.name.as_str());
+                let message = format!("cannot find crank `{place}`");
+                Diagnostic::new(language::UNKNOWN_TRACK, place, message).help(suggest(
+                    "crank",
+                    &place.to_string(),
+                    names,
+                ))
+            };
+            diagnostics.push(
+                self.wrong_kind(place, effect, "crank", "crank")
+                    .unwrap_or_else(unknown),
+            );
+        }
+        found.map(Place::Crank)
+    }
+
+    fn base_joints(
+        &self,
+        place: &Ident,
+        name: &Ident,
+        effect: &Effect,
+        diagnostics: &mut Diagnostics,
+    ) -> Option<Place> {
+        let Geometry {
+            tracks,
+            clusters,
+            links,
+            ..
+        } = self.geometry;
+        let on_base = |link: &Link| Subject::BaseJoint.admits_joint(link, clusters);
+        let track = tracks.iter().position(|track| *place == track.name);
+        let link = links.iter().position(|link| *place == link.name);
+        let found = if *place == "all" {
+            self.has_place(Subject::BaseJoint, place)
+                .then_some(Place::AllBaseJoints)
+        } else if let Some(track) = track {
+            let is_crank = tracks[track].crank.is_some();
+            is_crank.then_some(Place::CrankCentre(track))
+        } else if let Some(link) = link {
+            on_base(&links[link]).then_some(Place::BaseJoint(link))
+        } else {
+            let names = links.iter().map(|link| link.name.as_str());
+            diagnostics.push(
+                self.wrong_kind(place, name, "base joint", "link")
+                    .unwrap_or_else(|| {
+                        let message = format!("cannot find link `{place}`");
+                        let help = suggest("link", &place.to_string(), names);
+                        Diagnostic::new(language::UNKNOWN_LINK, place, message).help(help)
+                    }),
+            );
+            return None;
+        };
+        let Some(found) = found else {
+            let message = match (link, track) {
+                (Some(_), _) => {
+                    format!(
+                        "`{name}` acts on joints of the fixed base, but `{place}` rides on a drive"
+                    )
+                }
+                (_, Some(_)) => {
+                    format!("`{name}` acts on joints of the fixed base, but `{place}` is a track")
+                }
+                _ => format!("`{name}` acts on joints of the fixed base, and the robot has none"),
+            };
+            let help = "name a link whose cluster is `on base`, or a crank";
+            diagnostics.error(language::PLACE_OF_OTHER_KIND, place, message, help);
+            return None;
+        };
+        let on = |own: &&Link| match found {
+            Place::BaseJoint(_) => *place == own.name,
+            Place::AllBaseJoints => on_base(own),
+            _ => false,
+        };
+        let read = effect.quantities().find(|own| own.is_of_drive());
+        if let Some(read) = read
+            && let Some(link) = links
+                .iter()
+                .filter(on)
+                .find(|own| own.actuated_by.is_none())
+        {
+            let message = format!(
+                "`{name}` reads `{}` of a drive, but nothing drives `{}`",
+                read.written(tracks),
+                link.name
+            );
+            let help = "use it at cranks, and at links that are `actuated`";
+            diagnostics.error(language::COMMAND_NOT_THERE, place, message, help);
+            return None;
+        }
+        let turned = links.iter().filter(on).find(|own| own.is_driven_by_angle);
+        let turned = turned.map(|link| &link.name).or_else(|| {
+            let mut meant = tracks.iter().enumerate();
+            let meant = meant.find(|(index, track)| {
+                track.crank.is_some()
+                    && (found == Place::AllBaseJoints || found == Place::CrankCentre(*index))
+            });
+            meant.map(|(_, track)| &track.name)
+        });
+        if effect.reads(Readable::Command)
+            && let Some(turned) = turned
+        {
+            let message =
+                format!("`{name}` reads `q` as a length, but `{turned}` is driven by an angle");
+            let help = "read `travel`, a number from -1 to 1 whatever the drive is";
+            diagnostics.error(language::COMMAND_NOT_THERE, place, message, help);
+            return None;
+        }
+        Some(found)
     }
 
     fn some_cart(&self, place: &Ident, diagnostics: &mut Diagnostics) -> Option<()> {
@@ -194,13 +408,12 @@ impl Context<'_> {
             cluster.place == "base"
                 || (self.robot.tracks.iter()).any(|track| track.name == cluster.place)
         });
-        let of_cart = [("q", Readable::Command), ("direction", Readable::Direction)];
-        let reads = of_cart
-            .iter()
-            .find(|(_, quantity)| checked.effect.reads(*quantity));
-        if let (Some((quantity, _)), Some(link), true) = (reads, on_base, places_known) {
+        let reads = [Readable::Command, Readable::Travel, Readable::Direction];
+        let reads = (reads.into_iter()).find(|quantity| checked.effect.reads(*quantity));
+        if let (Some(quantity), Some(link), true) = (reads, on_base, places_known) {
             let message = format!(
-                "`{effect}` reads `{quantity}` of the link's cart, but `{}` stands on the fixed base",
+                "`{effect}` reads `{}` of the link's cart, but `{}` stands on the fixed base",
+                quantity.written(&self.geometry.tracks),
                 link.name
             );
             let help = "use it at links whose cluster is on a track";
@@ -261,6 +474,12 @@ impl Context<'_> {
             let tracks = self.geometry.tracks.iter();
             tracks
                 .filter(|track| track.crank.is_none())
+                .map(|track| format!("`{}`", track.name))
+                .collect()
+        } else if wanted == "crank" {
+            let tracks = self.geometry.tracks.iter();
+            tracks
+                .filter(|track| track.crank.is_some())
                 .map(|track| format!("`{}`", track.name))
                 .collect()
         } else {

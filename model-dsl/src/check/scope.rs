@@ -231,8 +231,7 @@ pub(super) fn named(
     }
     if let Some(quantity) = find_quantity(&text) {
         available(name, quantity.subjects, scope, diagnostics)?;
-        let is_wound = scope.subject() == Some(Subject::LinkByAngle);
-        if quantity.readable == Readable::PaidOut && !is_wound && scope.subject().is_some() {
+        if quantity.readable == Readable::PaidOut && !is_wound(scope) && scope.subject().is_some() {
             let message =
                 "only a drum pays out: `paid_out` is read by effects on links that it winds up";
             diagnostics.error(
@@ -244,7 +243,9 @@ pub(super) fn named(
             return None;
         }
         let dimension = match quantity.readable {
-            Readable::Command if is_wound => Dimension::ANGLE,
+            Readable::Command if scope.subject().is_some_and(Subject::is_turned) => {
+                Dimension::ANGLE
+            }
             _ => quantity.dimension,
         };
         return Some(Checked::scalar(Formula::Read(quantity.readable), dimension));
@@ -270,6 +271,11 @@ pub(super) fn named(
 }
 
 /// Reports a quantity that the effect's subject does not have.
+/// True in effects on links that drums wind up.
+fn is_wound(scope: &Scope<'_>) -> bool {
+    scope.subject() == Some(Subject::LinkByAngle)
+}
+
 fn available(
     name: &Ident,
     subjects: &[&str],
@@ -285,6 +291,7 @@ fn available(
         let own: Vec<_> = QUANTITIES
             .iter()
             .filter(|quantity| quantity.subjects.contains(&word))
+            .filter(|quantity| quantity.readable != Readable::PaidOut || is_wound(scope))
             .map(|quantity| quantity.name)
             .collect();
         format!("it reads {}", own.join(", "))

@@ -4,7 +4,7 @@ use crate::model::{Function, Readable, Subject, Target, Track};
 use crate::units::{Dimension, find_unit};
 
 /// Targets of effects: name, target, dimension, whether it is a vector.
-pub(super) const TARGETS: [(&str, Target, Dimension, bool); 9] = [
+pub(super) const TARGETS: [(&str, Target, Dimension, bool); 11] = [
     ("along", Target::Along, Dimension::LENGTH, false),
     ("horizontal", Target::Horizontal, Dimension::LENGTH, false),
     ("vertical", Target::Vertical, Dimension::LENGTH, false),
@@ -14,6 +14,8 @@ pub(super) const TARGETS: [(&str, Target, Dimension, bool); 9] = [
     ("length", Target::Length, Dimension::LENGTH, false),
     ("joint", Target::Joint, Dimension::LENGTH, true),
     ("position", Target::Position, Dimension::LENGTH, true),
+    ("command", Target::Command, Dimension::LENGTH, false),
+    ("shift", Target::Shift, Dimension::LENGTH, true),
 ];
 
 impl Target {
@@ -27,8 +29,11 @@ impl Target {
         self.described().0
     }
 
-    /// Its dimension.
-    pub fn dimension(self) -> Dimension {
+    /// Dimension of the quantity in effects on a subject: commands of cranks and drums are angles.
+    pub fn dimension(self, subject: Subject) -> Dimension {
+        if self == Self::Command && subject.is_turned() {
+            return Dimension::ANGLE;
+        }
         self.described().2
     }
 
@@ -47,11 +52,30 @@ pub(super) fn subject_word(subject: Subject) -> &'static str {
         | Subject::LinkByLength
         | Subject::LinkByAngle
         | Subject::PulledLink => "link",
+        Subject::Crank => "crank",
+        Subject::BaseJoint => "base joint",
         Subject::Tcp => "tcp",
     }
 }
 
-/// The word for what a target belongs to.
+impl Subject {
+    /// True if the command of the part that it acts on is an angle.
+    pub fn is_turned(self) -> bool {
+        matches!(self, Self::LinkByAngle | Self::Crank)
+    }
+
+    /// True if effects on it may add to a target.
+    pub(super) fn takes(self, target: Target) -> bool {
+        match target {
+            Target::Command => {
+                matches!(self, Self::LinkByLength | Self::LinkByAngle | Self::Crank)
+            }
+            _ => subject_of(target) == subject_word(self),
+        }
+    }
+}
+
+/// The words for the places of all effects that a target belongs to.
 pub(super) fn subject_of(target: Target) -> &'static str {
     match target {
         Target::Along
@@ -62,6 +86,8 @@ pub(super) fn subject_of(target: Target) -> &'static str {
         | Target::Yaw => "cart",
         Target::Length | Target::Joint => "link",
         Target::Position => "tcp",
+        Target::Command => "crank, link actuated length or link actuated angle",
+        Target::Shift => "base joint",
     }
 }
 
@@ -88,17 +114,14 @@ const fn quantity(
     }
 }
 
-const EVERYWHERE: &[&str] = &["cart", "link", "tcp"];
+const EVERYWHERE: &[&str] = &["cart", "link", "crank", "base joint", "tcp"];
+const DRIVES: &[&str] = &["cart", "link", "crank", "base joint"];
 
 /// The quantities that formulas read by a bare name.
-pub(super) const QUANTITIES: [Quantity; 13] = [
-    quantity("q", Readable::Command, Dimension::LENGTH, &["cart", "link"]),
-    quantity(
-        "direction",
-        Readable::Direction,
-        Dimension::NUMBER,
-        &["cart", "link"],
-    ),
+pub(super) const QUANTITIES: [Quantity; 17] = [
+    quantity("q", Readable::Command, Dimension::LENGTH, DRIVES),
+    quantity("travel", Readable::Travel, Dimension::NUMBER, DRIVES),
+    quantity("direction", Readable::Direction, Dimension::NUMBER, DRIVES),
     quantity("time", Readable::Time, Dimension::TIME, EVERYWHERE),
     quantity(
         "temperature",
@@ -130,6 +153,24 @@ pub(super) const QUANTITIES: [Quantity; 13] = [
     quantity("x", Readable::Position(0), Dimension::LENGTH, EVERYWHERE),
     quantity("y", Readable::Position(1), Dimension::LENGTH, EVERYWHERE),
     quantity("z", Readable::Position(2), Dimension::LENGTH, EVERYWHERE),
+    quantity(
+        "base_x",
+        Readable::Base(0),
+        Dimension::LENGTH,
+        &["base joint"],
+    ),
+    quantity(
+        "base_y",
+        Readable::Base(1),
+        Dimension::LENGTH,
+        &["base joint"],
+    ),
+    quantity(
+        "base_z",
+        Readable::Base(2),
+        Dimension::LENGTH,
+        &["base joint"],
+    ),
 ];
 
 /// The quantity of a name.

@@ -1,7 +1,7 @@
 //! Effects: physical errors that add terms to the closures.
 
 use super::formula::{Formula, Readable};
-use super::geometry::{Link, Plate};
+use super::geometry::{Cluster, Link, Plate};
 use crate::units::Dimension;
 
 /// An effect at a place.
@@ -42,8 +42,28 @@ pub enum Place {
     Link(usize),
     /// All links on which the effect can act, with one common set of parameters.
     AllLinks,
+    /// The crank of a track.
+    Crank(usize),
+    /// All cranks, with one common set of parameters.
+    AllCranks,
+    /// The joint of a link on the fixed base.
+    BaseJoint(usize),
+    /// The centre of a crank, by its track, with the joints that turn about it.
+    CrankCentre(usize),
+    /// All joints on the fixed base and all centres of cranks, with one common set of parameters.
+    AllBaseJoints,
     /// The measured TCP.
     Tcp,
+}
+
+impl Place {
+    /// True if it is several places, with one common set of parameters.
+    pub fn is_common(self) -> bool {
+        matches!(
+            self,
+            Self::AllCarts | Self::AllLinks | Self::AllCranks | Self::AllBaseJoints
+        )
+    }
 }
 
 /// Kind of an effect's subject.
@@ -63,6 +83,10 @@ pub enum Subject {
     LinkByAngle,
     /// `on pulled link`: one whose drive is controlled to a tension.
     PulledLink,
+    /// `on crank`.
+    Crank,
+    /// `on base joint`: the joint of a link on the fixed base, or the centre of a crank.
+    BaseJoint,
     /// `on tcp`.
     Tcp,
 }
@@ -96,7 +120,44 @@ impl Subject {
             Self::LinkByLength => link.actuated_by.is_some() && !link.is_driven_by_angle,
             Self::LinkByAngle => link.is_driven_by_angle,
             Self::PulledLink => link.pull.is_some(),
-            Self::Cart | Self::CartFromSource | Self::Tcp => false,
+            Self::Cart | Self::CartFromSource | Self::Crank | Self::BaseJoint | Self::Tcp => false,
+        }
+    }
+
+    /// True if it acts on such a link's joint on the fixed base.
+    pub fn admits_joint(self, link: &Link, clusters: &[Cluster]) -> bool {
+        let cluster = clusters.get(link.cluster);
+        self == Self::BaseJoint && cluster.is_some_and(|cluster| cluster.track.is_none())
+    }
+
+    /// True if some place is one of both: effects of one name on such subjects could not be distinguished.
+    pub fn overlaps(self, other: Self) -> bool {
+        let kinds = |subject: Self| match subject {
+            Self::Cart | Self::CartFromSource => 1,
+            Self::LinkByLength => 2,
+            Self::LinkByAngle => 4,
+            Self::DrivenLink | Self::PulledLink => 2 | 4,
+            Self::Link => 2 | 4 | 8,
+            Self::Crank => 16,
+            Self::BaseJoint => 2 | 4 | 8 | 16,
+            Self::Tcp => 32,
+        };
+        kinds(self) & kinds(other) != 0
+    }
+
+    /// The words of a description behind `on`.
+    pub fn written(self) -> &'static str {
+        match self {
+            Self::Cart => "cart",
+            Self::CartFromSource => "cart from source",
+            Self::Link => "link",
+            Self::DrivenLink => "driven link",
+            Self::LinkByLength => "link actuated length",
+            Self::LinkByAngle => "link actuated angle",
+            Self::PulledLink => "pulled link",
+            Self::Crank => "crank",
+            Self::BaseJoint => "base joint",
+            Self::Tcp => "tcp",
         }
     }
 
@@ -108,12 +169,22 @@ impl Subject {
             Self::LinkByLength => Some(["links whose drive counts a length", "actuated length"]),
             Self::LinkByAngle => Some(["links that a drum winds up", "actuated angle"]),
             Self::PulledLink => Some(["links that are pulled", "pulled"]),
-            Self::Cart | Self::CartFromSource | Self::Tcp => None,
+            Self::Cart | Self::CartFromSource | Self::Crank | Self::BaseJoint | Self::Tcp => None,
         }
     }
 }
 
 impl Effect {
+    /// True if a use could mean either of them.
+    pub fn is_rival_of(&self, other: &Self) -> bool {
+        self.name == other.name && self.subject.overlaps(other.subject)
+    }
+
+    /// True if one of its terms adds to a target.
+    pub fn adds_to(&self, target: Target) -> bool {
+        self.terms.iter().any(|term| term.target == target)
+    }
+
     /// The quantities that its terms read, in order.
     pub fn quantities(&self) -> impl Iterator<Item = Readable> {
         self.terms.iter().flat_map(|term| term.formula.quantities())
@@ -127,6 +198,12 @@ impl Effect {
     /// True if one of its terms reads a force: the tension of a link, or what the arm does to a cart.
     pub fn reads_forces(&self) -> bool {
         self.quantities().any(Readable::is_force)
+    }
+
+    /// True if one of its terms reads where base joints are: what it does is then a field over all of them.
+    pub fn reads_base(&self) -> bool {
+        self.quantities()
+            .any(|own| matches!(own, Readable::Base(_)))
     }
 
     /// Why it has nothing to act on at a place of a robot with such a plate, if it has not.
@@ -149,8 +226,12 @@ impl Effect {
         if adds_to(&[Target::Roll, Target::Pitch, Target::Yaw]) {
             return Some("a reduced arm has no levers for the cart to turn".to_owned());
         }
+        if self.reads_base() {
+            return Some("a reduced arm folds plate joints into those on the base".to_owned());
+        }
         let (at_place, what) = match place {
             Place::Link(link) => (links.get(link..=link)?, "length"),
+            Place::BaseJoint(link) => (links.get(link..=link)?, "base joint"),
             Place::AllLinks if self.reads(Readable::Tension) => (links, "tension"),
             _ => return None,
         };
@@ -243,4 +324,8 @@ pub enum Target {
     Joint,
     /// Error of the measured TCP position (m, vector).
     Position,
+    /// Error that a drive adds to its command (m, or rad of cranks and drums).
+    Command,
+    /// Displacement of a base joint, or of a crank with its joints, in the measurement frame (m, vector).
+    Shift,
 }

@@ -180,11 +180,13 @@ impl Function {
 pub enum Readable {
     /// `q`: command of the cart it acts on, or of the cart or drive of the link it acts on (m, rad of drums).
     Command,
+    /// `travel`: the same as a number, from -1 at the low end of the drive's travel to 1 at its high end.
+    Travel,
     /// `q(track)`: command of a named track (m).
     CommandOf(usize),
     /// `q(source)`: command of the source cart (m).
     SourceCommand,
-    /// `direction`: ±1, side of approach of that cart.
+    /// `direction`: ±1, side of approach of that drive.
     Direction,
     /// `time` (s).
     Time,
@@ -204,9 +206,16 @@ pub enum Readable {
     PaidOut,
     /// `x`, `y` or `z` of the measured TCP (m).
     Position(usize),
+    /// `base_x`, `base_y` or `base_z`: calibrated base joint, or centre of the crank (m), without effects.
+    Base(usize),
 }
 
 impl Readable {
+    /// True for what belongs to one drive: a place without a drive has none of it.
+    pub fn is_of_drive(self) -> bool {
+        matches!(self, Self::Command | Self::Travel | Self::Direction)
+    }
+
     /// True for a force: the tension of a link, or what the arm does to a cart.
     pub fn is_force(self) -> bool {
         matches!(

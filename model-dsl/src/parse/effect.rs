@@ -11,7 +11,7 @@ use crate::names::nearest;
 use crate::syntax::{Effect, ParameterName, Parameters, Term};
 
 /// Words that begin the items of an effect; terms begin with their target.
-const STARTS: [&str; 12] = [
+const STARTS: [&str; 14] = [
     "param",
     "optional",
     "search",
@@ -24,6 +24,8 @@ const STARTS: [&str; 12] = [
     "length",
     "joint",
     "position",
+    "command",
+    "shift",
 ];
 
 /// `effect name on cart { … }` from the name on.
@@ -35,10 +37,13 @@ pub(super) fn effect(
     let name = parser.new_name("the effect's name")?;
     parser.expect_word(
         "on",
-        "say what the effect acts on: `on cart`, `on link` or `on tcp`",
+        "say what the effect acts on: `on cart`, `on link`, `on crank`, `on base joint` or `on tcp`",
     )?;
     let kind = (parser.at_any(&["driven", "pulled"])).then(|| parser.eat_any_word());
-    let subject = parser.name("`cart`, `link` or `tcp`")?;
+    let subject = parser.name("`cart`, `link`, `crank`, `base joint` or `tcp`")?;
+    if subject == "base" {
+        parser.expect_word("joint", "effects move its joints: `on base joint`")?;
+    }
     let actuated = match parser.at_word("actuated").then(|| parser.eat_any_word()) {
         Some(Some(word)) => {
             let help = "links are driven by a length or, through a drum, by an angle";

@@ -1,8 +1,8 @@
 //! Meaning of descriptions.
 
 use super::{GANTRY_TAU, model, robot};
-use crate::Model;
 use crate::model::{Arm, EffectUse, Place, Subject, Target, TrackModel, TrackShape};
+use crate::{Model, effects_from_text};
 
 const LINEAR: TrackModel = TrackModel {
     shape: TrackShape::Linear,
@@ -259,6 +259,77 @@ fn effects_of_every_subject() {
             Place::Tcp,
         ]
     );
+}
+
+/// A use takes the effect that acts on its place; a description's own effect wins where both act on places of one kind.
+#[test]
+fn effects_of_one_name_act_on_places_of_their_kinds() {
+    let model = model(
+        "effect play on cart { param gap: length; along += gap * direction; }
+        effect play on crank { param gap: angle; command += gap * direction; }
+        effect play on driven link { param gap: length; length += gap * direction; }
+        robot Mixed {
+            track one;
+            crank two;
+            cluster arm on one { link a; }
+            cluster bar on two { link b; }
+            cluster legs on base { link c, d, e, f actuated length; }
+            variant Full { arm full; tracks linear; }
+            variant Play = Full + play(one) + play(two) + play(c);
+        }",
+    );
+    let used = model.variants[1].effects.iter();
+    let used: Vec<_> = used.map(|own| (own.effect, own.place)).collect();
+    let cart = Place::Cart {
+        track: 0,
+        source: None,
+    };
+    assert_eq!(used, [(0, cart), (1, Place::Crank(1)), (2, Place::Link(2))]);
+    let catalogue = "
+        effect play on cart { param other: length; along += other; }
+        effect play on link actuated length { param other: length; command += other; }
+        effect play on tcp { param other[3]: length; position += other; }";
+    let extended = effects_from_text(catalogue, &model).unwrap();
+    let subjects = extended.effects.iter().map(|own| own.subject);
+    let expected = [
+        Subject::Cart,
+        Subject::Crank,
+        Subject::DrivenLink,
+        Subject::Tcp,
+    ];
+    assert!(subjects.eq(expected));
+    let at = |place: &str| extended.effect_at("play", &[place.to_owned()]);
+    assert_eq!(
+        [at("one"), at("two"), at("f"), at("tcp")].map(Option::unwrap),
+        [0, 1, 2, 3]
+    );
+    assert_eq!(at("a"), None);
+}
+
+/// Commands of the drives at each place: what effects there read.
+#[test]
+fn places_have_the_commands_of_their_drives() {
+    let model = model(
+        "robot Mixed {
+            track one;
+            crank two;
+            cluster arm on one { link a; }
+            cluster bar on two { link b; }
+            cluster legs on base { link c, d actuated length; link e; link f actuated length; }
+            variant Full { arm full; tracks linear; }
+        }",
+    );
+    let at = |subject, place| model.commands_at(subject, place);
+    assert_eq!(at(Subject::Link, Place::Link(0)), [0]);
+    assert_eq!(at(Subject::Link, Place::Link(1)), [1]);
+    assert_eq!(at(Subject::DrivenLink, Place::Link(2)), [2]);
+    assert!(at(Subject::Link, Place::Link(4)).is_empty());
+    assert_eq!(at(Subject::Link, Place::AllLinks), [0, 1, 2, 3, 4]);
+    assert_eq!(at(Subject::DrivenLink, Place::AllLinks), [2, 3, 4]);
+    assert_eq!(at(Subject::Crank, Place::AllCranks), [1]);
+    assert_eq!(at(Subject::BaseJoint, Place::CrankCentre(1)), [1]);
+    assert_eq!(at(Subject::BaseJoint, Place::AllBaseJoints), [1, 2, 3, 4]);
+    assert!(at(Subject::Tcp, Place::Tcp).is_empty());
 }
 
 #[test]

@@ -1,12 +1,12 @@
 //! Findings of discovery, in plain sentences.
 
-use std::fmt;
+mod answer;
 
+use tau::discovery::Discovery;
 use tau::discovery::results::{
     ErrorOf, FoundEffect, GrossRow, LeftOut, Model, Motion, Order, Place, Quantity, Readable,
     Reason, Target, Unnamed,
 };
-use tau::discovery::{Discovery, Status};
 use tau_codes::{Remark, discovery as codes};
 
 use super::words::{self, capital, part, probability};
@@ -14,185 +14,20 @@ use super::{at, chance, listed, readable};
 use crate::figures::typographic;
 use crate::number::{fixed, general, largest};
 use crate::unknown_poses;
-
-/// A device that errs.
-#[derive(Clone, Copy)]
-pub(crate) enum Device {
-    Machine,
-    Tracker,
-}
-
-impl fmt::Display for Device {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Machine => "machine",
-            Self::Tracker => "tracker",
-        })
-    }
-}
-
-/// The device that errs: the tracker, where all that was found is in its measurements.
-pub(crate) fn device(found: &Discovery) -> Device {
-    let is_of_tracker = found.effects.iter().all(|own| own.place == Place::Tcp);
-    if is_of_tracker && !found.effects.is_empty() && found.unnamed.is_empty() {
-        Device::Tracker
-    } else {
-        Device::Machine
-    }
-}
-
-/// The verdict, with what speaks against it.
-pub(crate) fn verdict(found: &Discovery) -> String {
-    let worst = found.pulls.iter();
-    let worst = worst.max_by(|a, b| a.tolerances.abs().total_cmp(&b.tolerances.abs()));
-    let mut status = Remark::new(found.code(), status(found)).to_string();
-    if let Some(sentence) = unconfirmed(found) {
-        status += &format!(" {sentence}");
-    }
-    let Some(worst) = worst else {
-        return status;
-    };
-    let others = match found.pulls.len() - 1 {
-        0 => String::new(),
-        others => format!(", and {others} more beyond chance"),
-    };
-    format!(
-        "{status} Yet `{}` comes out {} tolerances from the robot file{others}: see below. [{}]",
-        worst.parameter,
-        general(worst.tolerances.abs(), 2),
-        codes::FAR_FROM_DRAWING
-    )
-}
-
-/// Sentence on what was found where errors on what took no part do not fall with it.
-pub(crate) fn unconfirmed(found: &Discovery) -> Option<Remark> {
-    let validation = &found.validation;
-    let (before, after) = (validation.before.mean_um, validation.after.mean_um);
-    (!is_base(found) && validation.speaks_against()).then(|| {
-        let text = format!(
-            "{} do not confirm what was found: {} {} from {} to {} µm in the mean.",
-            capital(validation.compared()),
-            validation.of.subject(),
-            rises_or_falls(before, after),
-            general(before, 3),
-            general(after, 3)
-        );
-        Remark::new(codes::UNCONFIRMED, text)
-    })
-}
-
-fn rises_or_falls(before: f64, after: f64) -> &'static str {
-    if after < before { "falls" } else { "rises" }
-}
-
-fn status(found: &Discovery) -> String {
-    let errs = device(found);
-    let base = format!("the model {}", words::variant(&found.model, &found.base));
-    let count = found.effects.len();
-    let errors = match count {
-        1 => "one error".to_owned(),
-        _ => format!("{} errors", count_word(count)),
-    };
-    match found.status {
-        Status::NothingMissing => format!(
-            "{} explains the measurements: nothing significant is missing.",
-            capital(&base)
-        ),
-        Status::Explained => format!(
-            "The {errs} shows {errors} that {base} does not contain. With {} in the model, nothing significant is \
-             left.",
-            if count == 1 { "it" } else { "them" }
-        ),
-        Status::PartlyExplained => format!(
-            "The {errs} shows {errors} with a name that {base} does not contain. Something significant is left that \
-             has none."
-        ),
-        Status::UnnamedStructure if found.unnamed.is_empty() => {
-            let factors = found.noise.iter().map(|noise| noise.factor);
-            noisy(&base, factors.fold(1.0, f64::max))
-        }
-        Status::UnnamedStructure => format!(
-            "The machine shows something that {base} does not contain and no effect of the catalogue explains. It is \
-             described below, without a name."
-        ),
-    }
-}
-
-/// The verdict where measurements scatter far beyond their noise and nothing follows anything.
-fn noisy(base: &str, factor: f64) -> String {
-    format!(
-        "No effect missing from {base} is significant in these measurements. Yet their noise is {} times the stated \
-         one: either less was stated than there is, or something acts that these measurements do not tell.",
-        general(factor, 2)
-    )
-}
-
-/// The fall of the error at the tool, beside the possible one.
-pub(crate) fn gap(found: &Discovery) -> String {
-    let (before, after) = (found.validation.before, found.validation.after);
-    let um = |value: f64| general(value, 3);
-    let [floor, ceiling] = [found.noise_floor_um, found.ceiling_um].map(um);
-    let of = found.validation.compared();
-    let poses = if found.validation.held_out {
-        format!("On {of}, which took no part,")
-    } else {
-        format!("On {of}, for none were kept apart,")
-    };
-    let change = if is_base(found) {
-        format!(
-            "{poses} {} is {} µm in the mean, {} µm at most and {} µm rms.",
-            found.validation.of.subject(),
-            um(before.mean_um),
-            um(before.max_um),
-            um(before.rms_um)
-        )
-    } else {
-        format!(
-            "{poses} {} {} from {} to {} µm in the mean, from {} to {} µm at most, and from {} to {} µm rms.",
-            found.validation.of.subject(),
-            rises_or_falls(before.mean_um, after.mean_um),
-            um(before.mean_um),
-            um(after.mean_um),
-            um(before.max_um),
-            um(after.max_um),
-            um(before.rms_um),
-            um(after.rms_um)
-        )
-    };
-    let closed = (before.rms_um.powi(2) - after.rms_um.powi(2)) / found.ceiling_um.powi(2);
-    let share = if is_base(found) || !closed.is_finite() {
-        String::new()
-    } else if closed <= 0.0 {
-        " None of it is gone, which speaks against what was found.".to_owned()
-    } else {
-        format!(
-            " Of that, in the mean square, {} % is gone.",
-            fixed((100.0 * closed).clamp(0.0, 100.0), 0)
-        )
-    };
-    format!(
-        "{change} The stated noise alone would show {floor} µm in the mean; beyond it, {ceiling} µm rms could be \
-         removed by any method.{share}"
-    )
-}
-
-/// True if nothing joined the model.
-pub(crate) fn is_base(found: &Discovery) -> bool {
-    found.effects.is_empty() && found.piecewise_tracks.is_empty()
-}
+pub(crate) use answer::{Device, device, gap, is_base, rejected, unconfirmed, verdict};
 
 /// Name and place of an effect.
 pub(crate) fn headline(model: &Model, effect: &FoundEffect) -> String {
     format!(
         "{} – {}",
-        words::title(model, &effect.name),
+        words::title(model, &effect.name, &effect.place),
         part(&effect.place)
     )
 }
 
 /// Size, consequence and certainty of one effect, a sentence or two each.
 pub(crate) fn effect(found: &Discovery, effect: &FoundEffect) -> Vec<String> {
-    let more = words::more(&found.model, &effect.name);
+    let more = words::more(&found.model, &effect.name, &effect.place);
     let mut sentences: Vec<String> = more.into_iter().collect();
     sentences.extend(effect.waves.iter().map(words::wave));
     let sizes = words::parameters(&words::sizes(effect));
@@ -482,6 +317,9 @@ fn movement(direction: Motion) -> String {
         Motion::Target(Target::Horizontal, _) => "moves sideways".to_owned(),
         Motion::Target(Target::Vertical, _) => "moves up and down".to_owned(),
         Motion::Target(Target::Length, _) => "changes its length".to_owned(),
+        Motion::Target(Target::Command, _) | Motion::Turn => {
+            "does not go where it is commanded".to_owned()
+        }
         Motion::InOneStretch => "lies off in one stretch of its track".to_owned(),
         Motion::Target(Target::Roll | Target::Pitch | Target::Yaw, _) => {
             format!("turns in {direction}")

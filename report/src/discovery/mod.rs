@@ -31,9 +31,10 @@ pub(super) fn readable(dimension: Dimension, size: f64) -> (f64, String) {
 
 /// The same for a quantity that effects follow.
 pub(super) fn readable_at(quantity: &Quantity, size: f64) -> (f64, String) {
-    match quantity.readable.dimension() {
-        Dimension::LENGTH => readable(Dimension::LENGTH, size),
-        _ => (1.0, quantity.unit.clone()),
+    match quantity.unit.as_str() {
+        "m" => readable(Dimension::LENGTH, size),
+        "rad" => readable(Dimension::ANGLE, size),
+        other => (1.0, other.to_owned()),
     }
 }
 

@@ -63,6 +63,10 @@ pub(crate) fn sentences(found: &Discovery) -> Markup {
                 @for structure in &unnamed { li { b { "Without a name" } div { (structure) } } }
             }
         }
+        @if !found.rejected.is_empty() {
+            h3 { "What held-out measurements contradict" }
+            ul { @for own in findings::rejected(found) { li { (own.to_string()) } } }
+        }
         @if !rivals.is_empty() {
             h3 { "What else could explain it" }
             ul { @for rival in &rivals { li { (prose(rival)) } } }

@@ -3,12 +3,14 @@ use tau::discovery::PValue;
 use tau::discovery::results::{
     Ambiguous, Bin, Derived, Dimension, Discovery, ErrorOf, Estimate, Evidence, FoundEffect, Gap,
     Lack, LeftOut, Micro, Misfit, Motion, NoiseScale, Order, Pattern, PiecewiseTrack, Place, Pull,
-    Quantity, Readable, Reason, Rival, Separation, SerialCorrelation, Spectrum, Status, Step,
-    Target, Treatment, Unnamed, Unseen, UsedEffect, Validation, Wave, Whiteness,
+    Quantity, Readable, Reason, Rejected, Rival, Separation, SerialCorrelation, Spectrum, Status,
+    Step, Target, Treatment, Unnamed, Unseen, UsedEffect, Validation, Wave, Whiteness,
 };
 use tau::measurements::PoseCounts;
 use tau::robot::Architecture;
+use tau::trust::{self, FileFit};
 use tau_codegen::language::check_text;
+use tau_codegen::language::model::Subject;
 use tau_codes::Remark;
 
 use super::method::Setting;
@@ -46,6 +48,7 @@ fn quantity(readable: Readable, name: &str, unit: &str) -> Quantity {
 fn step(base: &str, effects: &[(&str, &str, &[&str])], mean_um: f64) -> Step {
     let used = |(name, place, with): &(&str, &str, &[&str])| UsedEffect {
         name: (*name).to_owned(),
+        on: Subject::Cart,
         place: cart(place),
         with: with.iter().map(|name| (*name).to_owned()).collect(),
         tolerance_factor: 10.0,
@@ -133,6 +136,9 @@ fn found() -> Discovery {
         validation_outliers: vec![],
         misfit: vec![],
         noise: vec![],
+        worst: None,
+        fit: None,
+        rejected: vec![],
         effects: vec![FoundEffect {
             name: "backlash".to_owned(),
             place: cart("one"),
@@ -314,7 +320,7 @@ fn effects_of_a_user_are_told_in_words() {
              mm. Not determined by the data (σ above the tolerance): lean.",
         ]
     );
-    assert_eq!(title(model, "own_stretch"), "Own stretch");
+    assert_eq!(title(model, "own_stretch", &Place::AllLinks), "Own stretch");
     assert_eq!(part(&Place::AllLinks), "all links");
     assert_eq!(part(&link("l2a")), "link l2a");
     assert_eq!(variant(model, "Full"), "Full (all links, straight tracks)");
@@ -469,9 +475,60 @@ fn a_verdict_claims_no_more_than_was_found() {
         factor,
     };
     found.noise = vec![noise(0.9), noise(4.02)];
-    found.status = Status::UnnamedStructure;
     found.unnamed.clear();
-    said(&found, &["T629"]);
+    found.status = Status::Unresolved;
+    said(&found, &["T650"]);
+    // A leg that stands out, a file where none does, a parameter.
+    found.worst = Some(Misfit {
+        set: 1,
+        cart: None,
+        link: Some("leg3".to_owned()),
+        coordinate: "length".to_owned(),
+        rms: 29.13,
+        expected_rms: 14.8,
+        excess_rms: 25.1,
+        unit: Micro::Metre,
+        degrees: 44.0,
+        p_value: PValue::of_chi2(170.0, 44.0),
+    });
+    said(&found, &["T650"]);
+    found.worst = None;
+    let by_file = vec![FileFit {
+        file: "tcp_poses.csv",
+        kind: "closure",
+        rows: 264,
+        rms: 3.1e-5,
+        expected_rms: 1.5e-5,
+        unit: "m",
+    }];
+    let beyond = trust::Reason::Beyond {
+        over_noise: 2.07,
+        squares: [1128.0, 264.0],
+        is_unexplained: false,
+    };
+    let mut fit = trust::Verdict {
+        status: trust::Status::Inconsistent,
+        by_file,
+        why: vec![beyond],
+        ..trust::Verdict::default()
+    };
+    found.fit = Some(fit.clone());
+    said(&found, &["T650"]);
+    let pull = tau::trust::Pull {
+        parameter: "l2.length".to_owned(),
+        tolerances: 5.1,
+    };
+    fit.pulls = vec![pull.clone()];
+    fit.why = vec![trust::Reason::Pulled(pull, 5.1)];
+    found.fit = Some(fit);
+    said(&found, &["T650"]);
+    found.rejected = vec![Rejected {
+        name: "straightness".to_owned(),
+        place: cart("two"),
+        chi2_drop: 31.4,
+        heldout_change: 12.7,
+    }];
+    sentences.extend(findings::rejected(&found).iter().map(Remark::to_string));
     insta::assert_snapshot!(sentences.join("\n"));
 }
 

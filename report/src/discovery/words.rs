@@ -66,8 +66,8 @@ pub(crate) fn variant(model: &Model, name: &str) -> String {
 }
 
 /// Title of an effect: the first sentence of its description, or else its name.
-pub(crate) fn title(model: &Model, name: &str) -> String {
-    let (first, _) = docs(model, name);
+pub(crate) fn title(model: &Model, name: &str, place: &Place) -> String {
+    let (first, _) = docs(model, name, place);
     if !first.is_empty() {
         return first;
     }
@@ -87,12 +87,15 @@ pub(crate) fn rest_or_error(found: &Discovery) -> &'static str {
 }
 
 /// The rest of its description.
-pub(crate) fn more(model: &Model, name: &str) -> Option<String> {
-    Some(docs(model, name).1).filter(|more| !more.is_empty())
+pub(crate) fn more(model: &Model, name: &str, place: &Place) -> Option<String> {
+    Some(docs(model, name, place).1).filter(|more| !more.is_empty())
 }
 
-fn docs(model: &Model, name: &str) -> (String, String) {
-    let effect = model.effects.iter().find(|effect| effect.name == name);
+fn docs(model: &Model, name: &str, place: &Place) -> (String, String) {
+    let named = model.effects.iter().filter(|effect| effect.name == name);
+    // Of effects of one name that which acts there.
+    let effect = { named.clone() }.find(|effect| place.is_of(model, effect));
+    let effect = effect.or_else(|| { named }.next());
     let lines = effect.map_or(&[][..], |effect| &effect.docs);
     let docs: Vec<&str> = lines.iter().map(|line| line.trim()).collect();
     let docs = docs.join(" ");
@@ -110,6 +113,10 @@ pub(crate) fn part(place: &Place) -> String {
         Place::Cluster(name) => format!("cluster {name}"),
         Place::AllCarts => "all carts".to_owned(),
         Place::AllLinks => "all links".to_owned(),
+        Place::Crank(name) => format!("crank {name}"),
+        Place::AllCranks => "all cranks".to_owned(),
+        Place::BaseJoint(name) => format!("base joint of {name}"),
+        Place::AllBaseJoints => "all base joints".to_owned(),
         Place::Tcp => "the tool as measured".to_owned(),
         Place::Command(_) => place.to_string(),
         Place::Several(places) => listed(&places.iter().map(part).collect::<Vec<_>>()),
@@ -191,6 +198,8 @@ fn of_motion(motion: Motion) -> String {
         Motion::Target(Target::Vertical, _) => "up and down".to_owned(),
         Motion::Target(Target::Joint, _) => "at the plate joint".to_owned(),
         Motion::Target(Target::Position, _) => "at the measured position".to_owned(),
+        Motion::Target(Target::Command, _) | Motion::Turn => "in what the drive does".to_owned(),
+        Motion::Target(Target::Shift, _) => "at the base joint".to_owned(),
         other => format!("in {other}"),
     }
 }

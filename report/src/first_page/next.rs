@@ -169,7 +169,7 @@ fn after_search(found: &Discovery) -> Vec<String> {
         ))
     }));
     match found.status {
-        Found::UnnamedStructure if found.unnamed.is_empty() => steps.push(
+        Found::Unresolved | Found::PartlyExplained if found.unnamed.is_empty() => steps.push(
             "State the noise that the measurements really have, or record what else changes from pose to \
              pose: nothing recorded explains the scatter."
                 .to_owned(),
@@ -179,7 +179,7 @@ fn after_search(found: &Discovery) -> Vec<String> {
              described as an effect of your own (`--effects`), and is then tested like the others."
                 .to_owned(),
         ),
-        Found::Explained | Found::NothingMissing => {}
+        _ => {}
     }
     steps
 }
@@ -197,7 +197,7 @@ fn heaviest(found: &Discovery) -> Option<String> {
     };
     Some(format!(
         "{removed} The heaviest is {} ({}): {} µm of the mean {}.",
-        lower(&title(&found.model, &most.name)),
+        lower(&title(&found.model, &most.name, &most.place)),
         part(&most.place),
         general(most.heldout_drop_um, 2),
         rest_or_error(found)

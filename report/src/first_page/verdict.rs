@@ -62,6 +62,7 @@ pub(super) fn of_discovery(found: &Discovery) -> Markup {
         discovery::Status::Explained => ("consistent", "Explained"),
         discovery::Status::PartlyExplained => ("inconsistent", "Partly explained"),
         discovery::Status::UnnamedStructure => ("inconsistent", "Not explained"),
+        discovery::Status::Unresolved => ("inconsistent", "Unresolved"),
     };
     html! {
         div class={ "verdict " (class) } role="group" aria-label="Verdict" {

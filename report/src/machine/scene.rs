@@ -202,12 +202,36 @@ fn anchors(layout: &Layout, place: &Place) -> Vec<Point> {
         let rods = layout.links.iter().filter(|rod| keep(rod));
         rods.map(middle).collect::<Vec<_>>()
     };
+    let cranks = |keep: &dyn Fn(&str) -> bool| {
+        let cranks = layout
+            .tracks
+            .iter()
+            .filter(|rail| rail.is_crank && keep(&rail.name));
+        cranks.map(|rail| rail.cart_m).collect::<Vec<_>>()
+    };
+    let feet = |keep: &dyn Fn(&Rod) -> bool| {
+        let rods = layout.links.iter().filter(|rod| keep(rod));
+        rods.map(|rod| rod.ends_m[0])
+            .collect::<Vec<_>>()
+            .into_iter()
+    };
     match place {
-        Place::Cart(name) | Place::CartFrom(name, _) => carts(&|own| own == name),
+        Place::Cart(name) | Place::CartFrom(name, _) | Place::Crank(name) => {
+            carts(&|own| own == name)
+        }
         Place::Link(name) | Place::Cluster(name) => {
             links(&|rod| rod.name == *name || rod.cluster == *name)
         }
         Place::AllCarts => carts(&|_| true),
+        Place::AllCranks => cranks(&|_| true),
+        Place::BaseJoint(name) => {
+            let joints = feet(&|rod| rod.name == *name);
+            joints.chain(cranks(&|own| own == name)).collect()
+        }
+        Place::AllBaseJoints => {
+            let joints = feet(&|rod| rod.track.is_none());
+            joints.chain(cranks(&|_| true)).collect()
+        }
         Place::AllLinks => links(&|_| true),
         Place::Tcp => vec![layout.tcp_m],
         Place::Command(number) => {

@@ -16,6 +16,31 @@ use crate::robot_file::{Dimensions, RobotFile};
 const LARGEST_MISFIT: f64 = 0.5;
 
 impl Folder {
+    /// Lowest and highest value of each command (m or rad) in all files; empty where none holds all of them.
+    pub fn travel(&self, commands: usize) -> Vec<[f64; 2]> {
+        let mut travel = vec![[f64::INFINITY, f64::NEG_INFINITY]; commands];
+        let mut take = |command: usize, value: f64| {
+            if let Some([low, high]) = travel.get_mut(command) {
+                (*low, *high) = (low.min(value), high.max(value));
+            }
+        };
+        let of_poses = self.tcp_poses.iter().map(|own| &own.commands_m);
+        let of_rows = self.plate_rows.iter().map(|own| &own.commands_m);
+        let of_carts = self.cart_positions.iter().map(|own| &own.commands_m);
+        for row in of_poses.chain(of_rows).chain(of_carts) {
+            for (command, &value) in row.iter().enumerate() {
+                take(command, value);
+            }
+        }
+        for point in &self.cart_poses {
+            take(point.track, point.command_m);
+        }
+        if travel.iter().any(|[low, high]| low > high) {
+            travel.clear();
+        }
+        travel
+    }
+
     /// Checks that there are more calibration poses than parameters to be found from them: each pose gives one closure
     /// equation per link, and as many as parameters leave no residual to judge the fit by.
     ///

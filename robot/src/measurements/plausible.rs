@@ -7,6 +7,7 @@ pub use tau_model_dsl::plausible::{FARTHEST_M, LARGEST_ANGLE_RAD, LONGEST_M};
 
 use super::shape::{Actuator, Shape};
 use super::table::{Column, Table};
+use super::visits::visits;
 use crate::input_error::Mistakes;
 use tau_codes::files;
 
@@ -371,6 +372,39 @@ pub fn distinct_keys<const N: usize>(
                     table.line(first)
                 ),
                 help,
+            );
+        }
+    }
+}
+
+/// Rows of one pose are repeated readings of it, so that they have the same commands.
+pub fn one_place_each(
+    table: &Table<'_>,
+    pose: &Column<Option<u32>>,
+    commands: &[Column],
+    mistakes: &mut Mistakes<'_>,
+) {
+    let rows = (0..table.rows()).map(|row| {
+        let own: Vec<f64> = commands.iter().map(|column| column.values[row]).collect();
+        own
+    });
+    let rows: Vec<Vec<f64>> = rows.collect();
+    let visits = visits(rows.iter().map(Vec::as_slice));
+    let mut first_rows = BTreeMap::new();
+    for (row, &visit) in visits.iter().enumerate() {
+        let Some(number) = pose.values[row] else {
+            continue;
+        };
+        let first = *first_rows.entry(number).or_insert(row);
+        if visits[first] != visit {
+            mistakes.push_with_help(
+                files::ROW_TWICE,
+                table.place(row, pose.index),
+                format!(
+                    "pose {number} is given twice, first on line {} at other commands",
+                    table.line(first)
+                ),
+                "rows of one number are repeated readings of a pose: give another pose a number of its own",
             );
         }
     }

@@ -320,11 +320,7 @@ fn read_tcp_poses(
     plausible::commands(&table, &commands, &shape.drives, &mut mistakes);
     plausible::positions(&table, &position, &mut mistakes);
     plausible::angles(&table, &angles, &mut mistakes);
-    let help = "give each row a number of its own: in this file repeated readings of a pose have them, too, and are \
-                recognised by equal commands";
-    plausible::distinct_keys(&table, [&pose], &mut mistakes, help, |[pose]| {
-        format!("pose {pose}")
-    });
+    plausible::one_place_each(&table, &pose, &commands, &mut mistakes);
     plausible::spread(&table, "commands", &commands, &mut mistakes);
     let axes = shape.plate.freedoms_of_tcp().len();
     plausible::spread(&table, "position", &position[..axes], &mut mistakes);

@@ -9,7 +9,7 @@ use tau_model_dsl::units::Dimension;
 use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue};
 
-use super::keys::{WIDE, crank_values, described_links, effect_key, key_place, machine_parameters};
+use super::keys::{WIDE, crank_values, described_links, key_place, machine_parameters};
 use super::{LinkValues, RobotFile};
 use crate::input_error::{Mistakes, quoted, suggestion};
 use crate::measurements::plausible::{FARTHEST_M, LARGEST_ANGLE_RAD, LONGEST_M};
@@ -85,7 +85,7 @@ pub(super) fn names<'r>(
                 format!("expected one of {}", quoted(places.iter().copied())),
             );
         }
-        effect_values(mistakes, root, key, name.trim(), robot);
+        effect_values(mistakes, root, key, (name.trim(), at), robot);
     }
     meant
 }
@@ -163,7 +163,7 @@ fn turns(
     }
 }
 
-/// The noise of the drives is one number, or one for each command.
+/// The noise of the drives is one number, or one for each command; their travel is a range for each.
 fn drives(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, robot: &Robot) {
     let table = root.get("drives").and_then(|own| own.get_ref().as_table());
     let given = table.and_then(|table| table.get("noise_m"));
@@ -178,6 +178,42 @@ fn drives(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, robot: &Robot) {
             robot.name
         );
         mistakes.push(files::COUNT, given.span(), message);
+    }
+    let given = table.and_then(|table| table.get("travel"));
+    let Some((given, each)) = given.and_then(|own| Some((own, own.get_ref().as_array()?))) else {
+        return;
+    };
+    if each.len() != robot.commands {
+        let plural = if each.len() == 1 { "" } else { "s" };
+        let message = format!(
+            "found {} range{plural}, expected {}, one for each command of robot `{}`",
+            each.len(),
+            robot.commands,
+            robot.name
+        );
+        mistakes.push(files::COUNT, given.span(), message);
+        return;
+    }
+    for (command, pair) in each.iter().enumerate() {
+        let ends = pair.get_ref().as_array().into_iter().flatten();
+        let mut ends = ends.filter_map(|end| number(end.get_ref()));
+        if let Some(end) = ends.find(|end| end.abs() > LONGEST_M && !robot.is_angle(command)) {
+            let message = format!("found {end}, expected metres, at most {LONGEST_M}");
+            let help = if end.is_finite() {
+                "this looks like millimetres: divide by 1000"
+            } else {
+                "write the end of the travel as a number, or leave `travel` out"
+            };
+            mistakes.push_with_help(files::NOT_METRES, pair.span(), message, help);
+        }
+    }
+}
+
+fn number(value: &DeValue<'_>) -> Option<f64> {
+    match value {
+        DeValue::Float(float) => float.as_str().parse().ok(),
+        DeValue::Integer(integer) => integer.as_str().parse().ok(),
+        _ => None,
     }
 }
 
@@ -206,13 +242,21 @@ fn effect_values(
     mistakes: &mut Mistakes<'_>,
     root: &DeTable<'_>,
     key: &Spanned<DeString<'_>>,
-    name: &str,
+    (name, at): (&str, &str),
     robot: &Robot,
 ) {
+    let places: Vec<String> = at.split(',').map(|place| place.trim().to_owned()).collect();
+    let meant = robot.model.effect_at(name, &places);
     let mut components: BTreeMap<&str, usize> = BTreeMap::new();
-    for parameter in robot.variants.iter().flat_map(|v| &v.parameters) {
-        let of_effect = effect_key(parameter).and_then(|key| key.split('(').next());
-        if matches!(parameter.owner, Owner::Effect(_)) && of_effect == Some(name) {
+    let variants = robot.variants.iter();
+    let parameters = variants.flat_map(|own| own.parameters.iter().map(move |p| (own, p)));
+    for (variant, parameter) in parameters {
+        let Owner::Effect(index) = parameter.owner else {
+            continue;
+        };
+        // Effects of one name on places of other kinds have parameters of their own.
+        let (own, own_places) = &variant.effects[index];
+        if own == name && robot.model.effect_at(own, own_places) == meant {
             let count = components.entry(&parameter.quantity).or_default();
             *count = parameter.component.map_or(1, |c| (c + 1).max(*count));
         }

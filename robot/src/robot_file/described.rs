@@ -9,6 +9,7 @@ use super::keys::{crank_values, described_links, described_reference, machine_pa
 use super::write::{key, string};
 use super::{Noise, Origin, Reference, RobotFile};
 use crate::input_error::{InputError, quoted};
+use crate::measurements::Shape;
 use crate::robot::{Link, LinkKey, Robot};
 
 /// Noise of a laser tracker over a few metres with the repeatability of a machine, one standard deviation per axis: what
@@ -138,9 +139,15 @@ const LINKS: &str = "
 ";
 
 fn write_template(out: &mut String, robot: &Robot) -> fmt::Result {
+    // A point has no rotation to measure.
+    let noise = if robot.plate.is_point() && !Shape::from(robot).has_carts() {
+        NOISE.replace("rotation_rad = \"?\"\n", "")
+    } else {
+        NOISE.to_owned()
+    };
     write!(
         out,
-        "{HEAD}robot = {}\n{NOISE}{PAYLOAD}",
+        "{HEAD}robot = {}\n{noise}{PAYLOAD}",
         string(&robot.name)
     )?;
     // Angles have no such range.

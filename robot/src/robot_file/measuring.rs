@@ -46,6 +46,9 @@ pub struct Measuring {
     pub axes: [Option<StatedNoise>; 3],
     /// `[drives]`: noise of each command (m or rad), or one for all; empty: exact drives.
     pub drives: Vec<StatedNoise>,
+    /// `travel` of `[drives]`: low and high end of each command (m or rad), to which polynomials of effects scale; empty
+    /// where it is not stated.
+    pub travel: Vec<[f64; 2]>,
     /// `[targets.NAME]`: position on the plate, in TCP coordinates (m).
     pub targets: BTreeMap<String, Value>,
     /// `[surfaces.NAME]`.
@@ -169,6 +172,7 @@ impl Document<'_> {
             && let Some(table) = self.table(value)
         {
             found.drives = self.drives(table, value);
+            found.travel = self.travel(table).unwrap_or_default();
         }
         found.targets = self.places(root, "targets");
         found.balls = self.places(root, "balls");
@@ -192,8 +196,14 @@ impl Document<'_> {
     }
 
     fn drives(&mut self, table: &DeTable<'_>, section: &Spanned<DeValue<'_>>) -> Vec<StatedNoise> {
-        self.known_keys(table, &["noise_m"]);
-        let Some(value) = self.required(table, "noise_m", &section.span()) else {
+        self.known_keys(table, &["noise_m", "travel"]);
+        // Who states their travel alone says nothing of their noise.
+        let stated = table.get("noise_m");
+        if stated.is_none() && !table.is_empty() {
+            return vec![];
+        }
+        let Some(value) = stated.or_else(|| self.required(table, "noise_m", &section.span()))
+        else {
             return vec![];
         };
         let robot = self.robot;
@@ -207,6 +217,31 @@ impl Document<'_> {
         }
         let all_turn = robot.is_some_and(|robot| (0..robot.commands).all(turns));
         self.stated_noise(value, all_turn).into_iter().collect()
+    }
+
+    /// `travel = [[low, high], …]`.
+    fn travel(&mut self, table: &DeTable<'_>) -> Option<Vec<[f64; 2]>> {
+        let value = table.get("travel")?;
+        let DeValue::Array(each) = value.get_ref() else {
+            let expected = "an array with `[low, high]` for each command";
+            self.wrong_type(value.span(), value.get_ref(), expected);
+            return None;
+        };
+        let each: Vec<_> = each
+            .iter()
+            .map(|pair| {
+                let [low, high] = self.numbers::<2>(pair)?;
+                if low >= high {
+                    self.mistakes.push(
+                        files::ORDER,
+                        pair.span(),
+                        format!("found the travel {low} to {high}, expected a lower end below the upper one"),
+                    );
+                }
+                Some([low, high])
+            })
+            .collect();
+        each.into_iter().collect()
     }
 
     /// Sections `[SECTION.NAME]` that hold `position_m`.
@@ -297,13 +332,23 @@ impl Measuring {
                 writeln!(out, "{quantity} = {noise}")?;
             }
         }
+        if !self.drives.is_empty() || !self.travel.is_empty() {
+            writeln!(out, "\n[drives]")?;
+        }
         match self.drives.as_slice() {
             [] => {}
-            [one] => writeln!(out, "\n[drives]\nnoise_m = {one}")?,
+            [one] => writeln!(out, "noise_m = {one}")?,
             each => {
                 let each: Vec<String> = each.iter().map(StatedNoise::to_string).collect();
-                writeln!(out, "\n[drives]\nnoise_m = [{}]", each.join(", "))?;
+                writeln!(out, "noise_m = [{}]", each.join(", "))?;
             }
+        }
+        if !self.travel.is_empty() {
+            writeln!(
+                out,
+                "travel = {:?}  # low and high end of each command, where `travel` of effects is -1 and 1",
+                self.travel
+            )?;
         }
         for (name, value) in &self.targets {
             writeln!(out, "\n[targets.{}]  # in TCP coordinates", key(name))?;

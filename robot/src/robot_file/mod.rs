@@ -183,6 +183,11 @@ pub struct Noise {
     pub rotation_rad: f64,
 }
 
+impl Noise {
+    /// Noise of the rotation of a plate that is a point (rad): no residual reads it, and no file may state a noise as large as this.
+    pub const OF_NO_ROTATION_RAD: f64 = 1.0;
+}
+
 /// The load that the arm carries.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Payload {

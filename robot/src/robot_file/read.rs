@@ -6,6 +6,7 @@ use std::path::Path;
 
 use tau_codes::files;
 use tau_model_dsl::plausible::LARGEST_PLATE_M;
+use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::document::{Document, Kind};
@@ -13,6 +14,7 @@ use super::keys::key_place;
 use super::measuring::noise_sections;
 use super::{LinkValues, Noise, Origin, Payload, Reference, RobotFile, Value, check, finite};
 use crate::input_error::{self, InputError, Mistakes, Source};
+use crate::measurements::Shape;
 use crate::measurements::plausible::{FARTHEST_M, LONGEST_M, SMALLEST_DEVIATION};
 use crate::robot::{LinkKey, Robot};
 
@@ -190,7 +192,9 @@ impl<'a> Document<'a> {
             rotation_rad: f64::NAN,
         };
         // Redundant drives may be all that measures.
-        let has_drives = root.contains_key("drives");
+        let drives = root.get("drives").map(Spanned::get_ref);
+        let drives = drives.and_then(DeValue::as_table);
+        let has_drives = drives.is_some_and(|own| own.contains_key("noise_m"));
         if has_drives && !root.contains_key("noise") {
             return none;
         }
@@ -208,9 +212,17 @@ impl<'a> Document<'a> {
         );
         // Who states the noise of other files may have no tracker.
         let is_optional = has_drives || of_files.iter().any(|section| table.contains_key(*section));
+        // A point does not turn, and where there are no carts no other rotation is measured.
+        let turns_nothing =
+            (self.robot).is_some_and(|own| own.plate.is_point() && !Shape::from(own).has_carts());
         let mut deviation = |key: &str| {
-            if is_optional && !table.contains_key(key) {
-                return f64::NAN;
+            if !table.contains_key(key) {
+                if turns_nothing && key == "rotation_rad" {
+                    return Noise::OF_NO_ROTATION_RAD;
+                }
+                if is_optional {
+                    return f64::NAN;
+                }
             }
             let Some(value) = self.required(table, key, &place) else {
                 return f64::NAN;
@@ -276,7 +288,9 @@ impl<'a> Document<'a> {
             self.mistakes.push(
                 files::ORDER,
                 value.span(),
-                format!("found the range {low} to {high}, expected the lower end first"),
+                format!(
+                    "found the range {low} to {high}, expected a lower end below the upper one"
+                ),
             );
         }
         self.metres(value.span(), &[low, high], LONGEST_M);

@@ -32,7 +32,7 @@ impl RobotFile {
             ("position_m", self.noise.position_m),
             ("rotation_rad", self.noise.rotation_rad),
         ] {
-            if noise.is_finite() {
+            if noise.is_finite() && noise < super::Noise::OF_NO_ROTATION_RAD {
                 writeln!(out, "{key} = {noise:?}")?;
             }
         }

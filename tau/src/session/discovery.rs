@@ -6,6 +6,7 @@ use tau_codes::Remark;
 use tau_discovery::{Options, Outcome, UNNAMED, reserved};
 use tau_estimation::calibration::Error;
 use tau_estimation::unknown_poses::UnknownPoses;
+use tau_model_dsl::model::Effect;
 use tau_model_dsl::{self as language, Model};
 use tau_robot::effects::CATALOGUE;
 use tau_robot::input_error::{self, InputError, Source, both};
@@ -129,16 +130,19 @@ impl<R> Session<R> {
 
 fn catalogues(robot: &Robot, paths: &[impl AsRef<Path>]) -> Result<Catalogues, InputError> {
     let mut model = Model::clone(&robot.model);
-    let known: Vec<String> = model.effects.iter().map(|own| own.name.clone()).collect();
+    let known = model.effects.clone();
     let mut read = Ok((Vec::new(), Vec::new()));
     for path in paths {
         let of_path = catalogue(path.as_ref(), &model);
         read = both(read, of_path).map(|((mut texts, mut remarks), (text, more))| {
             let file = path.as_ref().display();
-            let own = more.effects.iter().map(|own| &own.name);
-            let twice = own.filter(|name| model.effects.iter().any(|first| first.name == **name));
-            remarks.extend(twice.map(|name| {
-                let first = if known.contains(name) {
+            let is_known =
+                |known: &[Effect], own: &Effect| known.iter().any(|first| first.is_rival_of(own));
+            let own = more.effects.iter();
+            let twice = own.filter(|own| is_known(&model.effects, own));
+            remarks.extend(twice.map(|own| {
+                let name = &own.name;
+                let first = if is_known(&known, own) {
                     "the description"
                 } else {
                     "another file"

@@ -2,7 +2,7 @@
 
 use num_dual::{Dual64, DualNum};
 use tau::robot::{Input, Owner};
-use tau_model_dsl::model::{BinaryOperator, Formula, Function, Readable, Value};
+use tau_model_dsl::model::{BinaryOperator, CrankValue, Formula, Function, Readable, Value};
 
 use super::Reference;
 use super::matrices::V;
@@ -17,6 +17,9 @@ pub(super) struct Scope {
     pub(super) link: Option<usize>,
     pub(super) length_of: Option<Owner>,
     pub(super) at_zero: bool,
+    /// True if the command is what the drive makes of it.
+    pub(super) driven: bool,
+    pub(super) base_of: Option<Owner>,
     pub(super) set_one: bool,
 }
 
@@ -85,7 +88,17 @@ impl Reference<'_> {
         let load = |component| self.load(scope.track.unwrap(), component);
         match readable {
             Readable::Command if scope.at_zero => Dual64::from(0.0),
+            Readable::Command if scope.driven => self.driven(scope.command.unwrap()),
             Readable::Command => self.datum(Input::Command(scope.command.unwrap())),
+            Readable::Travel => {
+                let command = scope.command.unwrap();
+                let of = |input: fn(usize) -> Input| self.datum(input(command));
+                (of(Input::Command) - of(Input::TravelMiddle)) / of(Input::TravelHalf)
+            }
+            Readable::Base(i) => match scope.base_of.unwrap() {
+                Owner::Crank(track) => self.crank(track, CrankValue::Centre)[i],
+                joint => self.value(joint, Value::TrackOffset)[i],
+            },
             Readable::CommandOf(track) => self.datum(Input::Command(track)),
             Readable::SourceCommand => self.datum(Input::Command(scope.source.unwrap())),
             Readable::Direction => self.datum(Input::Direction(scope.command.unwrap())),

@@ -61,6 +61,12 @@ a key of another kind     | [noise.heights]\ndistance_m = 1e-5                  
 a kind that is none       | [noise.hights]\nheight_m = 1e-5                                           | T243:7
 noise in millimetres      | [noise.distances]\ndistance_m = 0.5                                       | T223:8
 drives without noise      | [drives]                                                                  | T242:7
+travel of the drives      | [drives]\ntravel = [[-1, 1], [0, 0.5]]                                     | -
+one travel for two drives | [drives]\ntravel = [[-1, 1]]                                               | T246:8
+travel from high to low   | [drives]\ntravel = [[1, -1], [0, 0.5]]                                     | T247:8
+travel without its ends   | [drives]\ntravel = [1, [0, 0.5]]                                           | T244:8
+travel in millimetres     | [drives]\ntravel = [[-600, 600], [0, 0.5]]                                 | T221:8
+travel with an end        | [drives]\ntravel = [[-1, 1, 2], [0, 0.5]]                                  | T246:8
 a place without tolerance | [targets.left]\nposition_m = [0.1, 0.2, 0.3]                              | T244:8
 a plane without offset    | [surfaces.bed]\nnormal = { value = [0, 0, 1], tol = 1e-3 }                | T242:8
 a ball in millimetres     | [balls.first]\nposition_m = { value = [100, 200, 300], tol = 0.01 }       | T221:8

@@ -51,6 +51,7 @@ fn sentences() {
         Verdict::Rival,
         Verdict::NotSignificant,
         Verdict::NotConfirmed,
+        Verdict::Rejected,
         Verdict::NotTheBest,
         Verdict::Explained,
         Verdict::WithoutName,

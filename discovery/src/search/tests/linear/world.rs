@@ -112,6 +112,8 @@ impl World {
                 .collect(),
             closures: vec![],
             tcp: [0; 3],
+            commands: vec![],
+            bases: vec![],
             row_count: ROWS,
         };
         let context = (fit, &self.options);
