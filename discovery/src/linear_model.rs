@@ -150,7 +150,7 @@ impl LinearModel {
         columns
     }
 
-    /// The residuals, for tests of what stands beside the model.
+    /// The residuals, for tests of candidates.
     pub(super) fn tested(&self) -> Residuals {
         Residuals {
             total: self.total(),

@@ -12,7 +12,6 @@ use tau_estimation::samples::{Lack, Sample};
 use tau_kinematics::Surroundings;
 
 use super::candidates::{Candidate, Readings};
-use super::p_value::PValue;
 use super::probes::Probes;
 use super::response::{Displacements, Responses};
 use crate::subspace::orthonormal;
@@ -243,31 +242,6 @@ pub(super) fn lobe(range_m: f64) -> f64 {
     2.0 / range_m
 }
 
-/// Chance that the highest statistic of a whole scan exceeds `statistic` without an effect: the bound
-/// by upcrossings (Davies 1987; Gross and Vitells 2010) with their number at a low level counted in
-/// null scans. The variance of the noise, in units of which the statistic is, is known by `rest` degrees of freedom: upcrossings
-/// are those of a χ² process where these are infinitely many, else those of an F process (K. J. Worsley, Adv. Appl. Prob. 26,
-/// 1994; of waves R. V. Baluev, MNRAS 385, 2008).
-pub(super) fn global_p(statistic: f64, rank: f64, upcrossings: f64, rest: f64) -> PValue {
-    let level = rank;
-    let beyond = if statistic > level {
-        let falls = if rest.is_finite() {
-            (rest + rank - 2.0) * ((1.0 + statistic / rest) / (1.0 + level / rest)).ln()
-        } else {
-            statistic - level
-        };
-        upcrossings.ln() + 0.5 * (rank - 1.0) * (statistic / level).ln() - 0.5 * falls
-    } else {
-        0.0
-    };
-    let single = if rest.is_finite() {
-        PValue::of_f(statistic / rank, rank, rest)
-    } else {
-        PValue::of_chi2(statistic, rank)
-    };
-    single.or(PValue::exp(beyond))
-}
-
 /// Mean number of times that null scans cross their mean upwards, which is the level `rank` in units of their own noise:
 /// where an effect elsewhere makes all noise look larger, they hardly reach that. Of so many crossings the mean of a
 /// Poisson variable under Jeffreys' prior, which is not zero where none was seen.
@@ -286,6 +260,7 @@ mod tests {
     use std::f64::consts::TAU;
 
     use super::*;
+    use crate::significance::Null;
     use tau_estimation::numerics::distribution::Random;
 
     const RANGE_M: f64 = 1.4;
@@ -347,7 +322,11 @@ mod tests {
         let crossings = upcrossings(&scans[..100]);
         let chances = scans[100..].iter().map(|scan| {
             let highest = scan.iter().copied().fold(0.0, f64::max);
-            global_p(highest, 2.0, crossings, f64::INFINITY)
+            let null = Null {
+                rank: 2.0,
+                crossings: Some(crossings),
+            };
+            null.p_value(highest, f64::INFINITY)
         });
         // Of 500 scans 50 are expected, give or take 7, less what peaks between the points.
         let low = chances.filter(|&chance| chance.value() < 0.1).count();

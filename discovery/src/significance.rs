@@ -3,7 +3,6 @@
 
 use super::constants::Constants;
 use super::p_value::PValue;
-use super::scan::global_p;
 use tau_estimation::numerics::distribution::{
     detectable_noncentrality, f_quantile_above, falling_root,
 };
@@ -102,14 +101,33 @@ impl Null {
         }
     }
 
-    /// The chance of a statistic over its variance, which is known by so many degrees of freedom.
-    fn p_value(self, statistic: f64, rest: f64) -> PValue {
-        let Self { rank, crossings } = self;
-        match crossings {
-            Some(crossings) => global_p(statistic, rank, crossings, rest),
-            None if rest.is_finite() => PValue::of_f(statistic / rank, rank, rest),
-            None => PValue::of_chi2(statistic, rank),
-        }
+    /// The chance of a statistic over its variance, which is known by `rest` degrees of freedom.
+    ///
+    /// Of a whole scan it is the bound by upcrossings (Davies 1987; Gross and Vitells 2010), with their number at a low level
+    /// counted in null scans. Upcrossings are those of a χ² process where `rest` is infinite, else those of an F process (K. J.
+    /// Worsley, Adv. Appl. Prob. 26, 1994; of waves R. V. Baluev, MNRAS 385, 2008).
+    pub(crate) fn p_value(self, statistic: f64, rest: f64) -> PValue {
+        let rank = self.rank;
+        let single = if rest.is_finite() {
+            PValue::of_f(statistic / rank, rank, rest)
+        } else {
+            PValue::of_chi2(statistic, rank)
+        };
+        let Some(upcrossings) = self.crossings else {
+            return single;
+        };
+        let level = rank;
+        let beyond = if statistic > level {
+            let falls = if rest.is_finite() {
+                (rest + rank - 2.0) * ((1.0 + statistic / rest) / (1.0 + level / rest)).ln()
+            } else {
+                statistic - level
+            };
+            upcrossings.ln() + 0.5 * (rank - 1.0) * (statistic / level).ln() - 0.5 * falls
+        } else {
+            0.0
+        };
+        single.or(PValue::exp(beyond))
     }
 }
 

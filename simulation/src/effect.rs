@@ -6,7 +6,8 @@ use std::sync::Arc;
 use tau_codegen::language::model::Place;
 use tau_robot::measurements;
 
-use super::listed::ALONG_TRAVEL;
+/// Listed effects that follow how far the drives travel.
+const ALONG_TRAVEL: [&str; 3] = ["positioning_error", "straightness", "angular_motion"];
 
 /// When, how warm, and from which side.
 #[derive(Debug, Clone, Default, PartialEq)]

@@ -444,9 +444,6 @@ pub(crate) const LISTED: &[Listed] = &[
 /// Listed effects that follow the forces in the arm, of which there are none without a payload.
 pub(super) const LOADED: [&str; 2] = ["cart_compliance", "link_compliance"];
 
-/// Listed effects that follow how far the drives travel.
-pub(super) const ALONG_TRAVEL: [&str; 3] = ["positioning_error", "straightness", "angular_motion"];
-
 /// The listed effect that moves plate joints.
 pub(crate) const JOINT_PLACEMENT: &str = "joint_placement";
 

@@ -94,7 +94,7 @@ fn columns(instance: &Instance) -> Vec<By> {
     pose.chain(commands).collect()
 }
 
-/// Share by which numbers may differ: waves pass hundreds of radians, of which code and reference round otherwise.
+/// Share by which numbers may differ: waves pass hundreds of radians, which code and reference round differently.
 const ROUNDED: f64 = 4e-12;
 
 /// Compares one instance with the reference: values and every derivative, zeros included.

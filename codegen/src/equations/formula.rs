@@ -148,7 +148,7 @@ struct Placed<'c, 'm> {
 /// The command that values of the machine follow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Reading {
-    /// As it is among the data: what effects read.
+    /// As it stands in the data that effects read.
     Commanded,
     /// With what effects make the drive add to it.
     Driven,

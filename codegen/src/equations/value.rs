@@ -14,7 +14,7 @@ impl<'a> Context<'a> {
         self.length_by(owner, Reading::Commanded)
     }
 
-    /// The same, driven by what effects make of the command.
+    /// The same at the command with the errors that effects add.
     pub(super) fn driven_length(&mut self, owner: Owner) -> Expr {
         self.length_by(owner, Reading::Driven)
     }

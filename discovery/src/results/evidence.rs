@@ -1,4 +1,4 @@
-//! What the residuals of a fit show before any effect is tried.
+//! Evidence of the residuals of a fit, before any effect is tried.
 
 use serde::Serialize;
 use tau_codegen::language::units::Dimension;

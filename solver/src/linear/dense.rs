@@ -84,7 +84,7 @@ impl DampedTriangle {
         self.rows.resize(n * width, 0.0);
         for (row, own) in self.rows.chunks_exact_mut(width).enumerate() {
             own[n] = triangle[(row, n)];
-            // What is held moves the right-hand side and leaves its column empty.
+            // Held parameters move the right-hand side and leave their columns empty.
             for column in row..n {
                 if held[column] {
                     own[n] += triangle[(row, column)] * step[column];
@@ -140,7 +140,7 @@ impl DampedTriangle {
     fn solve_damped(&self, held: &[bool], step: &mut [f64]) {
         let n = step.len();
         for (i, row) in self.rows.chunks_exact(n + 1).enumerate().rev() {
-            // Columns of what is held are empty.
+            // Columns of held parameters are empty.
             if !held[i] {
                 let known = row[i + 1..n].iter().zip(&step[i + 1..]);
                 let sum: f64 = known.map(|(entry, y)| entry * y).sum();

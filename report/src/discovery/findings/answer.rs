@@ -185,7 +185,7 @@ pub(crate) fn rejected(found: &Discovery) -> Vec<Remark> {
     found.rejected.iter().map(of).collect()
 }
 
-/// The fall of the error at the tool, beside the possible one.
+/// The fall of the error at the tool, and the possible one.
 pub(crate) fn gap(found: &Discovery) -> String {
     let (before, after) = (found.validation.before, found.validation.after);
     let um = |value: f64| general(value, 3);
