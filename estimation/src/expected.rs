@@ -2,9 +2,7 @@
 //!
 //! With N the noise of the measurement, of drives and of links, and C the covariance of the parameters, a pose that took no
 //! part in the calibration is missed by N + S·C·Sᵀ, where S is how it [follows](crate::uncertainty) the parameters. A pose
-//! that calibrated has drawn the parameters its way. Weighed as its noise asks for, it is missed by N − S·A·Sᵀ, A the
-//! covariance of that fit. A calibration that weighs each closure for itself has parameters that are off by C − A beyond these,
-//! which is what its noise does there that no best fit would leave: its poses are missed by N − S·A·Sᵀ + S·(C − A)·Sᵀ.
+//! that calibrated has drawn the parameters its way, and is missed by N − S·C·Sᵀ.
 
 use std::collections::BTreeSet;
 
@@ -12,12 +10,6 @@ use tau_kinematics::{self as kinematics, Machine, Sample};
 use tau_robot::measurements::Folder;
 use tau_robot::robot_file::Noise;
 
-use crate::calibration::{Error, Prepared};
-use crate::joint::Joint;
-use crate::numerics::projection::inverse_factor;
-use crate::numerics::triangle;
-use crate::samples;
-use crate::samples::frames::Frames;
 use crate::uncertainty::Uncertainty;
 
 /// Standard deviations of an error of prediction: of the parameters, of drives and links, and of the measurement together,
@@ -78,8 +70,6 @@ struct Fitted {
     poses: BTreeSet<u32>,
     /// Covariance C of the parameters.
     parameters: Uncertainty,
-    /// Covariance A of the best fit to these poses.
-    best: Uncertainty,
     /// Of parameters that are known exactly.
     exact: Uncertainty,
 }
@@ -94,33 +84,19 @@ impl Expected {
         }
     }
 
-    /// The same where poses of a folder, given by index, calibrated the values that were prepared.
-    ///
-    /// # Errors
-    /// Data that closures take are missing.
-    pub fn of_fitted(
-        self,
-        prepared: &Prepared,
-        folder: &Folder,
-        poses: &[usize],
-    ) -> Result<Self, Error> {
-        let samples =
-            samples::Sample::all(&prepared.machine.robot, folder, poses, &Frames::default());
-        if samples.is_empty() {
-            return Ok(self);
-        }
-        let best = best(prepared, &samples, self.noise)?;
-        let points_m = self.noise.position_m;
-        let variant = &prepared.machine.variant;
-        Ok(Self {
+    /// The same where poses of a folder, given by index, calibrated a machine.
+    #[must_use]
+    pub fn of_fitted(self, machine: &Machine, folder: &Folder, poses: &[usize]) -> Self {
+        let poses = poses.iter().filter_map(|&pose| folder.tcp_poses.get(pose));
+        Self {
             fitted: Some(Fitted {
-                poses: samples.iter().map(|sample| sample.number).collect(),
+                poses: poses.map(|pose| pose.pose).collect(),
                 parameters: self.known.clone().with_path_noise(0.0),
-                best: best.unwrap_or_else(|| self.known.clone().with_path_noise(0.0)),
-                exact: Uncertainty::new(variant, &[], &[]).with_path_noise(points_m),
+                exact: Uncertainty::new(&machine.variant, &[], &[])
+                    .with_path_noise(self.noise.position_m),
             }),
             ..self
-        })
+        }
     }
 
     /// Standard deviations of the error of a pose of some number, at the sample that predicts it.
@@ -143,42 +119,14 @@ impl Expected {
 }
 
 impl Fitted {
-    /// Variances beside the noise of the measured pose, which they lessen. Of a part of the poses the best fit knows less than
-    /// that of all, and C is nearer to it.
+    /// Variances beside the noise of the measured pose, which the fit lessens.
     fn variances(
         &self,
         machine: &Machine,
         sample: &Sample<'_>,
     ) -> Result<[f64; 6], kinematics::Error> {
-        let of = |known: &Uncertainty| Ok(known.pose(machine, sample)?.variances());
-        let (all, best) = (of(&self.parameters)?, of(&self.best)?);
+        let absorbed = self.parameters.pose(machine, sample)?.variances();
         let noise = (self.exact.pose_with_length_noise(machine, sample)?).variances();
-        Ok(std::array::from_fn(|k| noise[k] + left(best[k], all[k])))
+        Ok(std::array::from_fn(|k| noise[k] - absorbed[k]))
     }
-}
-
-/// The variance that a fit leaves, less that of the noise: by what the best fit and what the parameters of this one do to it.
-pub(crate) fn left(best: f64, all: f64) -> f64 {
-    all - 2.0 * best.min(all)
-}
-
-/// Uncertainty of the parameters in the best fit to some poses, under their tolerances and the stated noise; `None` where nothing
-/// determines one.
-///
-/// # Errors
-/// Data that closures take are missing.
-pub(crate) fn best(
-    prepared: &Prepared,
-    samples: &[samples::Sample],
-    noise: Noise,
-) -> Result<Option<Uncertainty>, Error> {
-    let machine = &prepared.machine;
-    let joint = Joint::of_residuals(machine.clone(), &prepared.nominal, samples, noise)?;
-    let joint = joint.with_path_noise(samples, noise.position_m);
-    let factors = joint.factors(&[1.0; 4], &vec![1.0; samples.len()]);
-    let linear = joint.linearize(&joint.fitted(&machine.values), &factors);
-    // Points of measured paths are unknowns behind the parameters.
-    let factor = inverse_factor(linear.jacobian.gram());
-    let rows = factor.map(|factor| triangle::rows(&factor.rows(0, joint.used.len()).into_owned()));
-    Ok(rows.map(|rows| Uncertainty::new(&machine.variant, &joint.used, &rows)))
 }

@@ -10,12 +10,13 @@
 use nalgebra::{DMatrix, DVector, Matrix6};
 use tau_kinematics::{Error, Machine, POSE_COLUMNS, Sample};
 use tau_robot::measurements::{Folder, TcpPose};
-use tau_robot::robot::{Arm, Owner, Parameter, ResidualKind, Variant};
+use tau_robot::robot::{Parameter, ResidualKind, Variant};
 use tau_robot::robot_file::RobotFile;
 use tau_robot::robot_file::keys::WIDE;
 
 use crate::calibration::{Calibration, Prepared, track_scale};
 use crate::implicit::Linearized;
+use crate::joint::Way;
 use crate::numerics::factor::{Factor, Row};
 use crate::numerics::parallel;
 
@@ -33,15 +34,6 @@ pub struct Uncertainty {
     factor: Factor,
     /// Standard deviation of each coordinate of the points that piecewise tracks pass through (m).
     points_m: f64,
-}
-
-/// The scale of a joint's way against the path of its cart.
-pub(crate) struct TrackScale {
-    pub(crate) track: usize,
-    /// Parameters of the joint's place at command 0.
-    pub(crate) offset: [usize; 3],
-    /// Row of F.
-    pub(crate) factor: Vec<f64>,
 }
 
 /// Covariance of a predicted pose.
@@ -214,21 +206,12 @@ impl Uncertainty {
         factor
     }
 
-    /// The scales of joints' ways that are not known, of joints whose place at command 0 is parameters of the variant.
-    pub(crate) fn track_scales(&self, machine: &Machine) -> impl Iterator<Item = TrackScale> {
-        let variant = &machine.variant;
+    /// The scales of joints' ways that are not known, with their rows of F.
+    pub(crate) fn track_scales(&self, machine: &Machine) -> impl Iterator<Item = (Way, Vec<f64>)> {
         let closures = machine.closure_instances().zip(&self.track_scales);
         closures.filter_map(move |(closure, row)| {
-            let owner = match variant.arm {
-                Arm::Full => Owner::Link(closure.of),
-                Arm::Reduced => Owner::Cluster(closure.of),
-            };
-            let offset = |axis| variant.parameter(owner, "track_offset", Some(axis));
-            Some(TrackScale {
-                track: machine.track_of(closure)?,
-                offset: [offset(0)?, offset(1)?, offset(2)?],
-                factor: self.factor.row((*row)?).collect(),
-            })
+            let row = (*row)?;
+            Some((Way::of(machine, closure)?, self.factor.row(row).collect()))
         })
     }
 

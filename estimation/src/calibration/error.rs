@@ -3,7 +3,7 @@
 use std::fmt;
 
 use tau_codes::{Code, Remark, fit};
-use tau_kinematics as kinematics;
+use tau_kinematics::{self as kinematics, Machine};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::TCP_POSES;
 use tau_solver::Termination;
@@ -131,6 +131,14 @@ pub(crate) fn unsolved(error: &tau_solver::Error) -> Remark {
 /// Why a solution is none.
 pub(crate) fn ended(termination: Termination) -> Remark {
     Remark::new(fit::NOT_CONVERGED, termination.to_string())
+}
+
+/// The error of a fit that did not reach its minimum.
+pub(crate) fn not_converged(machine: &Machine, why: Remark) -> Error {
+    Error::NotConverged {
+        variant: machine.variant.name.clone(),
+        why,
+    }
 }
 
 /// Numbers of a fit that are not finite.

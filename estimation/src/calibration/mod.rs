@@ -1,18 +1,20 @@
 //! Calibration: from nominal values and measured TCP poses to the parameters of a variant.
 
-mod closure_fit;
 mod cost;
 pub(crate) mod error;
+pub(crate) mod known;
 mod link_sigma;
+mod minimum;
 pub(crate) mod nominal;
 mod output;
 mod paths;
 pub(crate) mod prepared;
 pub(crate) mod registration;
 pub mod searched;
-mod shared_noise;
+mod start;
 mod stated;
 pub(crate) mod track_scale;
+mod undetermined;
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -24,23 +26,23 @@ use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Folder, TCP_POSES, TcpPose};
 use tau_robot::robot::{Instance, ResidualKind, Robot, Variant};
 use tau_robot::robot_file::RobotFile;
+use tau_solver::Termination;
 
 use crate::numerics::order::extent;
-use crate::numerics::{count, parallel, triangle};
-use crate::problem;
+use crate::numerics::{count, triangle};
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
 use crate::setup::Setup;
 use crate::trust::judged::Judged;
 use crate::weighing::{self, Kept, Treatment, Weighing};
 
-use closure_fit::{ClosureFit, total_iterations};
 pub(crate) use cost::closure_cost;
 pub use error::Error;
-use error::unsolved;
+use error::{not_converged, unsolved};
 use link_sigma::Knowledge;
 pub use link_sigma::LinkSigma;
 pub(crate) use link_sigma::own_parameter;
+use minimum::Minimum;
 pub use nominal::Nominal;
 pub(crate) use output::statics;
 pub use output::{LinkResult, ParameterEstimate};
@@ -48,8 +50,8 @@ pub(crate) use output::{reference, widened};
 pub use prepared::{Prepared, length_noise};
 pub use registration::{Line, MOUNTING_M, NominalTrack, Registration};
 pub(crate) use registration::{centres, set_2, set_3, turn_of};
-pub(crate) use shared_noise::factor_with_shared_noise;
 pub use stated::Stated;
+pub(crate) use undetermined::undetermined;
 
 /// Relative change of the cost at which a fit ends: parameters stay within 1e-6 of their standard deviations, where a
 /// valley bends within 1e-3.
@@ -130,8 +132,7 @@ pub struct Calibration {
     pub correlations: Vec<(String, String, f64)>,
     /// Combinations that the data leave to the priors, worst first.
     pub undetermined: Vec<Combination>,
-    /// Half the sum of squared whitened residuals and priors at their minimum, from which values move on by the bias that
-    /// noise of the poses gives it.
+    /// Half the sum of squared whitened residuals and priors.
     pub cost: f64,
     /// Number of calibration poses that took part.
     pub poses: usize,
@@ -185,13 +186,12 @@ pub fn machine_from_file(
     Ok(Prepared::from_file(robot, variant, file, folder, poses)?.machine)
 }
 
-/// Calibrates a variant on TCP poses of a folder, given by index: the sum of squared closure residuals
-/// (eq. 6 of Dressler et al. 2010), each divided by its standard deviation, plus the priors.
+/// Calibrates a variant on TCP poses of a folder, given by index: the least sum of squares rᵀΣ⁻¹r of the closures r of each
+/// pose (eq. 5 of Dressler et al. 2010), plus the priors.
 ///
-/// The noise of a closure follows from the stated noise of the measured position and rotation and from
-/// the closure's derivatives by them at the nominal values, or, where these are far off, at those found first:
-/// σ² = σ_T²·‖∂r/∂T‖² + σ_R²·‖∂r/∂ω‖². From the minimum the
-/// values move to where the score has no bias from that noise. Poses are then [weighed](crate::weighing): outliers are left
+/// The closures of a pose share the noise of its position and rotation: Σ = G·diag(σ_T², σ_R²)·Gᵀ with the derivatives G of
+/// closures by the pose at the nominal values, or, where these are far off, at those found first. The bias that this noise
+/// gives the score is taken off. Points of measured paths are unknowns with the noise of a position. Poses are [weighed](crate::weighing): outliers are left
 /// out or lose their pull, and readings of one visit count by what they do not share.
 ///
 /// # Errors
@@ -282,60 +282,36 @@ fn from_prepared(
     }
     let machine = &prepared.machine;
     let samples = Sample::all(robot, folder, poses, &Frames::default());
-    let fit = ClosureFit::new(prepared, file.noise, &samples, &options.solver)?;
-    let used = &fit.residuals.used;
-    let start: Vec<f64> = used.iter().map(|&index| start[index]).collect();
-    let even = vec![1.0; poses.len()];
-    let mut problem = fit.problem(&even, &start);
     let range_m = widest(measured.iter().flat_map(|pose| &pose.commands_m));
-    let searched = searched::start(&mut problem, variant, used, range_m, &fit.solver);
-    searched.map_err(|error| fit.failed(unsolved(&error)))?;
-    let mut iterations = fit.start_from_some(&mut problem);
-    let (mut solution, inverse, mut identifiability) = fit.solved(&problem, &even)?;
-    iterations += total_iterations(&solution);
-
-    let values = problem::values(machine, used, &solution.parameters);
-    // Where poses count as they are, which most do, nothing waits for their weights.
-    let (weighed_poses, of_even) = parallel::both(
-        || weighing::weighed(prepared, &values, &samples, file.noise, options.treatment),
-        || fit.factor(&inverse, &solution.parameters, &even),
-    );
-    let (mut weighing, judged) = weighed_poses?;
+    let (values, iterations) = start::near(
+        prepared,
+        start,
+        &samples,
+        (file.noise, range_m),
+        &options.solver,
+    )?;
+    let weighed = weighing::weighed(prepared, &values, &samples, file.noise, options.treatment);
+    let (mut weighing, judged) = weighed?;
     let left: Vec<usize> = weighing.taking_part(poses).collect();
     if let Err(error) = check_places(Setup::new(robot, variant, file, folder), &left) {
         weighing = weighing.keeping_outliers(Kept::Needed(error.text()));
     }
-    let (inverse, factor) = if weighing.is_even() {
-        (inverse, of_even)
-    } else {
-        problem = fit.weighed(problem, &weighing.fit, &solution.parameters);
-        let (again, mut inverse, found) = fit.solved(&problem, &weighing.fit)?;
-        (solution, identifiability) = (again, found);
-        iterations += total_iterations(&solution);
-        let at = &solution.parameters;
-        if weighing.information != weighing.fit {
-            problem = fit.weighed(problem, &weighing.information, at);
-            let known = problem::knowledge(&problem, at);
-            (inverse, identifiability) = known.map_err(|error| fit.failed(unsolved(&error)))?;
-        }
-        let factor = fit.factor(&inverse, at, &weighing.information);
-        (inverse, factor)
-    };
-    let name = |index: usize| problem.parameters[index].name.clone();
+    let minimum = Minimum::of(prepared, &values, (&samples, file.noise), &weighing, judged)?;
+    let known = &minimum.known;
+    let posterior = known.posterior();
+    let (_, undetermined) = (known.undetermined(variant, &minimum.values))
+        .map_err(|error| not_converged(machine, unsolved(&error)))?;
     let fitted = Fitted {
-        values: problem::values(machine, used, &solution.parameters),
-        covariance: (factor.as_deref()).map_or_else(
-            || triangle::rows(&inverse),
-            |rows| triangle::squared(&rows[..used.len()]),
-        ),
+        covariance: triangle::rows(&posterior.covariance()),
         // Measured poses leave no motion open along which parameters would curve.
-        second_order: vec![0.0; used.len()],
-        factor,
-        undetermined: combinations(&identifiability, name),
-        cost: solution.cost,
-        iterations,
-        termination: solution.termination.to_string(),
-        used: used.clone(),
+        second_order: vec![0.0; known.used.len()],
+        factor: known.factor(&posterior, &prepared.track_scales),
+        undetermined,
+        cost: minimum.cost,
+        iterations: iterations + minimum.iterations,
+        termination: Termination::Cost.to_string(),
+        used: known.used.clone(),
+        values: minimum.values,
     };
     let measured: Vec<&TcpPose> = (weighing.taking_part(poses))
         .map(|pose| &folder.tcp_poses[pose])
@@ -343,7 +319,8 @@ fn from_prepared(
     let calibration = finish(prepared, file, &measured, fitted)?;
     Ok(Calibration {
         weighing,
-        known: judged.map(|judged| Arc::new((values, judged))),
+        known: (minimum.judged)
+            .map(|judged| Arc::new((calibration.machine.values.clone(), judged))),
         made_of: Some(fingerprint(folder, poses)),
         ..calibration
     })
@@ -440,22 +417,6 @@ pub(crate) fn finish(
         known: None,
         made_of: None,
     })
-}
-
-/// Combinations that the data leave to the priors, in words.
-pub(crate) fn combinations(
-    found: &tau_solver::Identifiability,
-    name: impl Fn(usize) -> String,
-) -> Vec<Combination> {
-    let of = |combination: &tau_solver::Undetermined| Combination {
-        terms: combination
-            .terms
-            .iter()
-            .map(|&(index, share)| (name(index), share))
-            .collect(),
-        data_over_prior: combination.data_over_prior,
-    };
-    found.undetermined.iter().map(of).collect()
 }
 
 /// Checks that poses are as many as a variant needs, in reach, and apart.

@@ -9,7 +9,7 @@ use nalgebra::DVector;
 use tau_codes::Remark;
 use tau_runtime::Owner;
 
-use crate::calibration::error::{Error, not_finite};
+use crate::calibration::error::{self, Error, not_finite};
 use crate::joint::{Component, Joint, Linear};
 use crate::numerics::projection::{Damped, Normal};
 use crate::samples::Sample;
@@ -77,6 +77,8 @@ pub(crate) struct Descent {
     pub(crate) normal: Normal,
     /// True if the last descent reached a minimum.
     pub(crate) is_settled: bool,
+    /// Iterations of all descents.
+    pub(crate) iterations: usize,
 }
 
 impl Descent {
@@ -104,6 +106,7 @@ impl Descent {
             residuals,
             normal,
             is_settled: true,
+            iterations: 0,
         })
     }
 
@@ -161,7 +164,11 @@ impl Descent {
     pub(crate) fn refactored(mut self, scales: [f64; 4], weights: Vec<f64>) -> Result<Self, Error> {
         let factors = self.joint.factors(&scales, &weights);
         if self.factors.contains(&0.0) && weights != self.weights {
-            return Self::from(self.joint, self.fitted, scales, weights);
+            let iterations = self.iterations;
+            return Ok(Self {
+                iterations,
+                ..Self::from(self.joint, self.fitted, scales, weights)?
+            });
         }
         let ratios = ratios(&factors, &self.factors, self.residuals.len());
         self.residuals
@@ -235,6 +242,7 @@ impl Descent {
             };
             damping = f64::max(damping / DAMPED, LEAST_DAMPING);
             self = self.moved_to(moved)?;
+            self.iterations += 1;
             if fall < end.share * cost {
                 return Ok(self);
             }
@@ -347,7 +355,7 @@ impl Descent {
     }
 
     /// Values moved by a share of a step, kept within their bounds.
-    fn stepped(&self, from: &[f64], step: &DVector<f64>, share: f64) -> Vec<f64> {
+    pub(crate) fn stepped(&self, from: &[f64], step: &DVector<f64>, share: f64) -> Vec<f64> {
         let mut moved: Vec<f64> = from
             .iter()
             .zip(step.iter())
@@ -381,10 +389,7 @@ fn is_same(a: &[f64; 4], b: &[f64; 4]) -> bool {
 
 /// The error of a fit that did not reach its minimum.
 pub fn not_converged(joint: &Joint, why: Remark) -> Error {
-    Error::NotConverged {
-        variant: joint.machine.variant.name.clone(),
-        why,
-    }
+    error::not_converged(&joint.machine, why)
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 pub mod descent;
 pub(crate) mod exact;
 pub mod fit;
+mod information;
 pub mod knots;
 pub mod predicted;
 mod priors;
@@ -14,6 +15,8 @@ use nalgebra::DVector;
 use tau_kinematics::Machine;
 use tau_robot::robot_file::Noise;
 use tau_solver::Problem;
+
+pub(crate) use information::{Information, Way};
 
 pub use crate::problem::{CLOSURE_SHARE, Component, Eliminated, Origin, RowPlace, Tracked};
 

@@ -4,6 +4,7 @@ pub mod distribution;
 pub(crate) mod factor;
 pub mod grouped;
 pub mod order;
+pub(crate) mod posterior;
 pub mod products;
 pub mod projection;
 pub(crate) mod roots;

@@ -39,6 +39,45 @@ pub fn squared(factor: &[Vec<f64>]) -> Vec<Vec<f64>> {
     squared
 }
 
+/// Upper triangle of a triangle with more rows beneath.
+pub(crate) fn stacked(triangle: &DMatrix<f64>, more: &[DMatrix<f64>]) -> DMatrix<f64> {
+    let width = triangle.ncols();
+    let height = triangle.nrows() + more.iter().map(DMatrix::nrows).sum::<usize>();
+    let mut all = DMatrix::zeros(height, width);
+    let mut at = 0;
+    for rows in std::iter::once(triangle).chain(more) {
+        all.rows_mut(at, rows.nrows()).copy_from(rows);
+        at += rows.nrows();
+    }
+    all.qr().unpack_r()
+}
+
+/// Rows with columns in units of the unknowns.
+pub(crate) fn scaled(rows: &DMatrix<f64>, scale: &[f64]) -> DMatrix<f64> {
+    let mut scaled = rows.clone();
+    for (column, scale) in scale.iter().enumerate() {
+        scaled.column_mut(column).scale_mut(*scale);
+    }
+    scaled
+}
+
+/// R with RᵀR an information; what is rounding in it, beside what it says of single unknowns, is none.
+pub(crate) fn root(information: &DMatrix<f64>) -> DMatrix<f64> {
+    let width = information.ncols();
+    let norms = information.diagonal().map(f64::sqrt);
+    let norm = |k: usize| if norms[k] > 0.0 { norms[k] } else { 1.0 };
+    let shares = DMatrix::from_fn(width, width, |i, j| {
+        information[(i, j)] / (norm(i) * norm(j))
+    });
+    let eigen = shares.symmetric_eigen();
+    let least = eigen.eigenvalues.amax() * f64::EPSILON * 8.0 * width as f64;
+    DMatrix::from_fn(width, width, |row, column| {
+        let value = eigen.eigenvalues[row];
+        let known = if value > least { value.sqrt() } else { 0.0 };
+        known * eigen.eigenvectors[(column, row)] * norm(column)
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -5,32 +5,25 @@
 //! b = Σᵢ Jᵢ′·(Σ_x·gᵀ·W)ᵢ over closures i, with the noise's covariance Σ_x, the derivatives g of r by the pose and J′ those of
 //! J. Where poses hardly determine a parameter, a fit to thousands of them ends off it by many of its standard deviations
 //! (attenuation: W. A. Fuller, Measurement Error Models, 1987, sec. 1.1). Corrected scores (T. Nakamura, Biometrika 77, 1990)
-//! vanish at p = p̂ + H⁻¹·b(p) instead of at the minimum p̂, with H = Σ Jᵀ·W·J and the priors.
+//! vanish at p = p̂ + H⁻¹·b(p) instead of at the minimum p̂, with H = Σ Jᵀ·W·J and the priors. b goes with the size of the
+//! machine, so that nominal values tell it.
 //!
-//! The noise is the stated one, or as much of it as there is in r: what a model lacks is in r too, but is none of the pose.
 //! The mean of r itself, ½·tr(r″·Σ_x), is left out: it is that of a length wrong by σ²/L.
 
 use std::ops::Range;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 use tau_kinematics::Machine;
 use tau_robot::robot::{Instance, ResidualKind};
 use tau_robot::robot_file::Noise;
 
-use super::{Part, Residuals, times_noise};
+use super::times_noise;
 use crate::calibration::error::Error;
-use crate::calibration::nominal::Nominal;
 use crate::numerics::parallel;
 use crate::samples::Sample;
 
 /// Samples that are evaluated at once.
 const CHUNK: usize = 256;
-/// Poses that tell the bias: a mean over them, to half a percent of what it is.
-const TELLING: usize = 4000;
-/// Moves below this share of every standard deviation are none.
-const CONVERGED: f64 = 0.01;
-/// Moves at most: each comes nearer by at least what poses and priors tell more of a parameter than its noise feigns.
-const ROUNDS: usize = 20;
 
 /// A displacement of a pose by a standard deviation, and what the change of a closure's derivatives counts.
 #[derive(Debug, Clone, Copy)]
@@ -38,72 +31,6 @@ struct Displacement {
     /// Translation (m) and rotation vector (rad).
     by: [f64; 6],
     factor: f64,
-}
-
-/// The values where the corrected score of single closures vanishes, from those at their minimum and half the sum of squares
-/// and priors there; `inverse` is H⁻¹ there, `weights` those of the samples' squares.
-///
-/// # Errors
-/// Data that closures take are missing.
-pub(crate) fn corrected(
-    residuals: &Residuals,
-    (machine, samples, noise): (&Machine, &[Sample], Noise),
-    (minimum, cost): (&[f64], f64),
-    weights: &[f64],
-    inverse: &DMatrix<f64>,
-) -> Result<Vec<f64>, Error> {
-    let mut fitted = minimum.to_vec();
-    // Parameters that nothing determines stay.
-    if !inverse.iter().all(|entry| entry.is_finite()) {
-        return Ok(fitted);
-    }
-    let has_prior = |prior: &&Nominal| prior.tolerance.is_some_and(|tolerance| tolerance > 0.0);
-    let priors = residuals.priors.iter().filter(has_prior).count() as f64;
-    let expected = |part: &Part| -> f64 {
-        let counted = (0..weights.len()).filter(|&sample| weights[sample] > 0.0);
-        match &part.path {
-            Some(path) => counted.map(|sample| path.expected[sample]).sum(),
-            None => counted.count() as f64,
-        }
-    };
-    let squares: f64 = residuals.parts.iter().map(expected).sum();
-    let degrees = squares + priors - fitted.len() as f64;
-    let misfit = 2.0 * cost / degrees.max(1.0);
-    let stride = samples.len().div_ceil(TELLING).max(1);
-    let telling: Vec<&Sample> = samples.iter().step_by(stride).collect();
-    let share = samples.len() as f64 / telling.len().max(1) as f64 * misfit.min(1.0);
-    let displacement = |closure: usize, telling: usize| {
-        let (part, sample) = (&residuals.parts[closure], stride * telling);
-        let of_closure = displacement(&part.by_pose[sample], part.weights[sample], noise);
-        Displacement {
-            factor: of_closure.factor * weights[sample] * share,
-            ..of_closure
-        }
-    };
-    let data = |closure: usize, telling: usize| {
-        let part = &residuals.parts[closure];
-        let width = part.family.shape().data;
-        &part.data[stride * telling * width..][..width]
-    };
-    let displaced = Displaced::all(machine, &telling, &data, &displacement)?;
-    for _ in 0..ROUNDS {
-        let values = super::values(machine, &residuals.used, &fitted);
-        let bias = bias(machine, &values, &displaced);
-        let of_fit = residuals.used.iter().map(|&index| bias[index]);
-        let step = inverse * DVector::from_iterator(fitted.len(), of_fit);
-        let mut has_moved = false;
-        for (k, (value, minimum)) in fitted.iter_mut().zip(minimum).enumerate() {
-            let bounds = machine.variant.parameters[residuals.used[k]].search;
-            let (low, high) = bounds.unwrap_or((f64::NEG_INFINITY, f64::INFINITY));
-            let moved = (minimum + step[k]).clamp(low, high);
-            has_moved |= (moved - *value).abs() > CONVERGED * inverse[(k, k)].sqrt();
-            *value = moved;
-        }
-        if !has_moved {
-            break;
-        }
-    }
-    Ok(fitted)
 }
 
 /// By the noise's covariance times derivatives of unit variance: of a closure, those by the pose times its weight.
@@ -265,7 +192,7 @@ mod tests {
     use super::*;
     use crate::joint::tests::of_set_1;
     use crate::numerics::distribution::Random;
-    use crate::problem::Closures;
+    use nalgebra::DVector;
     use tau_kinematics::Pose;
 
     const NOISE: Noise = Noise {
@@ -346,21 +273,5 @@ mod tests {
         let found = whitened_bias(machine, &[(sample, (data, factor))], NOISE).unwrap();
         let expected = drawn(machine, sample, &whitening.tr_mul(&whitening));
         assert_alike(machine, &found, &expected);
-
-        let own = std::slice::from_ref(sample);
-        let nominal: Vec<_> = (machine.values.iter())
-            .map(|&value| crate::calibration::Nominal::new(value, None))
-            .collect();
-        let apart = Residuals::new(machine, &nominal, own, NOISE, Closures::Apart).unwrap();
-        let displacement = |closure: usize, _: usize| {
-            let part = &apart.parts[closure];
-            displacement(&part.by_pose[0], part.weights[0], NOISE)
-        };
-        let data = |closure: usize, _: usize| apart.parts[closure].data.as_slice();
-        let displaced = Displaced::all(machine, &[sample], &data, &displacement).unwrap();
-        let found = bias(machine, &machine.values, &displaced);
-        let weights = apart.parts.iter().map(|part| part.weights[0].powi(2));
-        let weights = DMatrix::from_diagonal(&DVector::from_iterator(6, weights));
-        assert_alike(machine, &found, &drawn(machine, sample, &weights));
     }
 }

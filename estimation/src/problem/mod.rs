@@ -1,19 +1,16 @@
 //! The least-squares problem of every calibration: the residuals of a variant at samples, their noise, priors.
 //!
-//! Calibrations differ in how the noise of the measured poses meets the closures ([`Closures`]), and in what
-//! they do with the residuals: [`calibrate`](crate::calibration::calibrate) hands them to the solver, the
-//! [joint fit](crate::joint) linearises them itself, where [poses are unknown](crate::unknown_poses) carts join.
+//! They differ in how the noise of the measured poses meets the closures ([`Closures`]): the [joint fit](crate::joint) takes
+//! those of a pose together, starts and first looks each for itself.
 
 mod attenuation;
 mod component;
-mod path_noise;
 mod true_pose;
 mod whitened;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use nalgebra::DMatrix;
 use tau_codes::fit;
 use tau_kinematics::{Machine, POSE_COLUMNS};
 use tau_robot::input_error::InputError;
@@ -21,7 +18,7 @@ use tau_robot::measurements::TCP_POSES;
 use tau_robot::robot::{Instance, Owner, ResidualKind, TrackShape, Variant};
 use tau_robot::robot_file::Noise;
 use tau_runtime::ResidualFamily;
-use tau_solver::{Block, Identifiability, Parameter, Problem};
+use tau_solver::{Block, Parameter};
 
 use crate::calibration::error::Error;
 use crate::calibration::nominal::Nominal;
@@ -32,16 +29,15 @@ use whitened::WhitenedPose;
 
 pub use whitened::{Eliminated, Origin, RowPlace, Tracked};
 
-pub(crate) use attenuation::{corrected, whitened_bias};
+pub(crate) use attenuation::whitened_bias;
 pub use component::Component;
-pub(crate) use path_noise::PathNoise;
 pub use true_pose::CLOSURE_SHARE;
 pub(crate) use true_pose::{POSE_UNKNOWNS, TruePose, left_jacobian};
 
 /// Treatment of the measured poses' noise in the closures.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Closures<'a> {
-    /// Each closure for itself, with the standard deviation that the noise of its pose, and of a measured path, gives it.
+    /// Each closure for itself, with the standard deviation that the noise of its pose gives it.
     Apart,
     /// The closures of a pose whitened together: its noise is eliminated to first order.
     Whitened,
@@ -65,10 +61,6 @@ pub(crate) struct Part {
     pub(crate) weights: Vec<f64>,
     /// Noise group of each residual of a sample.
     pub(crate) components: Vec<Component>,
-    /// Derivatives of each closure by translation and rotation vector, where closures are each for themselves.
-    pub(crate) by_pose: Vec<[f64; POSE_COLUMNS]>,
-    /// Noise of the measured path that the cart goes along, where closures are each for themselves.
-    pub(crate) path: Option<PathNoise>,
     /// Index of the sample that each residual is of, where samples belong together; empty where each is for itself.
     owners: Vec<usize>,
 }
@@ -181,21 +173,6 @@ pub(crate) fn values(machine: &Machine, used: &[usize], fitted: &[f64]) -> Vec<f
     values
 }
 
-/// Inverse of the information that residuals and priors of a problem hold, infinite where nothing determines a parameter, and
-/// what the residuals leave to the priors.
-///
-/// # Errors
-/// As [`tau_solver::covariance`].
-pub(crate) fn knowledge(
-    problem: &Problem<'_>,
-    parameters: &[f64],
-) -> Result<(DMatrix<f64>, Identifiability), tau_solver::Error> {
-    let (known, found) = tau_solver::covariance_and_identifiability(problem, parameters)?;
-    let count = parameters.len();
-    let inverse = DMatrix::from_fn(count, count, |i, j| known.covariance(i, j));
-    Ok((inverse, found))
-}
-
 impl Part {
     /// A family at some of the samples; data and weights are still to come.
     fn of(
@@ -214,8 +191,6 @@ impl Part {
             samples,
             weights: Vec::new(),
             components,
-            by_pose: Vec::new(),
-            path: None,
             owners: Vec::new(),
         }
     }
@@ -258,34 +233,18 @@ impl Part {
         for (part, closure) in parts.iter_mut().zip(closures) {
             let Some(by_pose) = by_pose(machine, closure) else {
                 part.weights = vec![1.0; of_set.len()];
-                part.by_pose = vec![[0.0; POSE_COLUMNS]; of_set.len()];
                 continue;
             };
             let views = of_set.iter().map(|&sample| samples[sample].view());
             let gradients = machine.gradients_at(by_pose, views).zip(&of_set);
-            let gradients = gradients.map(|(gradient, &sample)| {
-                gradient.map_err(|error| at_sample(machine, &samples[sample], error))
+            let weights = gradients.map(|(gradient, &sample)| {
+                let gradient =
+                    gradient.map_err(|error| at_sample(machine, &samples[sample], error))?;
+                let by_noise = times_noise(gradient, noise);
+                let variance: f64 = by_noise.iter().map(|slope| slope * slope).sum();
+                Ok(variance.sqrt().recip())
             });
-            part.by_pose = gradients.collect::<Result<_, Error>>()?;
-            let variance = |&by_pose: &[f64; POSE_COLUMNS]| -> f64 {
-                let by_noise = times_noise(by_pose, noise);
-                by_noise.iter().map(|slope| slope * slope).sum()
-            };
-            let variances: Vec<f64> = part.by_pose.iter().map(variance).collect();
-            let of_path = PathNoise::of(
-                machine,
-                closure,
-                (samples, &of_set),
-                (&part.by_pose, &variances),
-                noise.position_m,
-            );
-            (part.path, part.weights) = match of_path {
-                Some((path, weights)) => (Some(path), weights),
-                None => {
-                    let weights = variances.iter().map(|variance| variance.sqrt().recip());
-                    (None, weights.collect())
-                }
-            };
+            part.weights = weights.collect::<Result<_, Error>>()?;
         }
         Ok(parts)
     }

@@ -8,16 +8,13 @@ use tau_robot::measurements::{
     CART_POSES, CART_POSITIONS, Conditions, DISTANCES, Division, Folder, PlateKind, TCP_POSES,
     TcpPose, visits,
 };
-use tau_robot::robot::{Robot, Variant};
+use tau_robot::robot::{ResidualKind, Robot, Variant};
 use tau_robot::robot_file::RobotFile;
-use tau_solver::Problem;
 
 use crate::calibration::error::unsolved;
-use crate::calibration::{
-    Combination, Error, Prepared, check_poses, combinations, factor_with_shared_noise, is_along_z,
-};
+use crate::calibration::known::Known;
+use crate::calibration::{Combination, Error, Prepared, check_poses, is_along_z};
 use crate::numerics::spread::spread;
-use crate::problem::{self, Closures, Residuals};
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
 use crate::setup::Setup;
@@ -387,28 +384,17 @@ fn determine(checked: &mut Checked, setup: Setup<'_>, poses: &[usize]) -> Result
     } = setup;
     let file = &file.completed(robot);
     let prepared = Setup { file, ..setup }.prepared(poses)?;
-    let (machine, nominal) = (&prepared.machine, &prepared.nominal);
+    let machine = &prepared.machine;
     // Of many poses, some tell what all do: each counts for as many as it stands for.
     let some: Vec<usize> = (spread(poses.len(), MOST_POSES).into_iter())
         .map(|place| poses[place])
         .collect();
     let counted = poses.len() as f64 / some.len().max(1) as f64;
     let samples = Sample::all(robot, folder, &some, &Frames::default());
-    let residuals = Residuals::new(machine, nominal, &samples, file.noise, Closures::Apart)?;
-    let used = &residuals.used;
-    let at: Vec<f64> = used.iter().map(|&index| machine.values[index]).collect();
-    let parameters = problem::parameters(variant, used, &residuals.priors, at.iter().copied());
-    let blocks = residuals
-        .parts
-        .iter()
-        .map(|part| part.block(|_, weight| weight * counted.sqrt()));
-    let problem = Problem {
-        parameters,
-        blocks: blocks.collect(),
-    };
-    let of_pose: usize = (residuals.parts.iter())
-        .map(|part| part.components.len())
-        .sum();
+    let weights = vec![counted; samples.len()];
+    let known = Known::at(&prepared, None, (&samples, file.noise), &weights)?.of_parameters();
+    let used = &known.used;
+    let of_pose = variant.instances_of(ResidualKind::Closure).count();
     checked.rows = of_pose * poses.len();
     checked.parameters = used.len();
     let is_in_plane = robot.plate.is_in_plane();
@@ -418,13 +404,16 @@ fn determine(checked: &mut Checked, setup: Setup<'_>, poses: &[usize]) -> Result
         variant: variant.name.clone(),
         why: unsolved(&error),
     };
-    let (inverse, found) = problem::knowledge(&problem, &at).map_err(failed)?;
-    checked.rank = found.rank;
-    let name = |index: usize| problem.parameters[index].name.clone();
-    checked.undetermined = combinations(&found, name);
-    let has_prior = |&(index, _): &(usize, f64)| problem.parameters[index].prior.is_some();
-    let open = found.undetermined.iter().find(|combination| {
-        combination.data_over_prior.is_infinite() && !combination.terms.iter().any(has_prior)
+    let found = known
+        .undetermined(variant, &machine.values)
+        .map_err(failed)?;
+    (checked.rank, checked.undetermined) = found;
+    let is_stated = |(name, _): &(String, f64)| {
+        let parameter = variant.parameters.iter().position(|own| own.name == *name);
+        parameter.is_some_and(|index| prepared.nominal[index].sigma().is_some())
+    };
+    let open = checked.undetermined.iter().find(|combination| {
+        combination.data_over_prior.is_infinite() && !combination.terms.iter().any(is_stated)
     });
     checked.why_not = if checked.rows <= free {
         let text = format!(
@@ -434,7 +423,12 @@ fn determine(checked: &mut Checked, setup: Setup<'_>, poses: &[usize]) -> Result
         Some(Remark::new(fit::FITS_ANYTHING, text))
     } else {
         open.map(|open| {
-            let names: Vec<String> = open.terms.iter().take(4).map(|term| name(term.0)).collect();
+            let names: Vec<String> = open
+                .terms
+                .iter()
+                .take(4)
+                .map(|term| term.0.clone())
+                .collect();
             let text = format!(
                 "nothing determines {}, and there are no tolerances for them",
                 names.join(", ")
@@ -444,10 +438,8 @@ fn determine(checked: &mut Checked, setup: Setup<'_>, poses: &[usize]) -> Result
     };
     if checked.why_not.is_none() {
         check_poses(setup, poses)?;
-        let even = vec![counted; samples.len()];
-        let scales = &prepared.track_scales;
-        let known = factor_with_shared_noise(&inverse, &residuals, file.noise, scales, &at, &even);
-        let known = known.map(|factor| {
+        let factor = known.factor(&known.posterior(), &prepared.track_scales);
+        let known = factor.map(|factor| {
             Uncertainty::new(variant, used, &factor)
                 .with_path_noise(file.noise.position_m)
                 .with_track_scales(machine, used.len(), prepared.names_of_track_scales())

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use tau_codes::fit;
 use tau_kinematics::Machine;
 use tau_robot::input_error::InputError;
@@ -11,7 +11,6 @@ use tau_robot::measurements::{Division, Folder};
 use tau_robot::robot_file::{Noise, RobotFile};
 
 use crate::calibration::{Calibration, Error, Prepared};
-use crate::expected::{best, left};
 use crate::joint::{Component, Joint};
 use crate::numerics::grouped::Grouped;
 use crate::numerics::spread::spread;
@@ -96,16 +95,8 @@ pub fn of_prediction(
         let mut verdict = measured(&case, &judged, vec![]);
         verdict.know(&weighing, folder);
         let samples = case.samples();
-        let is_fitted = |sample: &&Sample| fitted.contains(&sample.number);
-        let own: Vec<Sample> = samples.iter().filter(is_fitted).cloned().collect();
-        let best = if own.is_empty() {
-            None
-        } else {
-            best(&prepared, &own, case.file.noise)?
-        };
         let of = Parameters {
             known: &known,
-            best: best.as_ref().unwrap_or(&known),
             fitted: &fitted,
         };
         let misfit = predicted(judged, &of, &samples);
@@ -189,8 +180,6 @@ pub fn outliers_of_validation(
 /// Uncertainty of parameters, and the numbers of the poses that calibrated them.
 struct Parameters<'a> {
     known: &'a Uncertainty,
-    /// By the best fit to the latter.
-    best: &'a Uncertainty,
     fitted: &'a BTreeSet<u32>,
 }
 
@@ -266,9 +255,6 @@ fn predicted(judged: Judged, of: &Parameters<'_>, samples: &[Sample]) -> Misfit 
     let (chi2, counted) = joint.counted(rest.as_slice());
     let mut absorbed = 0.0;
     if samples.iter().any(|own| of.fitted.contains(&own.number)) {
-        let best = spread_of(of.best, &joint, jacobian, samples);
-        let mut best = best.rows(0, rows).into_owned();
-        let by_best = hold(&mut best, of.best, &joint, is_fitted);
         // The trace of (1 + S·Sᵀ)⁻¹·X·Xᵀ, of the rows that count.
         let trace = |mut x: DMatrix<f64>| {
             for (index, row) in joint.rows.iter().enumerate() {
@@ -282,7 +268,7 @@ fn predicted(judged: Judged, of: &Parameters<'_>, samples: &[Sample]) -> Misfit 
                 .map_or(0.0, |gram| along.dot(&gram.solve(&along)));
             x.norm_squared() - shared
         };
-        absorbed = -left(trace(by_best), trace(by_parameters));
+        absorbed = trace(by_parameters);
     }
     Misfit {
         chi2: chi2 + moved.norm_squared(),
@@ -318,22 +304,9 @@ fn spread_of(
     samples: &[Sample],
 ) -> DMatrix<f64> {
     let mut spread = jacobian.times(&factor_of(known, joint));
-    let machine = &joint.machine;
-    for scale in known.track_scales(machine) {
-        let Some(path) = machine.measured_path(scale.track) else {
-            continue;
-        };
-        let places = (scale.offset).map(|index| joint.used.binary_search(&index).ok());
-        let known_at = |axis: usize| places[axis].map(|place| (axis, place));
-        let (axes, places): (Vec<usize>, Vec<usize>) = (0..3).filter_map(known_at).unzip();
-        let by_offset = jacobian.select_columns(&places);
-        for (row, at) in joint.rows.iter().enumerate() {
-            let travel = path.at(samples[at.sample].commands_m[scale.track]);
-            let own = axes.iter().enumerate();
-            let along: f64 = (own.map(|(k, &axis)| by_offset[(row, k)] * travel[axis])).sum();
-            for (column, &entry) in scale.factor.iter().enumerate() {
-                spread[(row, column)] += along * entry;
-            }
+    for (way, factor) in known.track_scales(&joint.machine) {
+        if let Some(along) = joint.along(&way, jacobian, samples) {
+            spread.ger(1.0, &along, &DVector::from_vec(factor), 1.0);
         }
     }
     spread

@@ -225,13 +225,7 @@ pub fn of_calibration(
     let mut verdict = measured(&case, judged, Pull::largest(calibration.pulls()));
     verdict.know(weighing, folder);
     let beyond = tried::beyond_tolerance(&deviations, verdict.residual_over_noise);
-    // Told as it is listed: the judgement weighs the closures of a pose together, the calibration need not.
     let beyond = beyond.map(|own| Pull::of(&own, &machine.variant));
-    let beyond = beyond.map(|own| {
-        let mut pulls = calibration.pulls();
-        let listed = pulls.find(|pull| pull.parameter == own.parameter);
-        listed.unwrap_or(own)
-    });
     verdict.judge(beyond.as_ref());
     let is_off =
         tried::is_beyond_noise(&judged.misfit()) || verdict.residual_over_noise < LEAST_RATIO;

@@ -148,7 +148,7 @@ fn joined(
     fit.start = start;
     let mut settled = fit.settled_beside_carts(options, options.treatment.loss)?;
     let values = &settled.solution.parameters;
-    let (covariance, _) = fit.determined(&settled.reduced.triangle, 1.0);
+    let covariance = fit.determined(&settled.reduced.triangle);
     let leverages = fit.elimination(values).leverages(&covariance);
     settled.leverages = leverages;
     settled.iterations += near.iterations;

@@ -20,8 +20,9 @@ use nalgebra::{DMatrix, DVector};
 use super::assembly::CHUNK;
 use super::dense::{DEPENDENT, add_scaled};
 use super::elimination::Elimination;
-use super::fit::{BOUNDED, Fit};
+use super::fit::Fit;
 use crate::numerics::parallel;
+use crate::numerics::posterior::{BOUNDED, Posterior};
 use crate::problem::POSE_UNKNOWNS;
 
 /// Part of a standard deviation by which unknowns are moved for second derivatives: so small that the third ones do not
@@ -33,16 +34,10 @@ const TOLERANCE_ALONE: f64 = std::f64::consts::SQRT_2;
 impl Fit<'_> {
     /// Mean squares of the second-order errors of the shared unknowns, along combinations that tolerances tell better than the
     /// data.
-    pub(super) fn second_order(
-        &self,
-        values: &[f64],
-        triangle: &DMatrix<f64>,
-        variance: f64,
-    ) -> DVector<f64> {
-        let covariance = self.determined(triangle, variance).0;
-        let spread = self.spread(triangle, variance, |known, of_tolerances| {
-            known < TOLERANCE_ALONE && of_tolerances > BOUNDED
-        });
+    pub(super) fn second_order(&self, values: &[f64], posterior: &Posterior) -> DVector<f64> {
+        let covariance = posterior.determined().0;
+        let spread = posterior
+            .spread(|known, of_tolerances| known < TOLERANCE_ALONE && of_tolerances > BOUNDED);
         if spread.is_empty() || self.is_lead {
             return DVector::zeros(covariance.nrows());
         }

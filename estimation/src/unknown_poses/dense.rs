@@ -243,20 +243,6 @@ pub(super) fn orthonormal(mut matrix: DMatrix<f64>) -> DMatrix<f64> {
     matrix.columns(0, basis.rank).into_owned()
 }
 
-/// Upper triangle of a triangle with more rows beneath.
-pub(super) fn stacked(triangle: &DMatrix<f64>, more: &[DMatrix<f64>]) -> DMatrix<f64> {
-    let width = triangle.ncols();
-    let height = width + more.iter().map(DMatrix::nrows).sum::<usize>();
-    let mut all = DMatrix::zeros(height, width);
-    all.rows_mut(0, width).copy_from(triangle);
-    let mut at = width;
-    for rows in more {
-        all.rows_mut(at, rows.nrows()).copy_from(rows);
-        at += rows.nrows();
-    }
-    all.qr().unpack_r()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

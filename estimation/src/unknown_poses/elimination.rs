@@ -10,10 +10,11 @@ use nalgebra::{DMatrix, DVector};
 
 use super::assembly::{Assembly, CHUNK};
 use super::clusters::{Cluster, Clusters};
-use super::dense::{DEPENDENT, Dense, Triangle, add_scaled, orthonormal, stacked};
+use super::dense::{DEPENDENT, Dense, Triangle, add_scaled, orthonormal};
 use super::linearized::{Linearized, values_of};
 use super::rows::{Kind, KindFit, RowIndex, Rows, noise_of_rows};
 use crate::numerics::parallel;
+use crate::numerics::triangle::stacked;
 use crate::problem::POSE_UNKNOWNS;
 
 /// The information of all rows about the shared unknowns.

@@ -59,7 +59,7 @@ pub fn calibrate(
     let settled = fit.settled_beside_carts(options, None)?;
     let measured: Vec<&TcpPose> = poses.iter().map(|&pose| &folder.tcp_poses[pose]).collect();
     // Measured poses leave no motion open along which parameters would curve.
-    let covariance = fit.covariance(&settled.reduced.triangle, 1.0);
+    let covariance = fit.posterior(&settled.reduced.triangle, 1.0).covariance();
     let fitted = fit.fitted(&settled, &covariance, &DVector::zeros(fit.shared()))?;
     Ok(ErrorsInVariables {
         calibration: Calibration {

@@ -56,7 +56,7 @@ impl Fit<'_> {
     /// Distances with all that the least squares of the rest leave of them, to first order about the nominal machine, and
     /// the sum of these squares; tolerances are residuals, too.
     pub(super) fn left_by_all(&self, block: usize, reduced: &Reduced) -> (Left, f64) {
-        let (covariance, _) = self.determined(&reduced.triangle, 1.0);
+        let covariance = self.determined(&reduced.triangle);
         let width = covariance.nrows();
         let projected = reduced.projected.rows(0, width);
         // −(JᵀJ + Λ)⁻¹·Jᵀr, and half of its covariance.

@@ -5,15 +5,14 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector};
 use tau_robot::measurements::ObjectKind;
 use tau_robot::robot_file::{RobotFile, Value};
-use tau_solver::Problem;
 
 use super::fit::Fit;
 use super::{Kind, KindFit, ObjectEstimate, Rank, Settled, UnknownPoses, heldout, quantity};
 use crate::calibration::error::unsolved;
-use crate::calibration::{self, Calibration, Combination, Error, Fitted, combinations};
+use crate::calibration::{self, Calibration, Combination, Error, Fitted, undetermined};
 use crate::numerics::order::extent;
 use crate::numerics::projection::without_noise_of;
-use crate::numerics::{number, triangle};
+use crate::numerics::triangle;
 use crate::problem::used_by_plate;
 use crate::samples::Sample;
 
@@ -33,9 +32,10 @@ impl Fit<'_> {
         let values = &settled.solution.parameters;
         let shared = self.shared();
         let variance = self.loss_variance(reduced, leverages);
-        let covariance = self.covariance(&reduced.triangle, variance);
-        let covariance = self.without_allowance(settled, variance, covariance);
-        let second_order = self.second_order(values, &reduced.triangle, variance);
+        let posterior = self.posterior(&reduced.triangle, variance);
+        let factor = posterior.spread(|_, _| true);
+        let covariance = self.without_allowance(settled, &factor, posterior.covariance());
+        let second_order = self.second_order(values, &posterior);
         let sigmas: Vec<f64> = (covariance.diagonal() + &second_order)
             .map(f64::sqrt)
             .data
@@ -71,7 +71,6 @@ impl Fit<'_> {
         let shown: Vec<_> = readings.iter().map(Sample::view).collect();
         let reference = calibration::reference(&machine, &shown);
         calibration.file.reference = reference.or(calibration.file.reference);
-        let factor = self.spread(&reduced.triangle, variance, |_, _| true);
         let known = (&values[..shared], factor);
         let held_out = heldout::HeldOut::of(&machine, self, known, options)?;
         // Carts have the noise that they show: among their many rows, what misses the plate would be lost.
@@ -114,18 +113,17 @@ impl Fit<'_> {
         Settled {
             solution, reduced, ..
         }: &Settled,
-        variance: f64,
+        factor: &DMatrix<f64>,
         covariance: DMatrix<f64>,
     ) -> DMatrix<f64> {
         let are_exact = self.assembly.kinds.iter().any(Kind::is_exact);
         if !are_exact || !self.is_redundant() || self.misses_exact(reduced) {
             return covariance;
         }
-        let factor = self.spread(&reduced.triangle, variance, |_, _| true);
         let elimination = self.elimination(&solution.parameters);
         let information = elimination.information_of(Kind::is_exact);
-        let share = factor.tr_mul(&(information * &factor));
-        let left = without_noise_of(&factor, share);
+        let share = factor.tr_mul(&(information * factor));
+        let left = without_noise_of(factor, share);
         let mut found = &left * left.transpose();
         for (index, variance) in covariance.diagonal().iter().enumerate() {
             if variance.is_infinite() {
@@ -186,22 +184,14 @@ impl Fit<'_> {
         triangle: &DMatrix<f64>,
         values: &[f64],
     ) -> Result<Vec<Combination>, Error> {
-        let shared = self.shared();
-        // The solver takes no block without residuals.
-        if shared == 0 || self.is_lead {
+        if self.is_lead {
             return Ok(vec![]);
         }
-        let family = Linear::new(triangle);
-        let block = tau_solver::Block::new("measurements", &family, (0..shared).collect(), &[]);
-        let problem = Problem {
-            parameters: self.shared_parameters(values),
-            blocks: vec![block],
-        };
-        let found = tau_solver::identifiability(&problem, &values[..shared]);
-        let found = found.map_err(|error| self.not_converged(unsolved(&error)))?;
-        Ok(combinations(&found, |index| {
-            problem.parameters[index].name.clone()
-        }))
+        let shared = &values[..self.shared()];
+        let found = undetermined(self.shared_parameters(values), triangle, shared);
+        found
+            .map(|(_, found)| found)
+            .map_err(|error| self.not_converged(unsolved(&error)))
     }
 
     /// Writes places found into the robot file.
@@ -249,59 +239,5 @@ impl Fit<'_> {
                 }
             }
         }
-    }
-}
-
-/// Linear residuals `R·x` of the shared unknowns, for what asks for derivatives alone.
-struct Linear {
-    triangle: DMatrix<f64>,
-    row_starts: Vec<u32>,
-    columns: Vec<u32>,
-}
-
-impl Linear {
-    fn new(triangle: &DMatrix<f64>) -> Self {
-        let (rows, width) = triangle.shape();
-        Self {
-            triangle: triangle.clone(),
-            row_starts: (0..=rows).map(|row| number(row * width)).collect(),
-            columns: (0..rows).flat_map(|_| (0..width).map(number)).collect(),
-        }
-    }
-}
-
-impl tau_runtime::ResidualFamily for Linear {
-    fn shape(&self) -> tau_runtime::Shape {
-        tau_runtime::Shape {
-            data: 0,
-            prepared: 0,
-            parameters: self.triangle.ncols(),
-            residuals: self.triangle.nrows(),
-        }
-    }
-
-    fn pattern(&self) -> tau_runtime::Pattern<'_> {
-        tau_runtime::Pattern {
-            row_starts: &self.row_starts,
-            columns: &self.columns,
-        }
-    }
-
-    fn prepare(&self, _: &[f64], _: &mut [f64]) {}
-
-    fn value(&self, _: &[f64], parameters: &[f64], residuals: &mut [f64]) {
-        let product = &self.triangle * DVector::from_column_slice(parameters);
-        residuals.copy_from_slice(product.as_slice());
-    }
-
-    fn linearize(
-        &self,
-        data: &[f64],
-        parameters: &[f64],
-        residuals: &mut [f64],
-        jacobian: &mut [f64],
-    ) {
-        self.value(data, parameters, residuals);
-        jacobian.copy_from_slice(self.triangle.transpose().as_slice());
     }
 }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::{DMatrix, Vector3};
 use tau_codes::{Remark, fit};
 use tau_kinematics::{Machine, Statics};
 use tau_robot::input_error::InputError;
@@ -11,15 +11,16 @@ use tau_robot::robot_file::RobotFile;
 use tau_solver::{Parameter, Problem};
 
 use super::assembly::{Assembly, Chosen};
-use super::dense::stacked;
 use super::elimination::{Elimination, Reduced};
-use super::gauge::{Shared, scaled};
+use super::gauge::Shared;
 use super::kinds::{KindsOfComponent, kinds_of_carts, moves_links_apart};
 use super::rows::{ABSORBED, CLOSURES, RowPlace, Rows, noise_of_rows};
 use super::starts;
 use super::{GrossRow, KindFit, Rank, RowDivision};
 use crate::calibration::{Error, Nominal, Prepared, statics};
+use crate::numerics::posterior::Posterior;
 use crate::numerics::singular;
+use crate::numerics::triangle::scaled;
 use crate::problem::used_by_plate;
 use crate::problem::{self, POSE_UNKNOWNS, Part};
 use crate::samples::outliers::variance_of_most;
@@ -295,85 +296,14 @@ impl<'a> Fit<'a> {
             .collect()
     }
 
-    /// Covariance of the shared unknowns, priors included; infinite variances where nothing determines them. `variance` is
-    /// that of what the data say, over that of least squares.
-    pub(super) fn covariance(&self, triangle: &DMatrix<f64>, variance: f64) -> DMatrix<f64> {
-        let (mut covariance, lost) = self.determined(triangle, variance);
-        for (index, _) in lost.iter().enumerate().filter(|(_, lost)| **lost) {
-            covariance[(index, index)] = f64::INFINITY;
-        }
-        covariance
+    /// Knowledge of the shared unknowns, priors included. `variance` is that of what the data say, over that of least squares.
+    pub(super) fn posterior(&self, triangle: &DMatrix<f64>, variance: f64) -> Posterior {
+        Posterior::new(triangle, self.scales(), &self.has_prior(), variance)
     }
 
-    /// The same of what is determined, and unknowns that something else moves along. No residual sees that, so the share of
-    /// each that the fit absorbs is told by the rest.
-    pub(super) fn determined(
-        &self,
-        triangle: &DMatrix<f64>,
-        variance: f64,
-    ) -> (DMatrix<f64>, Vec<bool>) {
-        let known = self.known(triangle, variance);
-        let width = known.scales.len();
-        let mut covariance = DMatrix::zeros(width, width);
-        let mut lost = vec![false; width];
-        for (k, &value) in known.values.iter().enumerate() {
-            let row = known.v_t.row(k);
-            if known.is_lost(k) {
-                for (lost, share) in lost.iter_mut().zip(row.iter()) {
-                    *lost |= share.abs() > 1e-6;
-                }
-            } else {
-                covariance += row.transpose() * row / (value * value);
-            }
-        }
-        for i in 0..width {
-            for j in 0..width {
-                covariance[(i, j)] *= known.scales[i] * known.scales[j];
-            }
-        }
-        (covariance, lost)
-    }
-
-    /// Columns of a factor of that covariance; of combinations that are `taken` by what is known of them in units of
-    /// tolerances, and by the part of that which tolerances tell.
-    pub(super) fn spread(
-        &self,
-        triangle: &DMatrix<f64>,
-        variance: f64,
-        taken: impl Fn(f64, f64) -> bool,
-    ) -> DMatrix<f64> {
-        let known = self.known(triangle, variance);
-        let is_taken =
-            |&k: &usize| !known.is_lost(k) && taken(known.values[k], known.of_tolerances[k]);
-        let taken: Vec<usize> = (0..known.values.len()).filter(is_taken).collect();
-        DMatrix::from_fn(known.scales.len(), taken.len(), |row, column| {
-            let k = taken[column];
-            known.scales[row] * known.v_t[(k, row)] / known.values[k]
-        })
-    }
-
-    fn known(&self, triangle: &DMatrix<f64>, variance: f64) -> Known {
-        let scales = self.scales();
-        let has_prior = self.has_prior();
-        let priors = has_prior.iter().map(|&has| f64::from(u8::from(has)));
-        let priors = DMatrix::from_diagonal(&DVector::from_iterator(scales.len(), priors));
-        let data = scaled(triangle, &scales) / variance.sqrt();
-        let (values, v_t) = singular::right(stacked(&data, &[priors]));
-        let held: Vec<usize> = (0..scales.len())
-            .filter(|&column| has_prior[column])
-            .collect();
-        let of_tolerances = (v_t.row_iter())
-            .map(|row| {
-                let squares = held.iter().map(|&column| row[column].powi(2));
-                squares.sum::<f64>().sqrt()
-            })
-            .collect();
-        Known {
-            scales,
-            values,
-            v_t,
-            of_tolerances,
-        }
+    /// Covariance of the shared unknowns as far as they are determined.
+    pub(super) fn determined(&self, triangle: &DMatrix<f64>) -> DMatrix<f64> {
+        self.posterior(triangle, 1.0).determined().0
     }
 
     pub(super) fn rank(&self, reduced: &Reduced, machine: &Machine) -> Rank {
@@ -527,31 +457,5 @@ impl<'a> Fit<'a> {
             }
         }
         fits
-    }
-}
-
-/// Knowledge of the shared unknowns by data and tolerances.
-struct Known {
-    /// Units of the unknowns.
-    scales: Vec<f64>,
-    /// Knowledge of combinations in these, and its singular vectors.
-    values: DVector<f64>,
-    v_t: DMatrix<f64>,
-    /// Knowledge by tolerances alone.
-    of_tolerances: Vec<f64>,
-}
-
-/// Knowledge by tolerances from which on they bound a combination; less, and it is one of unknowns without tolerances, such as
-/// the turn of a frame about the only guideway that was measured in it.
-pub(super) const BOUNDED: f64 = 0.5;
-/// Knowledge of a combination that nothing bounds below which it is none: of a kilometre or a thousand radians.
-const MEANINGLESS: f64 = 1e-3;
-
-impl Known {
-    /// True where what is known of a combination is rounding, or means nothing.
-    fn is_lost(&self, k: usize) -> bool {
-        let rounding = self.values.max() * f64::EPSILON * 8.0 * self.values.len() as f64;
-        let is_unbounded = self.of_tolerances[k] < BOUNDED;
-        self.values[k] <= rounding || (is_unbounded && self.values[k] < MEANINGLESS)
     }
 }

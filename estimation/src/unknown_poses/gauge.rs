@@ -200,15 +200,6 @@ fn together_in_words(named: &[(f64, &Motion)]) -> String {
     words.join(" with ")
 }
 
-/// A triangle with columns in units of the unknowns.
-pub(super) fn scaled(triangle: &DMatrix<f64>, scale: &[f64]) -> DMatrix<f64> {
-    let mut scaled = triangle.clone();
-    for (column, scale) in scale.iter().enumerate() {
-        scaled.column_mut(column).scale_mut(*scale);
-    }
-    scaled
-}
-
 /// Length of the part of a unit vector within the span of an orthonormal basis.
 fn share(basis: &[DVector<f64>], vector: &DVector<f64>) -> f64 {
     let squares = basis.iter().map(|own| own.dot(vector).powi(2));

@@ -439,7 +439,7 @@ impl Fit<'_> {
                     has_converged: rounds < ROUNDS,
                 });
             }
-            let leverages = elimination.leverages(&self.determined(&reduced.triangle, 1.0).0);
+            let leverages = elimination.leverages(&self.determined(&reduced.triangle));
             let is_last = self.loss == loss;
             let noise = if is_last && loss.is_some_and(|loss| loss != Loss::Huber) {
                 0.0
@@ -561,7 +561,7 @@ impl Fit<'_> {
     /// negative: a fit would go on towards the plane without an end. Where nothing is stated of it, it stays there.
     fn lay_in_plane(&self, heights: &[usize], values: &mut [f64]) {
         let reduced = self.elimination(values).reduce();
-        let (covariance, _) = self.determined(&reduced.triangle, 1.0);
+        let covariance = self.determined(&reduced.triangle);
         for &height in heights {
             let (at, sigma) = (values[height], covariance[(height, height)].sqrt());
             // The square's own standard deviation is 2·at·sigma.

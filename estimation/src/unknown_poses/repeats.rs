@@ -174,7 +174,7 @@ impl Fit<'_> {
         if sums.iter().all(|sums| sums.repeated == 0) {
             return vec![None; sums.len()];
         }
-        let (covariance, _) = self.determined(&reduced.triangle, 1.0);
+        let covariance = self.determined(&reduced.triangle);
         let kinds = self.assembly.kinds.iter().zip(sums);
         kinds
             .map(|(kind, sums)| {

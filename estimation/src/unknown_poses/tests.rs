@@ -11,10 +11,10 @@ use tau_robot::robot_file::StatedNoise;
 
 use super::elimination::Reduced;
 use super::fit::Fit;
-use super::gauge::scaled;
 use super::{EstimatedPoses, Measurand, RowDivision, Side, calibrate};
 use crate::calibration::{Options, machine_from_file};
 use crate::joint::unknown::closure_derivatives;
+use crate::numerics::triangle::scaled;
 use crate::problem::Eliminated;
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
@@ -117,7 +117,7 @@ fn elimination_gives_the_covariance_of_the_dense_normal_equations() {
     assert_eq!(reduced.rows(), 20 * (6 + 2 + 1) + 6);
     assert_eq!(reduced.spent, 20 * 6);
 
-    let eliminated = fit.covariance(&reduced.triangle, 1.0);
+    let eliminated = fit.posterior(&reduced.triangle, 1.0).covariance();
     let problem = fit.problem(&fit.start);
     let dense = tau_solver::covariance(&problem, &fit.start).unwrap();
     for i in 0..fit.shared() {
@@ -428,7 +428,7 @@ fn repeats_are_those_of_the_dense_hat_matrix() {
 
     let redundancies = fit.kind_fits(
         &reduced,
-        &elimination.leverages(&fit.determined(&reduced.triangle, 1.0).0),
+        &elimination.leverages(&fit.determined(&reduced.triangle)),
     );
     for (kind, (repeats, redundancy)) in found.iter().zip(&redundancies).enumerate() {
         let of_kind = |row: &usize| {

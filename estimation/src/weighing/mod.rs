@@ -357,7 +357,7 @@ fn readings(samples: &[Sample], kept: &[bool]) -> Vec<f64> {
 }
 
 /// Indices of samples by which all are weighed: whole visits, evenly spread.
-fn few(samples: &[Sample]) -> Vec<usize> {
+pub(crate) fn few(samples: &[Sample]) -> Vec<usize> {
     let visits = Sample::units(samples);
     let count = visits * MOST_POSES / samples.len().max(MOST_POSES);
     let is_chosen = |visit: usize| (visit * count) / visits < ((visit + 1) * count) / visits;

@@ -309,9 +309,11 @@ impl<R> Session<R> {
         if !poses.iter().any(|pose| fitted.contains(pose)) {
             return Ok(Some(expected));
         }
-        expected
-            .of_fitted(&prepared, &self.folder, &fitted)
-            .map(Some)
+        Ok(Some(expected.of_fitted(
+            &prepared.machine,
+            &self.folder,
+            &fitted,
+        )))
     }
 
     /// A variant with the session's robot file and folder.

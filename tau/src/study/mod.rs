@@ -6,7 +6,7 @@ mod unknown_poses;
 use tau_codes::{Remark, fit};
 use tau_discovery as discovery;
 use tau_estimation::assumptions::{self, Assumptions};
-use tau_estimation::calibration::{Calibration, Error, Prepared, calibrate};
+use tau_estimation::calibration::{Calibration, Error, calibrate};
 use tau_estimation::evaluation::{VariantResult, evaluate_knowing};
 use tau_estimation::expected::Expected;
 use tau_estimation::numerics::order::extent;
@@ -361,16 +361,13 @@ pub fn result(
     let known = Uncertainty::of_calibration(calibration);
     let mut expected = known.map(|known| Expected::new(known, file.noise));
     if !division.is_disjoint() {
-        let (robot, variant) = (&machine.robot, &machine.variant);
         // Where poses are unknown, none of them has a weight.
         let weight = |index: usize| calibration.weighing.fit.get(index).copied();
         let fitted: Vec<usize> = (division.calibration.iter().enumerate())
             .filter(|(index, _)| weight(*index).is_none_or(|weight| weight > 0.0))
             .map(|(_, &pose)| pose)
             .collect();
-        let prepared = Prepared::from_file(robot, variant, file, Some(folder), &fitted)?;
-        let of_fitted = |own: Expected| own.of_fitted(&prepared, folder, &fitted);
-        expected = expected.map(of_fitted).transpose()?;
+        expected = expected.map(|own| own.of_fitted(machine, folder, &fitted));
     }
     let validation = &division.validation;
     let evaluation = evaluate_knowing(machine, expected.as_ref(), folder, validation)?;

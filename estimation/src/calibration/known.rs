@@ -1,0 +1,188 @@
+//! What measured poses say of the parameters of a fit, poses and points of measured paths being unknown.
+
+use nalgebra::{DMatrix, DVector};
+use tau_robot::robot::Variant;
+use tau_robot::robot_file::Noise;
+
+use super::{Combination, Nominal, Prepared, undetermined};
+use crate::calibration::Error;
+use crate::joint::{Information, Joint};
+use crate::numerics::parallel;
+use crate::numerics::posterior::Posterior;
+use crate::numerics::triangle::root;
+use crate::problem;
+use crate::samples::Sample;
+
+/// Poses whose derivatives are held at once.
+const AT_ONCE: usize = 1000;
+
+/// Knowledge of parameters.
+pub(crate) struct Known {
+    /// Index in the variant of each of them.
+    pub(crate) used: Vec<usize>,
+    /// Prior of each of them, and of the points of measured paths behind.
+    priors: Vec<Nominal>,
+    information: Information,
+}
+
+impl Known {
+    /// By all rows of a fit.
+    pub(super) fn new(joint: &Joint, information: Information) -> Self {
+        Self {
+            used: joint.used.clone(),
+            priors: joint.priors.clone(),
+            information,
+        }
+    }
+
+    /// By the closures of poses, whitened together as they were prepared, at values of all unknowns of their fit. The squares of
+    /// a pose count by its weight.
+    ///
+    /// # Errors
+    /// Data that closures take are missing.
+    pub(crate) fn at(
+        prepared: &Prepared,
+        fitted: Option<&[f64]>,
+        (samples, noise): (&[Sample], Noise),
+        weights: &[f64],
+    ) -> Result<Self, Error> {
+        let chunks: Vec<_> = (samples.chunks(AT_ONCE))
+            .zip(weights.chunks(AT_ONCE))
+            .collect();
+        let of_chunks = parallel::map(&chunks, |(samples, weights)| {
+            let machine = prepared.machine.clone();
+            let joint = Joint::new(machine, &prepared.nominal, samples, noise)?;
+            let joint = joint.with_path_noise(samples, noise.position_m);
+            let nominal = || joint.fitted(&joint.machine.values);
+            let at = fitted.map_or_else(nominal, <[f64]>::to_vec);
+            let roots: Vec<f64> = weights.iter().map(|weight| weight.sqrt()).collect();
+            let factors = joint.factors(&[1.0; 4], &roots);
+            let linear = joint.linearize(&at, &factors);
+            let known = Information::of(&joint, &linear.jacobian, &linear.residuals, samples);
+            Ok::<_, Error>(Self::new(&joint, known))
+        });
+        // Added in order, so that the sum does not depend on threads.
+        let mut all: Option<Self> = None;
+        for own in of_chunks {
+            let own = own?;
+            match &mut all {
+                Some(all) => all.information += &own.information,
+                None => all = Some(own),
+            }
+        }
+        Ok(all.unwrap_or_else(|| Self {
+            used: vec![],
+            priors: vec![],
+            information: Information::default(),
+        }))
+    }
+
+    /// Half the sum of squares of residuals and priors at the unknowns of the fit.
+    pub(super) fn cost(&self, fitted: &[f64]) -> f64 {
+        let of_priors = self.priors.iter().zip(fitted).filter_map(|(prior, at)| {
+            let sigma = prior.sigma()?;
+            Some(((at - prior.value) / sigma).powi(2))
+        });
+        0.5 * (self.information.squares + of_priors.sum::<f64>())
+    }
+
+    /// The step of Gauss and Newton from the unknowns of the fit, and its length in standard deviations; `None` where nothing
+    /// determines one.
+    pub(super) fn step(&self, fitted: &[f64]) -> Option<(DVector<f64>, f64)> {
+        let mut normal = self.information.matrix.clone();
+        let mut gradient = self.information.gradient.clone();
+        for (k, (prior, at)) in self.priors.iter().zip(fitted).enumerate() {
+            if let Some(sigma) = prior.sigma() {
+                normal[(k, k)] += sigma.powi(-2);
+                gradient[k] += (at - prior.value) / sigma.powi(2);
+            }
+        }
+        let step = -normal.cholesky()?.solve(&gradient);
+        let length = -step.dot(&gradient);
+        Some((step, length.max(0.0).sqrt()))
+    }
+
+    /// The same of the parameters alone, whatever points of measured paths are.
+    pub(crate) fn of_parameters(mut self) -> Self {
+        let points = self.priors.split_off(self.used.len());
+        let weights = points
+            .iter()
+            .map(|point| point.sigma().map_or(0.0, |sigma| sigma.powi(-2)));
+        self.information = self
+            .information
+            .without_points(&weights.collect::<Vec<_>>());
+        self
+    }
+
+    fn scales(&self) -> Vec<f64> {
+        self.priors.iter().map(Nominal::scale).collect()
+    }
+
+    /// The same with the priors.
+    pub(crate) fn posterior(&self) -> Posterior {
+        let has_prior: Vec<bool> = (self.priors.iter())
+            .map(|prior| prior.sigma().is_some())
+            .collect();
+        let rows = root(&self.information.matrix);
+        Posterior::new(&rows, self.scales(), &has_prior, 1.0)
+    }
+
+    /// Number of combinations that the poses determine, and those that they leave to tolerances, about values of the variant.
+    ///
+    /// # Errors
+    /// As [`tau_solver::identifiability`].
+    pub(crate) fn undetermined(
+        &self,
+        variant: &Variant,
+        values: &[f64],
+    ) -> Result<(usize, Vec<Combination>), tau_solver::Error> {
+        let at: Vec<f64> = self.used.iter().map(|&index| values[index]).collect();
+        let parameters = problem::parameters(variant, &self.used, &self.priors, at.iter().copied());
+        undetermined(parameters, &root(&self.information.matrix), &at)
+    }
+
+    /// Lower triangle F by rows of the covariance F·Fᵀ; `None` where nothing determines a parameter.
+    ///
+    /// As a factor, because the errors of parameters cancel in those of poses, by more than products of the covariance's
+    /// entries have digits for.
+    ///
+    /// Rows of the [scales of closures' ways](super::track_scale) that have a standard deviation follow those of the parameters.
+    /// They are no parameters of the fit, but move it: with c what all rows owe to one, in its standard deviations, values are
+    /// off by −C·Jᵀc, and scales and values go together.
+    pub(crate) fn factor(
+        &self,
+        posterior: &Posterior,
+        track_scales: &[f64],
+    ) -> Option<Vec<Vec<f64>>> {
+        let (covariance, lost) = posterior.determined();
+        if lost.contains(&true) {
+            return None;
+        }
+        let spread = posterior.spread(|_, _| true);
+        let (parameters, columns) = spread.shape();
+        let scales: Vec<(usize, f64)> = (track_scales.iter().copied().enumerate())
+            .filter(|(_, deviation)| *deviation > 0.0)
+            .collect();
+        let mut factor = DMatrix::zeros(parameters + scales.len(), columns + scales.len());
+        (factor.view_mut((0, 0), (parameters, columns))).copy_from(&spread);
+        for (k, &(closure, deviation)) in scales.iter().enumerate() {
+            let moved = &covariance * self.information.by_way.column(closure) * -deviation;
+            (factor.view_mut((0, columns + k), (parameters, 1))).copy_from(&moved);
+            factor[(parameters + k, columns + k)] = deviation;
+        }
+        // F·Fᵀ = (F·Q)·(F·Q)ᵀ for whatever orthogonal Q: that one which leaves a triangle.
+        let upper = factor.transpose().qr().unpack_r();
+        let row = |i: usize| {
+            (0..=i)
+                .map(|j| {
+                    if j < upper.nrows() {
+                        upper[(j, i)]
+                    } else {
+                        0.0
+                    }
+                })
+                .collect()
+        };
+        Some((0..factor.nrows()).map(row).collect())
+    }
+}
