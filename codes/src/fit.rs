@@ -81,4 +81,5 @@ codes! {
     NO_MISTAKE = 392: "no mistake was recognised, yet a calibration would mean nothing";
     EXCHANGE_UNNOTICED = 393: "carts that exchange their numbers would not be noticed";
     SCALE_MEASURED = 394: "measured poses determine the scale, which therefore cannot be freed";
+    SERIAL = 395: "noise of measurements follows itself in their order";
 }

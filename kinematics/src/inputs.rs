@@ -32,6 +32,8 @@ pub struct Surroundings {
     /// Low and high end of each command (m or rad), to which effects scale what they read as `travel`; empty where neither
     /// the robot file nor a folder says.
     pub travel: Vec<[f64; 2]>,
+    /// Correlation of the noise of measured poses whose rows follow each other; `None` where each has its own.
+    pub serial: Option<f64>,
 }
 
 /// A link that pulls with a tension that nothing states.

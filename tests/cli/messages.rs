@@ -35,6 +35,7 @@ T393 | --model linear_delta --poses 20 | check
 T343 | --random --poses 40 --measure readings --noise-drives 1e-4 | evaluate --variant Full --keep-outliers
 T602 T603 T604 T605 | --model hexapod --random --poses 20 --measure heights | check --json -
 T634 | --model five_bar --random --poses 80 --outliers 0.05 --seed 3 | discover
+T395 | --model five_bar --random --poses 80 --serial-noise 0.7 --seed 3 | calibrate --variant Full
 T639 | --model five_bar --random --poses 80 --serial-noise 0.7 --seed 3 | discover
 T647 | --model five_bar --random --poses 80 --serial-noise -0.7 --seed 3 | discover --split all
 T640 | --model five_bar --random --poses 2001 | discover --split all

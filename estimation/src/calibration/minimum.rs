@@ -19,6 +19,8 @@ const ARRIVED: f64 = 1e-3;
 
 /// Values that fit weighed poses best, and what is known of them.
 pub(super) struct Minimum {
+    /// Value of each unknown of the fit.
+    pub(super) fitted: Vec<f64>,
     /// Value of each of the variant's parameters, SI.
     pub(super) values: Vec<f64>,
     /// Knowledge of those that the closures depend on.
@@ -98,6 +100,7 @@ impl Minimum {
         });
         Ok(Self {
             values: joint.values(fitted),
+            fitted: fitted.clone(),
             cost: known.cost(fitted),
             known: known.of_parameters(),
             iterations: *iterations,
@@ -133,6 +136,7 @@ impl Minimum {
         }
         Ok(Self {
             values: near.joint.values(&fitted),
+            fitted,
             known: known.of_parameters(),
             cost,
             iterations,

@@ -11,6 +11,7 @@ mod paths;
 pub(crate) mod prepared;
 pub(crate) mod registration;
 pub mod searched;
+mod serial;
 mod start;
 mod stated;
 pub(crate) mod track_scale;
@@ -50,6 +51,7 @@ pub(crate) use output::{reference, widened};
 pub use prepared::{Prepared, length_noise};
 pub use registration::{Line, MOUNTING_M, NominalTrack, Registration};
 pub(crate) use registration::{centres, set_2, set_3, turn_of};
+pub use serial::Serial;
 pub use stated::Stated;
 pub(crate) use undetermined::undetermined;
 
@@ -138,6 +140,8 @@ pub struct Calibration {
     pub poses: usize,
     /// Weights of the poses that were given: outliers, and readings that share what the model lacks.
     pub weighing: Weighing,
+    /// Correlation of the noise of poses that follow each other, if there is any.
+    pub serial: Option<Serial>,
     /// Iterations of the solver, summed over independent parts.
     pub iterations: usize,
     /// Why the solver stopped, in words.
@@ -290,13 +294,30 @@ fn from_prepared(
         (file.noise, range_m),
         &options.solver,
     )?;
-    let weighed = weighing::weighed(prepared, &values, &samples, file.noise, options.treatment);
-    let (mut weighing, judged) = weighed?;
-    let left: Vec<usize> = weighing.taking_part(poses).collect();
-    if let Err(error) = check_places(Setup::new(robot, variant, file, folder), &left) {
-        weighing = weighing.keeping_outliers(Kept::Needed(error.text()));
+    let setup = Setup::new(robot, variant, file, folder);
+    let weighed = |prepared: &Prepared, values: &[f64]| {
+        let weighed = weighing::weighed(prepared, values, &samples, file.noise, options.treatment);
+        let (mut weighing, judged) = weighed?;
+        let left: Vec<usize> = weighing.taking_part(poses).collect();
+        if let Err(error) = check_places(setup, &left) {
+            weighing = weighing.keeping_outliers(Kept::Needed(error.text()));
+        }
+        let minimum = Minimum::of(prepared, values, (&samples, file.noise), &weighing, judged)?;
+        Ok::<_, Error>((weighing, minimum))
+    };
+    let (mut weighing, mut minimum) = weighed(prepared, &values)?;
+    let mut serial = None;
+    // Readings of one visit share what they share.
+    if weighing.repeats.is_none() {
+        let measured = (samples.as_slice(), file.noise);
+        serial = Serial::of(prepared, &minimum.fitted, measured, &weighing.fit)?;
     }
-    let minimum = Minimum::of(prepared, &values, (&samples, file.noise), &weighing, judged)?;
+    let mut of_serial = prepared.clone();
+    if let Some(found) = serial {
+        of_serial.machine.surroundings.serial = Some(found.rho);
+        (weighing, minimum) = weighed(&of_serial, &minimum.values)?;
+    }
+    let (prepared, machine) = (&of_serial, &of_serial.machine);
     let known = &minimum.known;
     let posterior = known.posterior();
     let (_, undetermined) = (known.undetermined(variant, &minimum.values))
@@ -319,6 +340,7 @@ fn from_prepared(
     let calibration = finish(prepared, file, &measured, fitted)?;
     Ok(Calibration {
         weighing,
+        serial,
         known: (minimum.judged)
             .map(|judged| Arc::new((calibration.machine.values.clone(), judged))),
         made_of: Some(fingerprint(folder, poses)),
@@ -414,6 +436,7 @@ pub(crate) fn finish(
         termination: fitted.termination,
         registration: prepared.registration,
         machine,
+        serial: None,
         known: None,
         made_of: None,
     })

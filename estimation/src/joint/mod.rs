@@ -7,6 +7,7 @@ mod information;
 pub mod knots;
 pub mod predicted;
 mod priors;
+mod serial;
 mod start;
 pub mod unknown;
 pub mod variant;
@@ -17,6 +18,7 @@ use tau_robot::robot_file::Noise;
 use tau_solver::Problem;
 
 pub(crate) use information::{Information, Way};
+pub(crate) use serial::{filtered, links};
 
 pub use crate::problem::{CLOSURE_SHARE, Component, Eliminated, Origin, RowPlace, Tracked};
 
@@ -61,6 +63,8 @@ pub struct Joint {
     knots: Knots,
     /// Dependence of rows, those of the priors too, on columns.
     pub(crate) groups: Groups,
+    /// Correlation of each pose of set 1 with the one before, where their noise follows itself.
+    links: Vec<f64>,
     /// Sample, component and place within the sample of each row.
     pub rows: Vec<Row>,
     /// The poses that are unknown, in the order of their rows; nothing where poses are known.
@@ -196,6 +200,7 @@ impl Joint {
                 }
             })
             .collect();
+        let links = (machine.surroundings.serial).map_or_else(Vec::new, |rho| links(samples, rho));
         let mut joint = Self {
             machine,
             bias: vec![0.0; used.len()],
@@ -204,6 +209,7 @@ impl Joint {
             parts,
             knots: Knots::none(rows.len()),
             groups: Groups::default(),
+            links,
             rows,
             eliminated: vec![],
             least_scale: 1.0,
@@ -347,6 +353,7 @@ impl Joint {
             let mut plain = vec![0.0; rows.part.weights.len()];
             let family = &rows.part.family;
             family.value_all(&rows.prepared, &rows.local(fitted), &mut plain);
+            self.filter(rows, &mut plain);
             plain
         });
         for (Rows { part, first, .. }, plain) in self.parts.iter().zip(of_parts) {
@@ -424,6 +431,8 @@ impl Joint {
             let mut entries = vec![0.0; part.samples.len() * part.family.pattern().len()];
             part.family
                 .linearize_all(&rows.prepared, &local, &mut plain, &mut entries);
+            self.filter(rows, &mut plain);
+            self.filter(rows, &mut entries);
             (plain, entries)
         });
         for (Rows { part, first, .. }, (plain, entries)) in self.parts.iter().zip(of_parts) {

@@ -258,7 +258,11 @@ impl Part {
         let closures: Vec<Instance> = (machine.variant.instances_of(ResidualKind::Closure))
             .cloned()
             .collect();
-        let family = WhitenedPose::new(closures.clone());
+        let serial = machine.surroundings.serial;
+        let family = match serial {
+            None => WhitenedPose::new(closures.clone()),
+            Some(_) => WhitenedPose::in_coordinates(closures.clone()),
+        };
         let parameters = family.parameters().to_vec();
         // The factor is triangular: the last rows are what the motions of the plate leave of closures.
         let scatters = machine.surroundings.length_noise.is_any();
@@ -278,7 +282,11 @@ impl Part {
             let sample = &samples[sample];
             sample.fill_closures(machine, &mut part.data)?;
             let view = sample.view();
-            let factor = WhitenedPose::factor(machine, &view, noise).ok_or_else(|| {
+            let factor = match serial {
+                None => WhitenedPose::factor(machine, &view, noise),
+                Some(_) => WhitenedPose::coordinates(machine, &view, noise),
+            };
+            let factor = factor.ok_or_else(|| {
                 let pose = sample.number;
                 if let Err(error) = machine.closures(&view) {
                     return Error::at_pose(pose, machine.explained(error, &view));

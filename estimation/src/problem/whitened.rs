@@ -31,6 +31,8 @@ pub(crate) struct WhitenedPose {
     shape: Shape,
     /// Number of constants, one per row or none.
     constants: usize,
+    /// True if a row depends on its own closure and those before it alone.
+    is_triangular: bool,
 }
 
 /// Residuals of poses that are unknown and belong together, the unknowns of the poses eliminated to first order: linear
@@ -136,21 +138,25 @@ impl WhitenedPose {
     pub(crate) fn new(closures: Vec<Instance>) -> Self {
         let rows = closures.len();
         // The factor is triangular: a row depends on what its own closure and those before it do.
-        Self::with(closures, rows, 0, |row| row + 1)
+        Self::with(closures, rows, 0, true)
+    }
+
+    /// The same in the measured coordinates of the pose, of which closures are as many.
+    pub(crate) fn in_coordinates(closures: Vec<Instance>) -> Self {
+        let rows = closures.len();
+        Self::with(closures, rows, 0, false)
     }
 
     /// So many residuals of the closures of poses that are unknown, and of what else stands beside them.
     pub(crate) fn eliminated(closures: Vec<Instance>, rows: usize) -> Self {
-        let count = closures.len();
-        Self::with(closures, rows, rows, |_| count)
+        Self::with(closures, rows, rows, false)
     }
 
-    /// `reach` tells how many of the closures a row depends on.
     fn with(
         closures: Vec<Instance>,
         rows: usize,
         constants: usize,
-        reach: impl Fn(usize) -> usize,
+        is_triangular: bool,
     ) -> Self {
         let mut parameters: Vec<usize> = closures
             .iter()
@@ -167,7 +173,8 @@ impl WhitenedPose {
             .collect();
         let (mut row_starts, mut pattern, mut places) = (vec![0], Vec::new(), Vec::new());
         for row in 0..rows {
-            let known: BTreeSet<usize> = columns[..reach(row)].iter().flatten().copied().collect();
+            let reach = if is_triangular { row + 1 } else { columns.len() };
+            let known: BTreeSet<usize> = columns[..reach].iter().flatten().copied().collect();
             let mut of_row = vec![0; parameters.len()];
             for (place, &column) in known.iter().enumerate() {
                 of_row[column] = place;
@@ -196,6 +203,7 @@ impl WhitenedPose {
             columns,
             parameters,
             constants,
+            is_triangular,
         }
     }
 
@@ -222,6 +230,25 @@ impl WhitenedPose {
             covariance[(row, row)] *= 1.0 + 1e-4;
         }
         Some(inverse_factor(covariance)?.as_slice().to_vec())
+    }
+
+    /// The matrix, by rows, that turns the closures of a pose into its measured coordinates, in units of their noise; `None` where
+    /// they do not tell them.
+    pub(crate) fn coordinates(
+        machine: &Machine,
+        sample: &Sample<'_>,
+        noise: Noise,
+    ) -> Option<Vec<f64>> {
+        let gradients = machine.gradients(sample).ok()?;
+        let free = machine.pose_unknowns();
+        let count = gradients.len();
+        let scaled: Vec<_> = gradients
+            .into_iter()
+            .map(|by| times_noise(by, noise))
+            .collect();
+        let by_coordinate = DMatrix::from_fn(count, count, |row, k| scaled[row][free[k]]);
+        // By columns, as rows of its transpose.
+        Some(by_coordinate.transpose().try_inverse()?.as_slice().to_vec())
     }
 
     /// Takes the parameters of a closure, and what it has prepared of some samples; `start` is where that begins in each.
@@ -321,7 +348,7 @@ impl WhitenedPose {
 
     /// First of the rows that a closure has a share in.
     fn first_row(&self, closure: usize) -> usize {
-        if self.constants == 0 { closure } else { 0 }
+        if self.is_triangular { closure } else { 0 }
     }
 
     /// Residuals without any closure.

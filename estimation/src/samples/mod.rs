@@ -30,6 +30,8 @@ pub struct Sample {
     pub track: Option<usize>,
     /// Number of the pose or point in the file.
     pub number: u32,
+    /// Place in the order of measurement, in set 1: the line in the file.
+    pub order: usize,
     /// Number of the unit that was measured together (in set 1 the readings at the same commands): its samples share
     /// their sign in null scans and their fold in confirmation.
     pub unit: usize,
@@ -56,6 +58,7 @@ impl Sample {
             set: 1,
             track: None,
             number: measured.pose,
+            order: measured.line,
             unit,
             commands_m: measured.commands_m.clone(),
             directions: measured.directions.clone().unwrap_or_default(),
@@ -79,6 +82,7 @@ impl Sample {
             set: 1,
             track: None,
             number,
+            order: 0,
             unit: 0,
             commands_m: commands_m.to_vec(),
             directions: directions.unwrap_or_default().to_vec(),

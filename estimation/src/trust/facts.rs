@@ -133,6 +133,7 @@ impl Reason {
             Self::MeansMissedWithinNoise(..) => fit::MEANS_MISSED_WITHIN_NOISE,
             Self::OrDrives => fit::DRIVES_NOT_REPEATING,
             Self::Widened(_) => fit::WIDENED,
+            Self::Serial(_) => fit::SERIAL,
             Self::OneLeft => fit::ONE_LEFT,
             Self::Estimated(_, estimate, _) => match estimate {
                 Estimate::Unknown => fit::NOISE_UNKNOWN,
@@ -264,6 +265,7 @@ impl Reason {
                 Subject::of_all(of.iter().cloned()).with([("widening", *widening)])
             }
             Self::Widened(times) => none().with([("noise_factor", *times)]),
+            Self::Serial(own) => none().with([("rho", own.rho), ("p_value", own.p_value)]),
             Self::Estimated(of, estimate, unit) => match estimate {
                 Estimate::Unknown => Subject::of(of),
                 Estimate::AtMost(sigma)

@@ -231,11 +231,10 @@ impl Judged {
         let misfit = self.misfit();
         let (mut found, mut noise, mut closures) = (0.0, 0.0, 0.0);
         for ((index, factor), sample) in joint.closure_factors().enumerate().zip(samples) {
-            let lower = DMatrix::from_row_slice(count, count, factor);
+            let whitening = DMatrix::from_row_slice(count, count, factor);
             let shares = joint.rows[index * count..][..count].iter();
             let noise_of = DVector::from_iterator(count, shares.map(|row| row.share.recip()));
-            let Some(inverse) = lower.solve_lower_triangular(&DMatrix::from_diagonal(&noise_of))
-            else {
+            let Some(inverse) = whitening.lu().solve(&DMatrix::from_diagonal(&noise_of)) else {
                 continue;
             };
             let plain = &inverse * residuals.rows(index * count, count);

@@ -1,5 +1,6 @@
 //! Reasons of verdicts, as numbers and places; [`sentences`](super::sentences) puts them into words.
 
+use crate::calibration::Serial;
 use crate::trust::ABSURD_TOLERANCES;
 use crate::trust::mistake::Mistake;
 use crate::trust::pull::Pull;
@@ -108,6 +109,8 @@ pub enum Reason {
     OrDrives,
     /// Parameters were found at so many times the stated noise.
     Widened(f64),
+    /// Noise of poses that follows itself in the order of measurement.
+    Serial(Serial),
     /// One residual is left beyond what measurements can determine.
     OneLeft,
     /// Noise of measurements that was estimated, with its unit.

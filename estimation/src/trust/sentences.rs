@@ -215,6 +215,10 @@ fn sentence(reason: &Reason) -> String {
              noise, where tolerances hold them.",
             general(*times, 3)
         ),
+        Reason::Serial(own) => format!(
+            "Noise of poses that follow each other has a correlation of {}: standard deviations count with it.",
+            general(own.rho, 3)
+        ),
         Reason::OneLeft => {
             "One residual is left beyond the factors: every effect would explain it as well as any other; measure more poses \
              to tell what the model lacks."

@@ -9,7 +9,7 @@ use tau_robot::robot::{Plate, Robot};
 use super::hypothesis::{Hypothesis, UNITS};
 use super::reason::{Estimate, HeldBy, Repeated, Size};
 use super::{Fact, Mistake, Pull, Reach, Reason, general, words};
-use crate::calibration::Nominal;
+use crate::calibration::{Nominal, Serial};
 use crate::weighing::{Kept, LackOfFit, Loss, Misread, Outlier};
 
 fn outlier(pose: u32, weight: f64) -> Outlier {
@@ -146,6 +146,10 @@ fn reasons() -> Vec<Reason> {
         Reason::MeansMissedWithinNoise(vec![heights()], 1.9),
         Reason::OrDrives,
         Reason::Widened(3.0),
+        Reason::Serial(Serial {
+            rho: 0.97,
+            p_value: 1e-9,
+        }),
         Reason::OneLeft,
         estimated(Estimate::Unknown),
         estimated(Estimate::AtMost(2e-5)),

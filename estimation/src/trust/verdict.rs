@@ -5,7 +5,7 @@ use std::fmt;
 use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot_file::RobotFile;
 
-use crate::calibration::{Calibration, Error, ParameterEstimate, Prepared};
+use crate::calibration::{Calibration, Error, ParameterEstimate, Prepared, Serial};
 use crate::numerics::distribution::chi2_survival;
 use crate::numerics::order::largest_first;
 use crate::numerics::parallel;
@@ -97,6 +97,8 @@ pub struct Verdict {
     pub means_over_noise: f64,
     /// Loss of the fit, if it is not least squares.
     pub loss: Option<Loss>,
+    /// Correlation of the noise of poses that follow each other, if there is any.
+    pub serial: Option<Serial>,
 }
 
 impl Verdict {
@@ -235,7 +237,8 @@ pub fn of_calibration(
         || wide::widest_m(&machine.variant, nominal) > LARGEST_MISFIT * case.mean_length_m();
     let plain = of_folder::plain(robot, &machine.variant, folder);
     let fit = (calibration.judged())
-        .filter(|_| plain.name == machine.variant.name && weighing.outliers.is_empty());
+        .filter(|_| plain.name == machine.variant.name && weighing.outliers.is_empty())
+        .filter(|_| calibration.serial.is_none());
     let found = || match known {
         Some(known) => Ok(known.to_vec()),
         None => {
@@ -269,6 +272,8 @@ pub fn of_calibration(
     };
     verdict.conclude(&case, false, furthest().as_ref());
     verdict.tell(weighing);
+    verdict.serial = calibration.serial;
+    verdict.why.extend(calibration.serial.map(Reason::Serial));
     if verdict.status != Status::Absurd {
         verdict.reach = reach;
         let warning = verdict.reach.and_then(|reach| reach.warning());

@@ -1,8 +1,8 @@
 //! Verdicts and checks as JSON.
 
 use serde_json::{Map, Value, json};
-use tau::calibration::Combination;
-use tau::trust::{Check, Checked, Fact, FileFacts, Mistake, Reach, Reason, Verdict};
+use tau::calibration::{Combination, Serial};
+use tau::trust::{Check, Checked, Fact, FileFacts, FileFit, Mistake, Reach, Reason, Verdict};
 use tau::weighing::{LackOfFit, Loss, Outlier, Repeats};
 
 use crate::gauge::gauge_json;
@@ -39,7 +39,22 @@ pub fn verdict(verdict: &Verdict) -> Value {
         "outliers": verdict.outliers.iter().map(outlier).collect::<Vec<_>>(),
         "loss": verdict.loss.map(Loss::name),
         "repeats": verdict.repeats.as_ref().map(repeats),
+        "noise": noise(verdict),
     })
+}
+
+/// Noise that follows itself, of the file of the poses.
+fn noise(verdict: &Verdict) -> Vec<Value> {
+    let files = verdict.serial.iter().zip(&verdict.by_file);
+    let entry = |(serial, fit): (&Serial, &FileFit)| {
+        json!({
+            "file": fit.file,
+            "kind": "pose",
+            "rho": serial.rho,
+            "rho_p_value": serial.p_value,
+        })
+    };
+    files.map(entry).collect()
 }
 
 fn reason(fact: Fact) -> Value {

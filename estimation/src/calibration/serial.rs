@@ -1,0 +1,206 @@
+//! Noise of measured poses that follows itself in the order of measurement.
+//!
+//! A tracker that follows a moving plate is off by much the same at neighbouring poses. The noise of each coordinate then is
+//! an autoregressive process: with rows Δ lines apart it has the correlation ρ^Δ and everywhere the stated variance. Rows less
+//! what those before let expect of them are uncorrelated (G. E. P. Box and G. M. Jenkins, *Time Series Analysis*, 1970), in
+//! measured coordinates, which are the same at all poses. ρ is where the likelihood is largest that parameters do not enter
+//! (H. D. Patterson and R. Thompson, *Biometrika* 58, 1971).
+//!
+//! Noise has the size that is stated: where residuals are larger than serial noise of that size makes them, a model lacks
+//! something, which is no noise.
+
+use nalgebra::{DMatrix, DVector};
+use tau_robot::robot_file::Noise;
+
+use super::{Error, Prepared};
+use crate::joint::{Joint, filtered, links};
+use crate::numerics::distribution::chi2_survival;
+use crate::samples::Sample;
+
+/// Correlation of neighbours.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Serial {
+    /// Of rows that follow each other in the file.
+    pub rho: f64,
+    /// Chance of residuals as alike without any.
+    pub p_value: f64,
+}
+
+/// Poses that tell the correlation: it is known to a few percent.
+const ENOUGH: usize = 1000;
+/// Chance of residuals as alike, or as large, from which on they are taken for chance.
+const SIGNIFICANT: f64 = 1e-3;
+/// Strongest correlation of neighbours: beyond it noise drifts, as time does.
+const STRONGEST: f64 = 0.999;
+/// Halvings of the range of the correlation, each by the golden ratio.
+const STEPS: usize = 24;
+/// Rounds in which the size of the noise and the parameters follow each other.
+const ROUNDS: usize = 3;
+
+impl Serial {
+    /// That of poses at a fit to them, by a value of each of its unknowns; `None` where neighbours are no more alike than chance
+    /// makes them, residuals are beyond the noise, or closures are not as many as the freedoms of the plate.
+    ///
+    /// # Errors
+    /// Data that closures take are missing.
+    pub(super) fn of(
+        prepared: &Prepared,
+        fitted: &[f64],
+        (samples, noise): (&[Sample], Noise),
+        weights: &[f64],
+    ) -> Result<Option<Self>, Error> {
+        let kept = samples.iter().zip(weights).filter(|own| *own.1 > 0.0);
+        let block: Vec<Sample> = kept.take(ENOUGH).map(|own| own.0.clone()).collect();
+        let mut machine = prepared.machine.clone();
+        if machine.closure_instances().count() != machine.pose_unknowns().len()
+            || machine.surroundings.length_noise.is_any()
+            || block.len() < 3
+        {
+            return Ok(None);
+        }
+        // In measured coordinates, and as if neighbours had nothing in common.
+        machine.surroundings.serial = Some(0.0);
+        let joint = Joint::new(machine, &prepared.nominal, &block, noise)?;
+        let joint = joint.with_path_noise(&block, noise.position_m);
+        let linear = joint.linearize(fitted, &vec![1.0; joint.rows.len()]);
+        let each = joint.rows.len() / block.len();
+        let residuals = linear.residuals.rows(0, joint.rows.len()).into_owned();
+        let p_value = chance(residuals.as_slice(), each);
+        if p_value >= SIGNIFICANT {
+            return Ok(None);
+        }
+        let rows = Rows {
+            jacobian: (linear.jacobian.dense())
+                .rows(0, joint.rows.len())
+                .into_owned(),
+            residuals,
+            each,
+            block: &block,
+            priors: (joint.priors.iter().zip(fitted))
+                .map(|(prior, at)| {
+                    let weight = prior.sigma().map_or(0.0, |sigma| sigma.powi(-2));
+                    (weight, at - prior.value)
+                })
+                .collect(),
+        };
+        let Some(rho) = rows.likeliest() else {
+            return Ok(None);
+        };
+        let share = rho.powi(2);
+        let count = rows.residuals.len() as f64 * (1.0 - share) / (1.0 + share);
+        let is_noise = (rows.at(rho)).is_some_and(|(_, variance)| {
+            chi2_survival(variance * count, count) >= SIGNIFICANT
+        });
+        Ok(is_noise.then_some(Self { rho, p_value }))
+    }
+}
+
+/// Chance that residuals of neighbours, so many each, are as alike: their products are a sum of independent ones.
+fn chance(residuals: &[f64], each: usize) -> f64 {
+    let products = residuals.iter().zip(&residuals[each..]);
+    let sum: f64 = products.clone().map(|(a, b)| a * b).sum();
+    let squares: f64 = products.map(|(a, b)| (a * b).powi(2)).sum();
+    if sum <= 0.0 {
+        return 1.0;
+    }
+    0.5 * chi2_survival(sum * sum / squares, 1.0)
+}
+
+/// Residuals in measured coordinates with their derivatives.
+struct Rows<'a> {
+    residuals: DVector<f64>,
+    jacobian: DMatrix<f64>,
+    each: usize,
+    block: &'a [Sample],
+    /// Weight of each prior, and how far off its mean the fit is.
+    priors: Vec<(f64, f64)>,
+}
+
+impl Rows<'_> {
+    /// The correlation with the largest likelihood.
+    fn likeliest(&self) -> Option<f64> {
+        let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
+        let (mut low, mut high) = (0.0, STRONGEST);
+        let at = |rho: f64| Some((rho, self.at(rho)?.0));
+        let mut a = at(high - golden * (high - low))?;
+        let mut b = at(low + golden * (high - low))?;
+        for _ in 0..STEPS {
+            if a.1 < b.1 {
+                high = b.0;
+                b = a;
+                a = at(high - golden * (high - low))?;
+            } else {
+                low = a.0;
+                a = b;
+                b = at(low + golden * (high - low))?;
+            }
+        }
+        Some(0.5 * (low + high))
+    }
+
+    /// −2 ln of the likelihood at a correlation, but for a constant, and the variance of the noise over the stated one.
+    fn at(&self, rho: f64) -> Option<(f64, f64)> {
+        let links = links(self.block, rho);
+        let mut residuals = self.residuals.clone();
+        filtered(residuals.as_mut_slice(), self.each, &links);
+        let mut jacobian = self.jacobian.clone();
+        for mut column in jacobian.column_iter_mut() {
+            filtered(column.as_mut_slice(), self.each, &links);
+        }
+        let information = jacobian.tr_mul(&jacobian);
+        let gradient = jacobian.tr_mul(&residuals);
+        let squares = residuals.norm_squared();
+        let count = residuals.len() as f64;
+        let volume: f64 = links.iter().map(|link| (1.0 - link * link).ln()).sum();
+        let (mut variance, mut found) = (1.0, None);
+        for _ in 0..ROUNDS {
+            let mut normal = &information / variance;
+            let mut slope = &gradient / variance;
+            let mut of_priors = 0.0;
+            for (k, &(weight, off)) in self.priors.iter().enumerate() {
+                normal[(k, k)] += weight;
+                slope[k] += weight * off;
+                of_priors += weight * off * off;
+            }
+            let factor = normal.cholesky()?;
+            let step = -factor.solve(&slope);
+            let determinant: f64 = (factor.l_dirty().diagonal().iter()).map(|own| own.ln()).sum();
+            let total = squares / variance + of_priors + slope.dot(&step);
+            let likelihood =
+                count * f64::ln(variance) + self.each as f64 * volume + total + 2.0 * determinant;
+            let left = squares + 2.0 * gradient.dot(&step) + step.dot(&(&information * &step));
+            let absorbed = (factor.solve(&information)).trace() / variance;
+            found = Some((likelihood, variance));
+            variance = left / (count - absorbed).max(1.0);
+        }
+        found.filter(|(likelihood, _)| likelihood.is_finite())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numerics::distribution::Random;
+
+    /// Of white noise one in a thousand is significant; of serial noise nearly all.
+    #[test]
+    fn chance_is_told_from_likeness() {
+        let mut random = Random(11);
+        let mut significant = |rho: f64| {
+            let count = (0..2000).filter(|_| {
+                let mut before = [0.0; 3];
+                let mut residuals = vec![];
+                for _ in 0..60 {
+                    for own in &mut before {
+                        *own = rho * *own + (1.0 - rho * rho).sqrt() * random.normal();
+                        residuals.push(*own);
+                    }
+                }
+                chance(&residuals, 3) < SIGNIFICANT
+            });
+            count.count()
+        };
+        assert!(significant(0.0) <= 10);
+        assert!(significant(0.5) > 1900);
+    }
+}
