@@ -20,6 +20,8 @@ use tau_robot::measurements::{Poses, Split, TcpPose};
 use tau_robot::robot::{Owner, Parameter, Robot};
 use tau_robot::robot_file::RobotFile;
 
+/// Reach of a path about the reference (m).
+const REACH_M: f64 = 0.1;
 /// Half the width of a 95 % interval, in standard deviations.
 const HALF_WIDTH: f64 = 1.96;
 
@@ -52,6 +54,8 @@ struct Case {
     noise: Noise,
     /// Random poses with so many readings each, or else the prototype's grid.
     visits: Option<(usize, usize)>,
+    /// So many rows along a smooth path through the workspace in place of them.
+    path: Option<usize>,
     treatment: Treatment,
 }
 
@@ -60,6 +64,7 @@ fn cases() -> Vec<Case> {
         name,
         noise,
         visits: None,
+        path: None,
         treatment: Treatment::default(),
     };
     let outliers = |outliers| Noise {
@@ -83,7 +88,27 @@ fn cases() -> Vec<Case> {
             },
         )
     };
+    let serial = |name, serial, path: Option<usize>| Case {
+        path,
+        visits: Some((120, 1)),
+        ..plain(
+            name,
+            Noise {
+                serial,
+                ..Noise::default()
+            },
+        )
+    };
     vec![
+        serial("serial .5, 120 random poses", 0.5, None),
+        serial("serial .9, 120 random poses", 0.9, None),
+        serial("serial .97, 120 random poses", 0.97, None),
+        serial("serial .5, path of 500 rows", 0.5, Some(500)),
+        serial("serial .9, path of 500 rows", 0.9, Some(500)),
+        serial("serial .97, path of 500 rows", 0.97, Some(500)),
+        serial("serial .5, path of 2000 rows", 0.5, Some(2000)),
+        serial("serial .9, path of 2000 rows", 0.9, Some(2000)),
+        serial("serial .97, path of 2000 rows", 0.97, Some(2000)),
         plain("clean", Noise::default()),
         plain("1 % of outliers", outliers(0.01)),
         plain("5 % of outliers", outliers(0.05)),
@@ -240,6 +265,25 @@ fn main() {
     }
 }
 
+/// Positions (m) about the reference, fifty rows a turn of the slowest coordinate.
+fn path(robot: &Robot, file: &RobotFile, rows: usize) -> Vec<[f64; 3]> {
+    let file = file.completed(robot);
+    let centre_m = file
+        .reference
+        .as_ref()
+        .map_or([0.0; 3], |own| own.position_m);
+    let at = |row: usize| {
+        let turn = std::f64::consts::TAU * row as f64 / 50.0;
+        let along = [
+            turn.sin(),
+            (1.31 * turn + 1.0).sin(),
+            (1.73 * turn + 2.0).sin(),
+        ];
+        std::array::from_fn(|axis| centre_m[axis] + REACH_M * along[axis])
+    };
+    (0..rows).map(at).collect()
+}
+
 fn counted(robot: &Robot, file: &RobotFile, case: &Case, arguments: &Arguments) -> Counts {
     let mut counts = Counts::default();
     let variant = robot.variant(&arguments.variant).unwrap();
@@ -250,7 +294,10 @@ fn counted(robot: &Robot, file: &RobotFile, case: &Case, arguments: &Arguments) 
             noise: case.noise.clone(),
             ..Simulation::new(robot.clone(), file.clone())
         };
-        let split = if let Some((count, readings)) = case.visits {
+        let split = if let Some(rows) = case.path {
+            simulation.poses = Planned::Positions(path(robot, file, rows));
+            Split::All
+        } else if let Some((count, readings)) = case.visits {
             simulation.poses = Planned::Random { count };
             simulation.readings = readings;
             Split::All

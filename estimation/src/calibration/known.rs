@@ -36,7 +36,7 @@ impl Known {
     }
 
     /// By the closures of poses, whitened together as they were prepared, at values of all unknowns of their fit. The squares of
-    /// a pose count by its weight.
+    /// a pose count by its weight; residuals have such a `share` of the noise, which gives the score a bias.
     ///
     /// # Errors
     /// Data that closures take are missing.
@@ -45,13 +45,15 @@ impl Known {
         fitted: Option<&[f64]>,
         (samples, noise): (&[Sample], Noise),
         weights: &[f64],
+        share: f64,
     ) -> Result<Self, Error> {
         let chunks: Vec<_> = (samples.chunks(AT_ONCE))
             .zip(weights.chunks(AT_ONCE))
             .collect();
         let of_chunks = parallel::map(&chunks, |(samples, weights)| {
             let machine = prepared.machine.clone();
-            let joint = Joint::new(machine, &prepared.nominal, samples, noise)?;
+            let joint = Joint::of_residuals(machine, &prepared.nominal, samples, noise)?;
+            let joint = joint.rebiased((samples, noise), weights, share)?;
             let joint = joint.with_path_noise(samples, noise.position_m);
             let nominal = || joint.fitted(&joint.machine.values);
             let at = fitted.map_or_else(nominal, <[f64]>::to_vec);

@@ -7,7 +7,7 @@ use super::Prepared;
 use super::error::{Error, ended, not_converged, not_finite};
 use super::known::Known;
 use crate::joint::descent::Descent;
-use crate::joint::{Information, exact};
+use crate::joint::{Component, Information, exact};
 use crate::samples::Sample;
 use crate::trust::judged::Judged;
 use crate::weighing::{Weighing, few};
@@ -48,41 +48,47 @@ impl Minimum {
         judged: Option<Judged>,
     ) -> Result<Self, Error> {
         let few = few(samples);
-        let weights_of = |all: &[f64]| few.iter().map(|&index| all[index].sqrt()).collect();
+        let of_few = |all: &[f64]| few.iter().map(|&index| all[index]).collect::<Vec<f64>>();
+        let roots = |all: &[f64]| of_few(all).into_iter().map(f64::sqrt).collect::<Vec<f64>>();
         let is_of_all = few.len() == samples.len();
-        let descent = match judged.filter(|_| weighing.is_even()) {
-            Some(judged) => judged.into_descent(),
-            None if is_of_all => exact::descent(
-                prepared,
-                start,
-                samples,
-                noise,
-                (weights_of(&weighing.fit), 0),
-            )?,
-            None => {
-                let some: Vec<Sample> = few.iter().map(|&index| samples[index].clone()).collect();
-                exact::descent(
-                    prepared,
-                    start,
-                    &some,
-                    noise,
-                    (weights_of(&weighing.fit), 0),
-                )?
-            }
+        let some: Vec<Sample>;
+        let own = if is_of_all {
+            samples
+        } else {
+            some = few.iter().map(|&index| samples[index].clone()).collect();
+            &some
         };
-        let descent = descent.settled()?;
+        let mut descent = match judged.filter(|_| weighing.is_even()) {
+            Some(judged) => judged.into_descent(),
+            None => exact::descent(prepared, start, own, noise, (roots(&weighing.fit), 0))?,
+        }
+        .arrived()?;
+        let share = share_of_noise(&descent);
+        if share < 1.0 || !weighing.is_even() {
+            let Descent {
+                joint,
+                fitted,
+                scales,
+                weights,
+                iterations,
+                ..
+            } = descent;
+            let joint = joint.rebiased((own, noise), &of_few(&weighing.fit), share)?;
+            descent = Descent::from(joint, fitted, scales, weights)?.arrived()?;
+            descent.iterations += iterations;
+        }
         if !descent.is_settled {
             let why = ended(Termination::MaxIterations);
             return Err(not_converged(&prepared.machine, why));
         }
         if !is_of_all {
-            return Self::of_all(prepared, &descent, (samples, noise), weighing);
+            return Self::of_all(prepared, &descent, (samples, noise), weighing, share);
         }
         let even = weighing.is_even().then(|| descent.clone());
         let descent = if weighing.information == weighing.fit {
             descent
         } else {
-            descent.refactored([1.0; 4], weights_of(&weighing.information))?
+            descent.refactored([1.0; 4], roots(&weighing.information))?
         };
         let Descent {
             joint,
@@ -114,9 +120,11 @@ impl Minimum {
         near: &Descent,
         measured: (&[Sample], Noise),
         weighing: &Weighing,
+        share: f64,
     ) -> Result<Self, Error> {
         let mut fitted = near.fitted.clone();
-        let at = |fitted: &[f64], weights| Known::at(prepared, Some(fitted), measured, weights);
+        let at =
+            |fitted: &[f64], weights| Known::at(prepared, Some(fitted), measured, weights, share);
         let mut known = at(&fitted, &weighing.fit)?;
         let mut iterations = near.iterations;
         for _ in 0..STEPS {
@@ -143,4 +151,17 @@ impl Minimum {
             judged: None,
         })
     }
+}
+
+/// Variance of the residuals over that of the noise, at most 1: the noise is the stated one, or as much of it as there is in
+/// residuals; what a model lacks is in these, too, but is none of the poses.
+fn share_of_noise(descent: &Descent) -> f64 {
+    let rows = descent.joint.rows.len();
+    let Some(factor) = descent.normal.inverse_factor() else {
+        return 1.0;
+    };
+    let absorbed: [f64; Component::ALL.len()] = descent.normal.absorbed(&factor);
+    let counted = descent.factors.iter().filter(|factor| **factor > 0.0);
+    let left = counted.count() as f64 - absorbed[Component::Closure as usize];
+    (descent.residuals.rows(0, rows).norm_squared() / left.max(1.0)).min(1.0)
 }

@@ -284,7 +284,6 @@ fn from_prepared(
         let what = format!("{given} start values, expected {expected}");
         return Err(InputError::whole(fit::START_VALUES, &folder.name, what).into());
     }
-    let machine = &prepared.machine;
     let samples = Sample::all(robot, folder, poses, &Frames::default());
     let range_m = widest(measured.iter().flat_map(|pose| &pose.commands_m));
     let (values, iterations) = start::near(

@@ -146,6 +146,7 @@ impl Prepared {
             held: nominal.iter().map(|nominal| nominal.value).collect(),
             length_noise: length_noise(robot, file),
             travel: travel(robot, variant, file, folder)?,
+            serial: None,
         };
         let machine = Machine {
             robot: robot.clone(),

@@ -88,9 +88,8 @@ impl Serial {
         };
         let share = rho.powi(2);
         let count = rows.residuals.len() as f64 * (1.0 - share) / (1.0 + share);
-        let is_noise = (rows.at(rho)).is_some_and(|(_, variance)| {
-            chi2_survival(variance * count, count) >= SIGNIFICANT
-        });
+        let is_noise = (rows.at(rho))
+            .is_some_and(|(_, variance)| chi2_survival(variance * count, count) >= SIGNIFICANT);
         Ok(is_noise.then_some(Self { rho, p_value }))
     }
 }
@@ -164,7 +163,9 @@ impl Rows<'_> {
             }
             let factor = normal.cholesky()?;
             let step = -factor.solve(&slope);
-            let determinant: f64 = (factor.l_dirty().diagonal().iter()).map(|own| own.ln()).sum();
+            let determinant: f64 = (factor.l_dirty().diagonal().iter())
+                .map(|own| own.ln())
+                .sum();
             let total = squares / variance + of_priors + slope.dot(&step);
             let likelihood =
                 count * f64::ln(variance) + self.each as f64 * volume + total + 2.0 * determinant;

@@ -35,6 +35,11 @@ const NEAR: End = End {
 /// Near enough for values to be stated, however slow the way: in curved valleys, steps that hardly lower χ² may
 /// add up to several standard deviations.
 const AT_MINIMUM: End = End { share: 0.0, ..NEAR };
+/// At the minimum but for a thousandth of a standard deviation.
+const EXACT: End = End {
+    fall: 1e-6,
+    ..AT_MINIMUM
+};
 /// A step that is expected to bring this fall moves by a third (√0.1) of a standard deviation.
 const CONVERGED: f64 = 0.1;
 /// A descent that ends with steps that still lower χ² by more than this share has not arrived.
@@ -196,6 +201,11 @@ impl Descent {
     /// To the minimum itself, where values can be read off; noise and weights stay.
     pub(crate) fn settled(self) -> Result<Self, Error> {
         self.descended(AT_MINIMUM)
+    }
+
+    /// To the minimum but for a thousandth of a standard deviation; noise and weights stay.
+    pub(crate) fn arrived(self) -> Result<Self, Error> {
+        self.descended(EXACT)
     }
 
     /// On the way to the minimum, so many iterations at most.

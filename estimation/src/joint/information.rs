@@ -7,6 +7,7 @@ use tau_kinematics::Machine;
 use tau_robot::robot::{Arm, Instance, Owner};
 
 use super::Joint;
+use crate::calibration::Nominal;
 use crate::numerics::grouped::Grouped;
 use crate::samples::Sample;
 
@@ -33,10 +34,14 @@ impl Information {
     ) -> Self {
         let rows = joint.rows.len();
         let mut matrix = jacobian.gram();
-        for (k, prior) in joint.priors.iter().enumerate() {
-            if let Some(sigma) = prior.sigma() {
-                matrix[(k, k)] -= sigma.powi(-2);
-            }
+        for k in 0..matrix.ncols() {
+            let prior = joint.priors.get(k).and_then(Nominal::sigma);
+            // What stands in for a prior that is not there.
+            let weight = prior.map_or_else(
+                || jacobian.select_columns(&[k])[(rows + k, 0)].powi(2),
+                |sigma| sigma.powi(-2),
+            );
+            matrix[(k, k)] -= weight;
         }
         let mut measured = residuals.clone();
         measured.rows_range_mut(rows..).fill(0.0);
@@ -146,7 +151,7 @@ impl Joint {
         let place = |axis: usize| Some((axis, self.used.binary_search(&way.offset[axis]).ok()?));
         let (axes, places): (Vec<usize>, Vec<usize>) = (0..3).filter_map(place).unzip();
         let by_offset = jacobian.select_columns(&places);
-        let mut along = DVector::zeros(self.rows.len() + self.priors.len());
+        let mut along = DVector::zeros(jacobian.nrows());
         for (row, at) in self.rows.iter().enumerate() {
             let travel = path.at(samples[at.sample].commands_m[way.track]);
             let own = axes.iter().enumerate();

@@ -114,7 +114,7 @@ impl Joint {
         noise: Noise,
     ) -> Result<Self, Error> {
         let mut joint = Self::of_residuals(machine, nominal, samples, noise)?;
-        joint.bias = joint.bias(samples, noise)?;
+        joint.bias = joint.bias((samples, noise), None, 1.0)?;
         Ok(joint)
     }
 

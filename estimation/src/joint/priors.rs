@@ -13,15 +13,38 @@ use crate::samples::Sample;
 const TELLING: usize = 100;
 
 impl Joint {
-    /// Bias of the score by each parameter of the fit, where it stands.
-    pub(super) fn bias(&self, samples: &[Sample], noise: Noise) -> Result<Vec<f64>, Error> {
+    /// Bias of the score by each parameter of the fit, where it stands; of residuals that have so large a share of the noise.
+    pub(super) fn bias(
+        &self,
+        (samples, noise): (&[Sample], Noise),
+        weights: Option<&[f64]>,
+        share: f64,
+    ) -> Result<Vec<f64>, Error> {
+        let weight = |index: usize| weights.map_or(1.0, |weights| weights[index]);
         let of_poses = samples.iter().filter(|sample| sample.set == 1);
-        let of_poses: Vec<_> = of_poses.zip(self.closure_data()).collect();
+        let of_poses = of_poses.zip(self.closure_data()).enumerate();
+        let of_poses = of_poses.filter(|(index, _)| weight(*index) > 0.0);
+        let of_poses: Vec<_> = of_poses.collect();
         let step = of_poses.len().div_ceil(TELLING).max(1);
-        let telling: Vec<_> = of_poses.iter().copied().step_by(step).collect();
-        let share = of_poses.len() as f64 / telling.len().max(1) as f64;
+        let telling: Vec<_> = of_poses.iter().map(|own| own.1).step_by(step).collect();
+        let counted: f64 = of_poses.iter().map(|own| weight(own.0)).sum();
+        let share = share * counted / telling.len().max(1) as f64;
         let bias = problem::whitened_bias(&self.machine, &telling, noise)?;
         Ok(self.used.iter().map(|&index| share * bias[index]).collect())
+    }
+
+    /// The same fit where poses count by weights of their squares, and residuals have so large a share of the noise.
+    ///
+    /// # Errors
+    /// Data that closures take are missing.
+    pub(crate) fn rebiased(
+        mut self,
+        measured: (&[Sample], Noise),
+        weights: &[f64],
+        share: f64,
+    ) -> Result<Self, Error> {
+        self.bias = self.bias(measured, Some(weights), share)?;
+        Ok(self)
     }
 
     /// The prior of a column that takes the bias off: the square of its residual, with that of the bias completed.

@@ -13,12 +13,22 @@ pub(crate) fn links(samples: &[Sample], rho: f64) -> Vec<f64> {
         Some(lines) => rho.powf(lines as f64),
     };
     let of_others = orders.windows(2).map(link);
-    orders.iter().take(1).map(|_| 0.0).chain(of_others).collect()
+    orders
+        .iter()
+        .take(1)
+        .map(|_| 0.0)
+        .chain(of_others)
+        .collect()
 }
 
 /// Takes from the numbers of each sample, so many each, what those of the one before let expect, so that they vary as before.
 pub(crate) fn filtered(numbers: &mut [f64], each: usize, links: &[f64]) {
-    for (sample, link) in links.iter().enumerate().rev().filter(|(_, link)| **link > 0.0) {
+    for (sample, link) in links
+        .iter()
+        .enumerate()
+        .rev()
+        .filter(|(_, link)| **link > 0.0)
+    {
         let scale = (1.0 - link * link).sqrt().recip();
         let (before, own) = numbers.split_at_mut(sample * each);
         let before = &before[(sample - 1) * each..];

@@ -8,6 +8,7 @@
 //! vanish at p = p̂ + H⁻¹·b(p) instead of at the minimum p̂, with H = Σ Jᵀ·W·J and the priors. b goes with the size of the
 //! machine, so that nominal values tell it.
 //!
+//! The noise is the stated one, or as much of it as there is in r: what a model lacks is in r too, but is none of the pose.
 //! The mean of r itself, ½·tr(r″·Σ_x), is left out: it is that of a length wrong by σ²/L.
 
 use std::ops::Range;

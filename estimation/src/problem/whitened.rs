@@ -152,12 +152,7 @@ impl WhitenedPose {
         Self::with(closures, rows, rows, false)
     }
 
-    fn with(
-        closures: Vec<Instance>,
-        rows: usize,
-        constants: usize,
-        is_triangular: bool,
-    ) -> Self {
+    fn with(closures: Vec<Instance>, rows: usize, constants: usize, is_triangular: bool) -> Self {
         let mut parameters: Vec<usize> = closures
             .iter()
             .flat_map(|closure| closure.parameters.iter().copied())
@@ -173,7 +168,11 @@ impl WhitenedPose {
             .collect();
         let (mut row_starts, mut pattern, mut places) = (vec![0], Vec::new(), Vec::new());
         for row in 0..rows {
-            let reach = if is_triangular { row + 1 } else { columns.len() };
+            let reach = if is_triangular {
+                row + 1
+            } else {
+                columns.len()
+            };
             let known: BTreeSet<usize> = columns[..reach].iter().flatten().copied().collect();
             let mut of_row = vec![0; parameters.len()];
             for (place, &column) in known.iter().enumerate() {

@@ -392,7 +392,7 @@ fn determine(checked: &mut Checked, setup: Setup<'_>, poses: &[usize]) -> Result
     let counted = poses.len() as f64 / some.len().max(1) as f64;
     let samples = Sample::all(robot, folder, &some, &Frames::default());
     let weights = vec![counted; samples.len()];
-    let known = Known::at(&prepared, None, (&samples, file.noise), &weights)?.of_parameters();
+    let known = Known::at(&prepared, None, (&samples, file.noise), &weights, 1.0)?.of_parameters();
     let used = &known.used;
     let of_pose = variant.instances_of(ResidualKind::Closure).count();
     checked.rows = of_pose * poses.len();

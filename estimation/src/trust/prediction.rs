@@ -306,7 +306,9 @@ fn spread_of(
     let mut spread = jacobian.times(&factor_of(known, joint));
     for (way, factor) in known.track_scales(&joint.machine) {
         if let Some(along) = joint.along(&way, jacobian, samples) {
-            spread.ger(1.0, &along, &DVector::from_vec(factor), 1.0);
+            let factor = DVector::from_vec(factor);
+            let mut own = spread.columns_mut(0, factor.len());
+            own.ger(1.0, &along, &factor, 1.0);
         }
     }
     spread
