@@ -7,12 +7,13 @@ use tau_estimation::joint::descent::not_converged;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::joint::unknown::{self, Start};
 use tau_estimation::joint::variant::{self, PosesOf};
-use tau_estimation::joint::{CLOSURE_SHARE, Component, Joint};
+use tau_estimation::joint::{Component, Joint};
 use tau_estimation::samples::Sample;
 use tau_estimation::samples::frames::Frames;
 use tau_estimation::samples::outliers;
 use tau_estimation::samples::plates::place_plates;
 use tau_estimation::trust::{self, LARGEST_MISFIT};
+use tau_estimation::weighing::{Treatment, weigh};
 use tau_robot::robot::{LinkKey, Value, Variant};
 
 use super::{Constants, Error, Input, Unknown};
@@ -55,14 +56,17 @@ pub(super) fn base_fit(
     };
     let mut of_set_1 = samples_in(&Frames::default());
     place_plates(&prepared.machine, &mut of_set_1);
-    let alone = Joint::new(
-        prepared.machine.clone(),
-        &prepared.nominal,
+    let values = Fit::of_set_1(&prepared, &of_set_1, file.noise)?;
+    // Outliers are those of a calibration.
+    let weighing = weigh(
+        &prepared,
+        &values,
         &of_set_1,
         file.noise,
+        Treatment::default(),
     )?;
-    let alone = alone.without_exact(CLOSURE_SHARE);
-    let (values, mut weights) = Fit::of_set_1(&alone, &of_set_1)?;
+    let kept = weighing.judged.iter();
+    let mut weights: Vec<f64> = kept.map(|&is_kept| f64::from(u8::from(is_kept))).collect();
     let machine = prepared.machine.with_values(values.clone());
     let frames = Frames::of(&machine, folder);
     let setup = Setup::new(&machine.robot, &machine.variant, file, folder);

@@ -55,7 +55,7 @@ pub(crate) struct Unseen {
 }
 
 impl Unseen {
-    /// The held-out measurements of a search; `samples` took part in it. `None` where nothing was held out.
+    /// The held-out measurements of a search, without outliers; `samples` took part in it. `None` where nothing was held out.
     ///
     /// # Errors
     /// They lack what closures read.
@@ -76,7 +76,8 @@ impl Unseen {
         if !is_held_out || division.validation.is_empty() {
             return Ok(None);
         }
-        let mut unseen = Sample::all(robot, folder, &division.validation, &Frames::default());
+        let (poses, _) = held_out::without_outliers(input, fit)?;
+        let mut unseen = Sample::all(robot, folder, &poses, &Frames::default());
         let predicted = if let Some(unknown) = input.unknown {
             fit.predicted_of_unknown_poses(&unknown.poses, &unseen, file.noise)?
         } else {

@@ -17,11 +17,11 @@ use super::candidate_set::CandidateSet;
 use super::constants::Constants;
 use super::evidence::{self, whiteness::Series};
 use super::few::TooFew;
-use super::held_out::HeldOut;
+use super::held_out::{self, HeldOut};
 use super::linear_model::LinearModel;
 use super::results::{
     Considered, Discovery, ErrorOf, Estimate, FoundEffect, Gap, LeftOut, Order, Place, Pull, Rival,
-    SerialCorrelation, Status, Unseen, Validation, Verdict, Whiteness,
+    SerialCorrelation, Status, Step, Unseen, Validation, Verdict, Whiteness,
 };
 use super::search::{Contradicted, Found, Search};
 use super::waves::waves;
@@ -40,7 +40,6 @@ pub(super) struct Beforehand {
     pub(super) ambiguous: Vec<results::Ambiguous>,
     pub(super) misfit: Vec<results::Misfit>,
     pub(super) serial: Option<results::SerialCorrelation>,
-    pub(super) floor: floor::Floor,
 }
 
 pub(super) fn finish(
@@ -62,12 +61,18 @@ pub(super) fn finish(
     let fit = bound.unwrap_or_else(|| search.state.fit.clone());
     let (fit, set) = (&fit.without_noise_of_exact(), &search.set);
     let (held_out, evidence) = parallel::both(
-        || HeldOut::of(input, fit),
+        || HeldOut::of(input, &search.base.fit, fit),
         || evidence::of_effects(search, &beforehand.linear),
     );
     let held_out = held_out?;
     let (after, floor) = (held_out.gap, &held_out.floor);
-    let before = search.gaps.first().copied().unwrap_or(after);
+    let steps: Vec<Step> = (search.steps.iter())
+        .map(|step| Step {
+            model: step.model.clone(),
+            gap: held_out::gap(&step.errors, &held_out.outliers),
+        })
+        .collect();
+    let before = steps.first().map_or(after, |step| step.gap);
     let (model_text, model) = text::description(robot, &options.catalogues, &search.derived())?;
     let unnamed = unnamed(search, file.noise);
     // Until the verdict on the whole model is known.
@@ -92,11 +97,12 @@ pub(super) fn finish(
     let mut remarks = remarks(search, fit, whiteness.as_ref());
     remarks.extend(held_out.not_predicted);
     remarks.extend(beforehand.too_few.as_ref().map(TooFew::remark));
+    remarks.extend(far_held_out(&held_out.outliers));
     let discovery = Discovery {
         base: base.to_owned(),
         status,
         noise_floor_um: floor.mean_m * 1e6,
-        ceiling_um: removable_um(before, &beforehand.floor),
+        ceiling_um: removable_um(before, &held_out.floor_of_base),
         remaining_um: removable_um(after, floor),
         validation: Validation {
             before,
@@ -113,7 +119,7 @@ pub(super) fn finish(
         noise: misfit::noise_scales(fit),
         worst: worst(&misfit::misfits(fit, &set.samples, file.noise)),
         fit: None,
-        effects: effects(search, fit, found),
+        effects: effects(search, fit, found, &steps),
         rejected: rejected(search),
         piecewise_tracks: vec![],
         considered: considered(search, found),
@@ -124,9 +130,9 @@ pub(super) fn finish(
         unnamed,
         outliers,
         left_out,
-        validation_outliers: vec![],
+        validation_outliers: held_out.outliers,
         gross_rows: held_out.gross_rows,
-        steps: search.steps.clone(),
+        steps,
         model_text,
         model,
         remarks,
@@ -137,23 +143,20 @@ pub(super) fn finish(
     Ok(Outcome::of(discovery, fit, poses, options.constants))
 }
 
-impl Discovery {
-    /// Takes note of poses that the errors on what took no part are without.
-    pub(super) fn leave_out(&mut self, outliers: Vec<u32>) {
-        let numbers: Vec<String> = outliers.iter().map(u32::to_string).collect();
-        let (poses, lie) = match numbers.as_slice() {
-            [_] => ("pose", "lies"),
-            _ => ("poses", "lie"),
-        };
-        let text = format!(
-            "{poses} {} of those that took no part {lie} farther off than the largest of so many: the errors at the tool are \
-             without",
-            numbers.join(", ")
-        );
-        self.remarks
-            .push(Remark::new(discovery::FAR_HELD_OUT, text));
-        self.validation_outliers = outliers;
-    }
+/// Remark on poses that the errors on what took no part are without.
+fn far_held_out(outliers: &[u32]) -> Option<Remark> {
+    let numbers: Vec<String> = outliers.iter().map(u32::to_string).collect();
+    let (poses, lie) = match numbers.as_slice() {
+        [] => return None,
+        [_] => ("pose", "lies"),
+        _ => ("poses", "lie"),
+    };
+    let text = format!(
+        "{poses} {} of those that took no part {lie} farther off than the largest of so many: the errors at the tool are \
+         without",
+        numbers.join(", ")
+    );
+    Some(Remark::new(discovery::FAR_HELD_OUT, text))
 }
 
 impl Outcome {
@@ -284,8 +287,15 @@ fn whiteness(search: &Search<'_>, before: Option<SerialCorrelation>) -> Option<W
     })
 }
 
-fn effects(search: &Search<'_>, fit: &Fit, found: &[Found]) -> Vec<FoundEffect> {
+fn effects(search: &Search<'_>, fit: &Fit, found: &[Found], steps: &[Step]) -> Vec<FoundEffect> {
     let set = &search.set;
+    // Fall of the mean error on what took no part when each effect joined (µm).
+    let mut drops_um = BTreeMap::new();
+    for (pair, step) in steps.windows(2).zip(search.steps.iter().skip(1)) {
+        let drop_um = pair[0].gap.mean_um - pair[1].gap.mean_um;
+        let share_um = drop_um / step.joined.len() as f64;
+        drops_um.extend(step.joined.iter().map(|&candidate| (candidate, share_um)));
+    }
     let place = |candidates: &[usize]| match candidates {
         [one] => set.candidates[*one].at.clone(),
         all => Place::Several(all.iter().map(|&c| set.candidates[c].at.clone()).collect()),
@@ -317,7 +327,7 @@ fn effects(search: &Search<'_>, fit: &Fit, found: &[Found]) -> Vec<FoundEffect> 
                 parameters,
                 p_value: found.p_value,
                 chi2_drop: found.chi2_drop,
-                heldout_drop_um: found.heldout_drop_um,
+                heldout_drop_um: drops_um.get(&member.candidate).copied().unwrap_or(0.0),
                 rivals: found
                     .rivals
                     .iter()

@@ -18,6 +18,17 @@ pub(super) struct Floor {
     pub(super) square_m2: f64,
 }
 
+/// What a fit would leave of its parameters if the noise were the stated one.
+pub(super) fn known(fit: &Fit, noise: Noise) -> Uncertainty {
+    let used = &fit.joint.used;
+    let deviations = fit.deviations_at_stated_noise();
+    let factor: Vec<Vec<f64>> = (deviations.row_iter().take(used.len()))
+        .map(|row| row.iter().copied().collect())
+        .collect();
+    let known = Uncertainty::new(&fit.joint.machine.variant, used, &factor);
+    known.with_path_noise(noise.position_m)
+}
+
 /// By propagating the stated noise of the measured position, of drives and of links, and what it leaves of the calibrated
 /// parameters through the forward kinematics. The noise is the stated one even where a model leaves more: what is more is
 /// what a better model could remove.
@@ -28,13 +39,7 @@ pub(super) fn floor(
     poses: &[usize],
     noise: Noise,
 ) -> Result<Floor, Error> {
-    let used = &fit.joint.used;
-    let deviations = fit.deviations_at_stated_noise();
-    let factor: Vec<Vec<f64>> = (deviations.row_iter().take(used.len()))
-        .map(|row| row.iter().copied().collect())
-        .collect();
-    let known = Uncertainty::new(&machine.variant, used, &factor);
-    let known = known.with_path_noise(noise.position_m);
+    let known = known(fit, noise);
     let axes = (machine.pose_unknowns().iter())
         .take_while(|&&motion| motion < 3)
         .count();

@@ -11,6 +11,7 @@ use tau_estimation::joint::unknown;
 use tau_estimation::numerics::spread::spread;
 use tau_estimation::samples::Sample;
 use tau_estimation::samples::frames::Frames;
+use tau_estimation::trust::outliers_of_validation;
 use tau_kinematics::Machine;
 
 use super::constants::count;
@@ -18,16 +19,29 @@ use super::floor::{self, Floor};
 use super::results::{Gap, GrossRow};
 use super::{Error, Input, Unknown};
 
+/// Error of a pose that took no part (µm), with its number where poses were measured.
+pub(super) type PoseError = (Option<u32>, f64);
+
+/// Mean and root mean square of errors of poses that are no outliers.
+pub(super) fn gap(errors: &[PoseError], outliers: &[u32]) -> Gap {
+    let is_kept = |pose: Option<u32>| !pose.is_some_and(|pose| outliers.contains(&pose));
+    let kept = errors.iter().filter(|error| is_kept(error.0));
+    Summary::of(&kept.map(|error| error.1).collect::<Vec<f64>>()).into()
+}
+
 /// A machine at the values of a fit.
 pub(super) fn machine(fit: &Fit) -> Machine {
     (fit.joint.machine).with_values(fit.joint.values(&fit.fitted))
 }
 
-/// Errors of a fit on what took no part.
+/// Errors of the fit of what was found on what took no part.
 pub(super) struct HeldOut {
     pub(super) gap: Gap,
-    /// The error that noise alone leaves there.
+    /// The error that noise alone leaves there, and what it would leave of the base.
     pub(super) floor: Floor,
+    pub(super) floor_of_base: Floor,
+    /// Numbers of the poses there that lie far off what the fit predicts: the errors are without.
+    pub(super) outliers: Vec<u32>,
     /// Poses there that the fit does not predict.
     pub(super) not_predicted: Vec<Remark>,
     /// Single measurements that are left out there, where poses are unknown.
@@ -35,23 +49,28 @@ pub(super) struct HeldOut {
 }
 
 impl HeldOut {
-    pub(super) fn of(input: &Input<'_>, fit: &Fit) -> Result<Self, Error> {
+    pub(super) fn of(input: &Input<'_>, base: &Fit, fit: &Fit) -> Result<Self, Error> {
         if let Some(unknown) = input.unknown {
             let found = of_unknown(input, unknown, fit)?;
             let rows = found.gross.iter();
             return Ok(Self {
-                gap: gap_of_rows(&found.errors_m),
+                gap: gap(&errors_of_rows(&found), &[]),
                 floor: floor_of_rows(&found),
+                floor_of_base: floor_of_rows(&of_unknown(input, unknown, base)?),
+                outliers: vec![],
                 not_predicted: vec![],
                 gross_rows: rows
                     .map(|row| GrossRow::of(row, &fit.joint.machine))
                     .collect(),
             });
         }
-        let found = evaluate(&machine(fit), input.folder, &input.division.validation)?;
+        let (poses, outliers) = without_outliers(input, fit)?;
+        let found = evaluate(&machine(fit), input.folder, &poses)?;
         Ok(Self {
             gap: found.position_um.into(),
-            floor: floor(input, fit)?,
+            floor: floor(input, fit, &poses)?,
+            floor_of_base: floor(input, base, &poses)?,
+            outliers,
             not_predicted: (found.not_predicted.iter())
                 .map(NotPredicted::remark)
                 .collect(),
@@ -60,29 +79,50 @@ impl HeldOut {
     }
 }
 
-/// Mean and root mean square of the errors alone.
-pub(super) fn gap(input: &Input<'_>, fit: &Fit) -> Result<Gap, Error> {
-    Ok(match input.unknown {
-        Some(unknown) => gap_of_rows(&of_unknown(input, unknown, fit)?.errors_m),
-        None => evaluate(&machine(fit), input.folder, &input.division.validation)?
-            .position_um
-            .into(),
-    })
-}
-
-fn gap_of_rows(errors_m: &[f64]) -> Gap {
-    let errors: Vec<f64> = errors_m.iter().map(|error| error * 1e6).collect();
-    Summary::of(&errors).into()
-}
-
-/// The error that noise alone leaves there: of many poses, on as many evenly spread ones as a search takes.
-pub(super) fn floor(input: &Input<'_>, fit: &Fit) -> Result<Floor, Error> {
-    if let Some(unknown) = input.unknown {
-        return Ok(floor_of_rows(&of_unknown(input, unknown, fit)?));
+/// Poses that took no part, by index, without those that lie far off what a fit predicts; and the numbers of these. Where poses
+/// are unknown, it is single measurements that are left out.
+pub(super) fn without_outliers(
+    input: &Input<'_>,
+    fit: &Fit,
+) -> Result<(Vec<usize>, Vec<u32>), Error> {
+    let Input {
+        file,
+        folder,
+        division,
+        ..
+    } = *input;
+    let mut poses = division.validation.clone();
+    if input.unknown.is_some() {
+        return Ok((poses, vec![]));
     }
-    let all = &input.division.validation;
-    let taken = spread(all.len(), count(input.options.constants.most_poses));
-    let poses: Vec<usize> = taken.into_iter().map(|pose| all[pose]).collect();
+    let known = floor::known(fit, file.noise);
+    let found = outliers_of_validation(&machine(fit), &known, file, folder, division)?;
+    let outliers: Vec<u32> = found.iter().map(|own| own.pose).collect();
+    poses.retain(|&pose| !outliers.contains(&folder.tcp_poses[pose].pose));
+    Ok((poses, outliers))
+}
+
+/// Errors of a fit, outliers among them.
+pub(super) fn errors(input: &Input<'_>, fit: &Fit) -> Result<Vec<PoseError>, Error> {
+    if let Some(unknown) = input.unknown {
+        return Ok(errors_of_rows(&of_unknown(input, unknown, fit)?));
+    }
+    let found = evaluate(&machine(fit), input.folder, &input.division.validation)?;
+    let errors = found.errors.iter();
+    Ok(errors
+        .map(|error| (Some(error.pose), error.length_um()))
+        .collect())
+}
+
+fn errors_of_rows(found: &unknown::HeldOut) -> Vec<PoseError> {
+    let errors = found.errors_m.iter();
+    errors.map(|error| (None, error * 1e6)).collect()
+}
+
+/// The error that noise alone leaves at poses: of many, at as many evenly spread ones as a search takes.
+fn floor(input: &Input<'_>, fit: &Fit, poses: &[usize]) -> Result<Floor, Error> {
+    let taken = spread(poses.len(), count(input.options.constants.most_poses));
+    let poses: Vec<usize> = taken.into_iter().map(|pose| poses[pose]).collect();
     let mut machine = machine(fit);
     machine.surroundings.length_noise = length_noise(input.robot, input.file);
     floor::floor(fit, &machine, input.folder, &poses, input.file.noise)

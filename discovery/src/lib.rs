@@ -55,7 +55,7 @@ use tau_estimation::joint::variant::PosesOf;
 use tau_estimation::numerics::parallel;
 use tau_estimation::numerics::spread::spread;
 use tau_estimation::samples::Sample;
-use tau_estimation::trust::{self, outliers_of_validation};
+use tau_estimation::trust;
 use tau_estimation::unknown_poses::errors_in_variables::GroupFit;
 use tau_robot::effects::CATALOGUE;
 use tau_robot::input_error::InputError;
@@ -76,10 +76,11 @@ use evidence::whiteness::Series;
 use few::TooFew;
 use findings::{Beforehand, finish};
 pub use generic::UNNAMED;
+use held_out::PoseError;
 use linear_model::LinearModel;
 use misfit::misfits;
 use probes::Probes;
-use results::{Gap, Misfit};
+use results::Misfit;
 use score::ProfileLikelihood;
 use search::Search;
 use structural::piecewise::Found;
@@ -350,28 +351,11 @@ fn discovered(
         options,
     };
     let mut outcome = search(&input, progress)?;
-    let stated = |outcome: &Outcome| outcome.calibration(&outcome.robot(), &completed, folder);
-    let mut calibration = stated(&outcome)?;
-    // Without a judgement none is an outlier.
-    let outliers = outliers_of_validation(&calibration, &completed, folder, &division);
-    let outliers: Vec<u32> = (outliers.iter().flatten()).map(|own| own.pose).collect();
-    if !outliers.is_empty() {
-        // They would pass for a gap that a better model could close.
-        let is_outlier = |&pose: &usize| outliers.contains(&folder.tcp_poses[pose].pose);
-        let mut kept = division.clone();
-        kept.validation.retain(|pose| !is_outlier(pose));
-        let input = Input {
-            division: &kept,
-            ..input
-        };
-        outcome = search(&input, progress)?;
-        outcome.discovery.leave_out(outliers);
-        calibration = stated(&outcome)?;
-    }
     if taken.len() < all {
         let remark = remark_on_part(all, taken.len());
         outcome.discovery.remarks.push(remark);
     }
+    let calibration = outcome.calibration(&outcome.robot(), &completed, folder)?;
     let verdict = trust::of_calibration(&calibration, &completed, folder, &outcome.poses, None)?;
     let verdict = verdict.with_groups(&outcome.carts, &completed);
     outcome.discovery.conclude(Some(verdict), robot);
@@ -402,11 +386,11 @@ fn fitted(input: &Input<'_>) -> Result<(Fit, Vec<Sample>), Error> {
     base_fit(input, &model, index, variant_of(input.robot, input.base)?)
 }
 
-/// Misfit of the base, and its error at the tool.
-fn shortfall(input: &Input<'_>) -> Result<(Vec<Misfit>, Gap), Error> {
+/// Misfit of the base, and its errors on what took no part.
+fn shortfall(input: &Input<'_>) -> Result<(Vec<Misfit>, Vec<PoseError>), Error> {
     let (fit, samples) = fitted(input)?;
-    let gap = held_out::gap(input, &fit)?;
-    Ok((misfits(&fit, &samples, input.file.noise), gap))
+    let errors = held_out::errors(input, &fit)?;
+    Ok((misfits(&fit, &samples, input.file.noise), errors))
 }
 
 /// The model with all that may be added to it, the index of the base, and the unnamed families.
@@ -466,21 +450,15 @@ fn begun<'a>(
     let (fit, samples) = fitted?;
     progress("looking at what could be seen");
     let own_effects = variant.effects.len();
-    let (before_floor, probes) = parallel::both(
-        || held_out::floor(input, &fit),
-        || {
-            Probes::of(
-                &model,
-                own_effects,
-                (compiled, input.poses()),
-                &fit.joint,
-                &fit.fitted,
-                &samples,
-                file.noise,
-            )
-        },
-    );
-    let (before_floor, probes) = (before_floor?, probes?);
+    let probes = Probes::of(
+        &model,
+        own_effects,
+        (compiled, input.poses()),
+        &fit.joint,
+        &fit.fitted,
+        &samples,
+        file.noise,
+    )?;
     let mut set = CandidateSet::new(
         model,
         variant,
@@ -515,7 +493,6 @@ fn begun<'a>(
         detectable,
         cannot_see,
         too_few,
-        floor: before_floor,
         linear,
     };
     let at = (index, own_effects);

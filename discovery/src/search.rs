@@ -17,8 +17,9 @@ use super::candidate_set::{CandidateSet, Table};
 use super::confirmation::held_out_gain;
 use super::constants::count;
 use super::contradiction::{Change, Unseen};
+use super::held_out::PoseError;
 use super::linear_model::LinearModel;
-use super::results::{Derived, Gap, Step, UsedEffect};
+use super::results::{Derived, UsedEffect};
 use super::score::ProfileLikelihood;
 use super::{Error, Input, Options, Rule, held_out, serial, visits};
 use crate::subspace::Subspace;
@@ -37,7 +38,7 @@ pub(crate) struct Search<'a> {
     /// Index of the base in the model's variants, and number of effects that it has already.
     variant: usize,
     own_effects: usize,
-    base: State,
+    pub(crate) base: State,
     /// True if a family beats every name beside the base.
     starts_with_family: bool,
     pub(crate) state: State,
@@ -54,10 +55,8 @@ pub(crate) struct Search<'a> {
     visited: BTreeMap<Composition, Option<f64>>,
     /// Candidates that passed the score but not their confirmation.
     pub(crate) unconfirmed: BTreeSet<usize>,
-    /// Fall of the mean error on the validation poses when each effect joined (µm).
-    drops_um: BTreeMap<usize, f64>,
+    /// The models on the way, from the base.
     pub(crate) steps: Vec<Step>,
-    pub(crate) gaps: Vec<Gap>,
     /// Scores beside the base.
     pub(crate) first: Table,
     /// Scores beside the model as it stands, with those of periodic families or without.
@@ -68,6 +67,16 @@ pub(crate) struct Search<'a> {
     pub(crate) left: Vec<state::Unnamed>,
     /// Effects that measurements which took no part contradict.
     pub(crate) rejected: Vec<Contradicted>,
+}
+
+/// A model on the way of a search.
+#[derive(Clone)]
+pub(crate) struct Step {
+    pub(crate) model: Derived,
+    /// Effects that joined it.
+    pub(crate) joined: Vec<usize>,
+    /// Its errors on what took no part.
+    pub(crate) errors: Vec<PoseError>,
 }
 
 /// An effect that joined the model and that measurements which took no part contradict.
@@ -104,7 +113,7 @@ impl<'a> Search<'a> {
         search
             .visited
             .insert(search.state.composition(), Some(search.score));
-        search.record()?;
+        search.record(vec![])?;
         Ok(search)
     }
 
@@ -131,9 +140,7 @@ impl<'a> Search<'a> {
             costs: BTreeMap::new(),
             visited: BTreeMap::new(),
             unconfirmed: BTreeSet::new(),
-            drops_um: BTreeMap::new(),
             steps: vec![],
-            gaps: vec![],
             known: [None, None],
             without: None,
             first: first.clone().without_model(),
@@ -159,14 +166,13 @@ impl<'a> Search<'a> {
         let may_differ = self.state.count() > 1 || !self.state.unnamed.is_empty();
         if self.starts_with_family && may_differ && !self.is_without(Rule::SecondStart) {
             let first = (self.state.clone(), self.score);
-            let notes = (self.steps.clone(), self.gaps.clone(), self.drops_um.clone());
+            let steps = self.steps.clone();
             self.go_to(self.base.clone(), self.score_of_state(&self.base));
             self.steps.truncate(1);
-            self.gaps.truncate(1);
             self.climb(false, progress)?;
             if self.score > first.1 - SCORE_TOLERANCE {
                 self.go_to(first.0, first.1);
-                (self.steps, self.gaps, self.drops_um) = notes;
+                self.steps = steps;
             }
         }
         if !self.state.members.is_empty() {
@@ -179,7 +185,9 @@ impl<'a> Search<'a> {
             } else {
                 (self.state, self.score) = (settled, score);
             }
-            self.restate()?;
+            if let Some(last) = self.steps.pop() {
+                self.record(last.joined)?;
+            }
         }
         if !self.is_without(Rule::Contradicted) {
             self.reject(progress)?;
@@ -229,10 +237,9 @@ impl<'a> Search<'a> {
                 chi2_drop,
                 heldout_change: change.chi2(),
             });
-            self.drops_um.remove(&candidate);
             let score = self.score_of_state(&state);
             self.go_to(state, score);
-            self.record()?;
+            self.record(vec![])?;
         }
         Ok(())
     }
@@ -421,20 +428,9 @@ impl<'a> Search<'a> {
         let is_new = next.members != self.state.members;
         self.go_to(next, score);
         if is_new {
-            let error_before = self.gaps.last().map(|gap| gap.mean_um);
-            self.record()?;
-            if let (Some(error_before), Some(gap)) = (error_before, self.gaps.last()) {
-                let new = self
-                    .state
-                    .members
-                    .iter()
-                    .filter(|m| !before.contains(&m.candidate));
-                let new: Vec<usize> = new.map(|member| member.candidate).collect();
-                for &candidate in &new {
-                    let share = (error_before - gap.mean_um) / new.len() as f64;
-                    self.drops_um.insert(candidate, share);
-                }
-            }
+            let candidates = self.state.members.iter().map(|own| own.candidate);
+            let joined = candidates.filter(|candidate| !before.contains(candidate));
+            self.record(joined.collect())?;
         }
         Ok(())
     }
@@ -481,32 +477,15 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Notes the gap with the model as it stands.
-    fn record(&mut self) -> Result<(), Error> {
-        let gap = self.gap()?;
-        self.steps.push(self.step(gap));
-        self.gaps.push(gap);
+    /// Notes the model as it stands.
+    fn record(&mut self, joined: Vec<usize>) -> Result<(), Error> {
+        let step = Step {
+            model: self.derived(),
+            joined,
+            errors: held_out::errors(self.input, &self.state.fit)?,
+        };
+        self.steps.push(step);
         Ok(())
-    }
-
-    /// Notes the gap once more, after the last fit has been improved.
-    fn restate(&mut self) -> Result<(), Error> {
-        let gap = self.gap()?;
-        let step = self.step(gap);
-        if let (Some(last), Some(stated)) = (self.steps.last_mut(), self.gaps.last_mut()) {
-            (*last, *stated) = (step, gap);
-        }
-        Ok(())
-    }
-
-    /// The error on what took no part.
-    fn gap(&self) -> Result<Gap, Error> {
-        held_out::gap(self.input, &self.state.fit)
-    }
-
-    fn step(&self, gap: Gap) -> Step {
-        let model = self.derived();
-        Step { model, gap }
     }
 
     /// The model as a variant.

@@ -20,6 +20,7 @@ use tau_robot::robot::{self, Owner, Robot};
 
 use super::candidates::scope::NEEDS_FULL_ARM;
 use super::constants::Constants;
+use super::held_out::{self, PoseError};
 use super::p_value::PValue;
 use super::results::{
     Considered, Derived, Discovery, FULL_ARM, FoundEffect, Gap, Misfit, Place, Reason, Status,
@@ -236,9 +237,9 @@ impl FullArm {
     }
 
     /// Puts the step from the reduced arm to the full one before what was found from there.
-    fn precede(&self, base: &str, (misfit, gap): (Vec<Misfit>, Gap), found: &mut Discovery) {
+    fn precede(&self, base: &str, missed: (Vec<Misfit>, Vec<PoseError>), found: &mut Discovery) {
         let before = found.validation.before;
-        begin_at(found, base, self.considered(), (misfit, gap));
+        let gap = begin_at(found, base, self.considered(), missed);
         found.status = match found.status {
             Status::NothingMissing => Status::Explained,
             Status::UnnamedStructure => Status::PartlyExplained,
@@ -265,18 +266,20 @@ impl FullArm {
     }
 }
 
-/// Lets what was found begin at another base, with that base's misfit and gap.
+/// Lets what was found begin at another base, with that base's misfit and errors, and returns its gap.
 fn begin_at(
     found: &mut Discovery,
     base: &str,
     considered: Considered,
-    (misfit, gap): (Vec<Misfit>, Gap),
-) {
+    (misfit, errors): (Vec<Misfit>, Vec<PoseError>),
+) -> Gap {
+    let gap = held_out::gap(&errors, &found.validation_outliers);
     found.considered.insert(0, considered);
     found.base = base.into();
     found.misfit = misfit;
     found.validation.before = gap;
     found.steps.insert(0, Step::at_base(base, gap));
+    gap
 }
 
 /// Constraints of a reduced arm on the unknowns of a full one, one row each: by how much each link of a

@@ -26,7 +26,6 @@ pub(crate) struct Found {
     pub(crate) chi2_drop: f64,
     /// Other values of the searched parameter that fit as well.
     pub(crate) aliases: Vec<f64>,
-    pub(crate) heldout_drop_um: f64,
     pub(crate) rivals: Vec<FoundRival>,
 }
 
@@ -73,7 +72,6 @@ impl Search<'_> {
             p_value,
             chi2_drop: statistic,
             aliases,
-            heldout_drop_um: self.drops_um.get(&candidate).copied().unwrap_or(0.0),
             rivals: self.rivals(member, linear, without, &own),
         }
     }

@@ -15,6 +15,7 @@ use nalgebra::Vector3;
 
 use super::super::candidates::{self, Entry};
 use super::super::constants::count;
+use super::super::held_out::PoseError;
 use super::super::linear_model::LinearModel;
 use super::super::p_value::PValue;
 use super::super::probes::TARGETS_OF_CART;
@@ -43,6 +44,8 @@ pub(in super::super) struct Found {
     score: f64,
     /// By which it compares with models of other bases.
     likelihood: ProfileLikelihood,
+    /// Errors of the base on what took no part.
+    errors_of_base: Vec<PoseError>,
     /// Squares of the errors at the tool (µm²) on the poses that took part, by their numbers.
     errors_um2: BTreeMap<u32, f64>,
     /// Test of each straight track.
@@ -118,7 +121,7 @@ fn with_piecewise_tracks(
             continue;
         }
         let mut outcome = with_piecewise_tracks(&input_there, there, progress)?;
-        track.precede(input.base, found.outcome.discovery, &mut outcome.discovery);
+        track.precede(input.base, found, &mut outcome.discovery);
         return Ok(outcome);
     }
     let discovery = &mut found.outcome.discovery;
@@ -138,7 +141,7 @@ impl Found {
     /// # Errors
     /// A pose can't be predicted.
     pub(in super::super) fn new(
-        search: Search<'_>,
+        mut search: Search<'_>,
         tracks: Vec<TrackTest>,
         outcome: Outcome,
     ) -> Result<Self, Error> {
@@ -154,6 +157,7 @@ impl Found {
             .iter()
             .map(|error| (error.pose, error.length_um().powi(2)));
         Ok(Self {
+            errors_of_base: search.steps.swap_remove(0).errors,
             errors_um2: errors.collect(),
             outcome,
             score: search.score,
@@ -348,14 +352,14 @@ impl TrackTest {
     }
 
     /// Puts the step from the straight track to the piecewise one before what was found from there.
-    fn precede(&self, base: &str, straight: Discovery, found: &mut Discovery) {
-        let gap = straight.validation.before;
+    fn precede(&self, base: &str, straight: Found, found: &mut Discovery) {
+        let (errors, straight) = (straight.errors_of_base, straight.outcome.discovery);
         let before = found.validation.before;
         let considered = Considered {
             verdict: Verdict::WithoutName,
             ..self.considered()
         };
-        begin_at(found, base, considered, (straight.misfit, gap));
+        let gap = begin_at(found, base, considered, (straight.misfit, errors));
         found.piecewise_tracks.insert(
             0,
             PiecewiseTrack {

@@ -132,15 +132,17 @@ impl Descent {
         })
     }
 
-    /// Robust first, then without the outliers, each group of residuals with its own noise.
+    /// Robust first, then without the outliers, each group of residuals with its own noise. What is left out from the start
+    /// stays out until outliers are told: where a pose has much leverage, a share of its weight is enough to bend the fit.
     pub(crate) fn robust(self, samples: &[Sample]) -> Result<Self, Error> {
         let mut descent = self.converged()?;
         for _ in 0..ROBUST_ROUNDS {
-            let weights = outliers::weights(&descent.joint.deviations(
-                &descent.fitted,
-                &descent.scales,
-                samples,
-            ));
+            let deviations = (descent.joint).deviations(&descent.fitted, &descent.scales, samples);
+            let weights = outliers::weights(&deviations).into_iter();
+            let weights = weights.zip(&descent.weights);
+            let weights =
+                weights.map(|(weight, before)| weight * f64::from(u8::from(*before > 0.0)));
+            let weights = weights.collect();
             let scales = descent.scales;
             descent = descent.refactored(scales, weights)?.converged()?;
         }

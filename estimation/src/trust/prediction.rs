@@ -10,7 +10,7 @@ use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Division, Folder};
 use tau_robot::robot_file::{Noise, RobotFile};
 
-use crate::calibration::{Calibration, Error, Prepared};
+use crate::calibration::{Error, Prepared};
 use crate::joint::{Component, Joint};
 use crate::numerics::grouped::Grouped;
 use crate::numerics::spread::spread;
@@ -149,13 +149,14 @@ pub fn of_prediction(
     Ok(verdict)
 }
 
-/// Outliers among the poses that validate, as a calibration on those that calibrate predicts them. None are looked for
+/// Outliers among the poses that validate, as a machine that was calibrated on the others predicts them. None are looked for
 /// among more poses than a verdict looks at.
 ///
 /// # Errors
 /// Data that the variant takes are missing.
 pub fn outliers_of_validation(
-    calibration: &Calibration,
+    machine: &Machine,
+    known: &Uncertainty,
     file: &RobotFile,
     folder: &Folder,
     division: &Division,
@@ -163,18 +164,13 @@ pub fn outliers_of_validation(
     if division.validation.len() > MOST_POSES {
         return Ok(vec![]);
     }
-    let machine = &calibration.machine;
     let (robot, variant) = (&machine.robot, &machine.variant);
     let setup = Setup::new(robot, variant, file, folder);
     let case = case(setup, &division.validation).thinned(MOST_POSES);
-    let Some(known) = Uncertainty::of_calibration(calibration) else {
-        return Ok(vec![]);
-    };
     let samples = case.samples();
     let of = (case.prepared()?, samples.as_slice(), case.file.noise);
     let fitted = numbers(folder, &division.calibration);
-    let known = (&known, &fitted);
-    Ok(weigh_predicted(known, of, &machine.values, Treatment::default())?.outliers)
+    Ok(weigh_predicted((known, &fitted), of, &machine.values, Treatment::default())?.outliers)
 }
 
 /// Uncertainty of parameters, and the numbers of the poses that calibrated them.

@@ -209,7 +209,7 @@ impl Weighing {
 ///
 /// # Errors
 /// Data that closures take are missing; derivatives that are not finite.
-pub(crate) fn weigh(
+pub fn weigh(
     prepared: &Prepared,
     values: &[f64],
     samples: &[Sample],

@@ -3,6 +3,7 @@
 use tau_codes::fit;
 use tau_estimation::calibration::{Calibration, Error};
 use tau_estimation::trust::{self, Check, Mistake, Verdict};
+use tau_estimation::uncertainty::Uncertainty;
 use tau_estimation::unknown_poses;
 use tau_estimation::weighing::Outlier;
 use tau_kinematics::Machine;
@@ -57,7 +58,11 @@ impl<R> Session<R> {
         if self.treatment.keep_outliers {
             return Ok(vec![]);
         }
-        trust::outliers_of_validation(calibration, &self.robot_file, &self.folder, division)
+        let Some(known) = Uncertainty::of_calibration(calibration) else {
+            return Ok(vec![]);
+        };
+        let (machine, file) = (&calibration.machine, &self.robot_file);
+        trust::outliers_of_validation(machine, &known, file, &self.folder, division)
     }
 
     /// The verdict on a prediction: poses, by index, as a [machine as given](Self::machine) predicts them, against noise and
