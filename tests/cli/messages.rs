@@ -118,6 +118,10 @@ fn changed_tables_lead_to_messages() {
         let degrees = 1_f64.to_degrees();
         work.edit("readings.csv", |table| table.scale(&drives, degrees));
     });
+    let hexapod = "--model hexapod --random --poses 20";
+    changed("T540", hexapod, "study --no-discover", |work| {
+        work.edit(POSES, |table| table.set(4, "q1_m", 3.0));
+    });
     // A drive that loses motion at the poses which calibrate, and none at the few others.
     let random = "--model five_bar --random --poses 80 --seed 3";
     changed("T646", random, "discover --split first:74", |work| {

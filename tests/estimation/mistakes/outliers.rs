@@ -226,7 +226,7 @@ fn a_pose_that_cannot_be_predicted_is_named_and_the_others_are() {
         );
     }
     let study = work.run("study MEASURED --no-discover --out DIR/study");
-    study.shows("T540");
+    assert!(study.says("T540"), "{}", study.err);
 }
 
 /// A command 2 rad off bends the fit to 18 poses so much that all of them lie far from it.
