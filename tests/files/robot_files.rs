@@ -78,6 +78,10 @@ fn a_calibration_writes_the_travel_that_its_effects_read() {
     let (before, after) = text.split_once("travel = [[").unwrap();
     let (_, rest) = after.split_once(']').unwrap();
     work.write("other.toml", format!("{before}travel = [[-0.1, 0.1]{rest}"));
+    let ran = work.run(&format!(
+        "evaluate MEASURED {with} Bent --robot DIR/other.toml"
+    ));
+    ran.shows("T258");
     let size = written.effects["bend(one)"]["size"].value[0];
     let off = x("DIR/other.toml") - x("DIR/fit/robot.toml");
     assert!(off.abs() > size.abs(), "{off} {size}");
