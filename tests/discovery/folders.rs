@@ -143,7 +143,9 @@ fn an_effect_of_ones_own_is_found_by_its_name() {
     let ran = work.run(&format!(
         "discover MEASURED {with} --out DIR/found --json -"
     ));
-    assert_eq!(tau_testkit::said(&ran.err)[..2], ["T633", "T605"]);
+    for code in ["[T633]", "[T605]"] {
+        assert!(ran.err.contains(code), "{}", ran.err);
+    }
     let with = ran.json();
     assert_eq!(effects(&with), ["link_ripple(l3b)"]);
     assert_eq!(with["status"], "explained");
