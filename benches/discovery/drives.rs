@@ -8,6 +8,7 @@ use tau::measurements::{PlateKind, Split};
 use tau::simulation::{Measure, Noise, Tails};
 use tau_solver::parallel;
 
+use crate::answer::groups;
 use crate::hidden::UNLISTED_OF_DRIVES;
 use crate::machines::PLAIN;
 use crate::plan::Section;
@@ -265,22 +266,6 @@ pub(crate) fn tables(records: &[Record]) -> String {
     text += &nulls(records);
     text += &contradictions(records);
     text + &failures(records)
-}
-
-/// Records by a key, in order of first appearance.
-fn groups<'a>(
-    records: impl Iterator<Item = &'a Record>,
-    key: impl Fn(&Record) -> Vec<String>,
-) -> Vec<(Vec<String>, Vec<&'a Record>)> {
-    let mut groups: Vec<(Vec<String>, Vec<&Record>)> = vec![];
-    for record in records {
-        let own = key(record);
-        match groups.iter_mut().find(|(key, _)| *key == own) {
-            Some((_, members)) => members.push(record),
-            None => groups.push((own, vec![record])),
-        }
-    }
-    groups
 }
 
 fn share(members: &[&Record], of: impl Fn(&Verdict) -> bool) -> String {

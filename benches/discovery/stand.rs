@@ -91,26 +91,21 @@ pub(crate) struct Trial {
     pub(crate) moves: bool,
 }
 
-/// A trial and its answer.
+/// What was tried on a machine.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub(crate) struct Record {
+pub(crate) struct OnMachine {
     pub(crate) machine: String,
     pub(crate) subject: Subject,
     #[serde(default)]
     pub(crate) noise: String,
     #[serde(default)]
     pub(crate) split: String,
-    pub(crate) noncentrality: f64,
-    pub(crate) index: usize,
-    pub(crate) seed: u64,
-    pub(crate) truth: Vec<True>,
-    pub(crate) found: Option<Found>,
-    pub(crate) verdict: Option<Verdict>,
     /// Of a confidently wrong answer without the effect in the catalogue: true if with it the answer lists both, one as a
     /// rival of the other, so that these measurements can't tell them apart.
     pub(crate) look_alike: bool,
-    pub(crate) failure: Option<String>,
 }
+
+pub(crate) type Record = crate::answer::Record<OnMachine>;
 
 /// A machine on the test stand.
 pub(crate) struct Stand<'a> {
@@ -161,20 +156,14 @@ impl<'a> Stand<'a> {
         if trial.moves && random.chance() {
             simulation.approach = Approach::Moves;
         }
-        let mut record = Record {
+        let tried = OnMachine {
             machine: self.kind.name.to_owned(),
             subject,
             noise: noise.to_owned(),
             split: split.to_owned(),
-            noncentrality,
-            index,
-            seed,
-            truth: vec![],
-            found: None,
-            verdict: None,
             look_alike: false,
-            failure: None,
         };
+        let mut record = Record::new(tried, noncentrality, index, seed);
         if let Err(failure) = self.fill(trial, &mut record, simulation, &mut random) {
             record.failure = Some(failure);
         }
@@ -262,7 +251,7 @@ impl<'a> Stand<'a> {
                 })
             };
             let mut names = found.named.iter();
-            record.look_alike = Verdict::of(&record.truth, &with, true).right_set
+            record.tried.look_alike = Verdict::of(&record.truth, &with, true).right_set
                 && names.all(|own| said((&own.name, &own.place)));
         }
         record.verdict = Some(verdict);

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::answer::{Found, True};
+use crate::answer::{Found, True, groups};
 use crate::plan::Section;
 use crate::scoring::{Share, Verdict, micro_f1, quartile};
 use crate::trials::Record;
@@ -34,7 +34,7 @@ fn confident(records: &[Record]) -> String {
     let visible: Vec<&Record> = (records.iter())
         .filter(|record| record.visible && !record.truth.is_empty())
         .collect();
-    let rows = groups(&visible, |record| {
+    let rows = groups(visible, |record| {
         format!("{:?}", record.section).to_lowercase()
     });
     let row = |(name, members): (String, Vec<&Record>)| {
@@ -62,19 +62,6 @@ const OF_KIND: Key = |record| record.kind.clone();
 const OF_SIZE: Key = |record| format!("λ {}", record.noncentrality);
 const OF_KIND_AND_SIZE: Key = |record| format!("{}, λ {}", record.kind, record.noncentrality);
 const OF_NONCENTRALITY: Key = |record| format!("{}", record.noncentrality);
-
-/// Trials by a key, in order of first appearance.
-fn groups<'a>(records: &[&'a Record], key: Key) -> Vec<(String, Vec<&'a Record>)> {
-    let mut groups: Vec<(String, Vec<&Record>)> = Vec::new();
-    for &record in records {
-        let own = key(record);
-        match groups.iter_mut().find(|(name, _)| *name == own) {
-            Some((_, members)) => members.push(record),
-            None => groups.push((own, vec![record])),
-        }
-    }
-    groups
-}
 
 /// Trials in which power is not what keeps from naming.
 fn strong<'a>(records: &[&'a Record]) -> Vec<&'a Record> {
@@ -148,7 +135,7 @@ fn nulls(records: &[&Record]) -> String {
             share(&ended, |v| v.wrong_name && v.confidently_wrong),
         ]
     };
-    let rows: Vec<Vec<String>> = groups(records, OF_KIND)
+    let rows: Vec<Vec<String>> = groups(records.iter().copied(), OF_KIND)
         .iter()
         .map(|(name, members)| row(name, members))
         .chain([row("all", records)])
@@ -205,7 +192,7 @@ fn single(records: &[&Record]) -> String {
         "share of the oracle's gap",
     ];
     let by = |title: &str, first: &str, key: Key, records: &[&Record]| {
-        let rows: Vec<Vec<String>> = groups(records, key)
+        let rows: Vec<Vec<String>> = groups(records.iter().copied(), key)
             .iter()
             .map(|(name, members)| row(name, members))
             .collect();
@@ -226,7 +213,7 @@ fn single(records: &[&Record]) -> String {
 }
 
 fn periods(records: &[&Record]) -> String {
-    let rows: Vec<Vec<String>> = groups(records, |r| format!("{}, λ {}", r.kind, r.noncentrality))
+    let rows: Vec<Vec<String>> = groups(records.iter().copied(), OF_KIND_AND_SIZE)
         .iter()
         .filter_map(|(name, members)| {
             let known: Vec<[bool; 2]> = ended(members)
@@ -244,7 +231,7 @@ fn periods(records: &[&Record]) -> String {
 }
 
 fn several(title: &str, key: Key, records: &[&Record]) -> String {
-    let rows: Vec<Vec<String>> = groups(records, key)
+    let rows: Vec<Vec<String>> = groups(records.iter().copied(), key)
         .iter()
         .map(|(name, members)| {
             let ended = ended(members);
@@ -345,7 +332,7 @@ fn withheld(records: &[&Record]) -> String {
         "confidently wrong",
     ];
     let by = |title: &str, first: &str, key: Key, records: &[&Record]| {
-        let rows: Vec<Vec<String>> = groups(records, key)
+        let rows: Vec<Vec<String>> = groups(records.iter().copied(), key)
             .iter()
             .map(|(name, members)| row(name, members))
             .collect();
@@ -364,7 +351,7 @@ fn withheld(records: &[&Record]) -> String {
 
 /// Names that each kind was given, with their counts.
 fn confusion(title: &str, records: &[&Record]) -> String {
-    let rows: Vec<Vec<String>> = groups(records, OF_KIND)
+    let rows: Vec<Vec<String>> = groups(records.iter().copied(), OF_KIND)
         .iter()
         .map(|(name, members)| {
             let mut counts: BTreeMap<String, usize> = BTreeMap::new();

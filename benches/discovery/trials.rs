@@ -44,36 +44,18 @@ pub(crate) const DRAWINGS: usize = 20;
 /// Displacement of poses from the grid, as a share of its step.
 const JITTER: f64 = 0.5;
 
-/// A trial with everything that is asked of it afterwards.
+/// What was tried in a section.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub(crate) struct Record {
+pub(crate) struct InSection {
     pub(crate) section: Section,
     pub(crate) kind: String,
-    pub(crate) index: usize,
-    pub(crate) seed: u64,
-    /// λ that was aimed at.
-    pub(crate) noncentrality: f64,
-    /// True if an effect of plausible size reaches that λ.
+    /// True if an effect of plausible size reaches the λ.
     pub(crate) visible: bool,
     pub(crate) random_approach: bool,
     pub(crate) warming_k: f64,
-    pub(crate) truth: Vec<True>,
-    /// The error that ended the search.
-    pub(crate) failure: Option<String>,
-    pub(crate) found: Option<Found>,
-    pub(crate) verdict: Option<Verdict>,
 }
 
-impl Record {
-    /// True if the answer says that these measurements cannot show a hidden effect where it acts.
-    pub(crate) fn is_said_unseen(&self) -> bool {
-        let mut unseen = self.found.iter().flat_map(|found| &found.unseen);
-        unseen.any(|(name, place)| {
-            let mut hidden = self.truth.iter();
-            hidden.any(|own| own.name == *name && own.place == *place)
-        })
-    }
-}
+pub(crate) type Record = crate::answer::Record<InSection>;
 
 /// Context of all trials.
 pub(crate) struct Laboratory {
@@ -144,20 +126,14 @@ impl Laboratory {
             seed,
             ..Simulation::new(self.robot.clone(), self.file.clone())
         };
-        let mut record = Record {
+        let tried = InSection {
             section: *section,
             kind: kind.clone(),
-            index: *index,
-            seed,
-            noncentrality: *noncentrality,
             visible: true,
             random_approach,
             warming_k,
-            truth: Vec::new(),
-            failure: None,
-            found: None,
-            verdict: None,
         };
+        let mut record = Record::new(tried, *noncentrality, *index, seed);
         if let Err(failure) = self.fill(case, simulation, &mut random, &mut record) {
             record.failure = Some(failure);
         }
@@ -179,7 +155,7 @@ impl Laboratory {
         let division = without.folder.divide(split, &in_range);
         let Some(hidden) = self.hide(case, &simulation, &without, &division.calibration, random)
         else {
-            record.visible = false;
+            record.tried.visible = false;
             return Ok(());
         };
         record.truth = hidden

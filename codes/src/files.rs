@@ -56,6 +56,7 @@ codes! {
     UNUSED_VALUES = 255: "values of a file are not used";
     NO_ESTIMATE = 256: "noise is to be estimated where only a number is possible";
     NO_TRAVEL = 257: "an effect reads the travel of the drives, and nothing states it";
+    BEYOND_TRAVEL = 258: "commands lie outside the stated travel of a drive";
 
     // Options and arguments.
     USAGE = 260: "the command line is not written as the command expects";

@@ -209,9 +209,7 @@ impl Machine {
                     done += step;
                     step *= 2.0;
                 }
-                Err(Error::Missing { closure, what }) => {
-                    return Err(Error::Missing { closure, what });
-                }
+                Err(missing @ Error::Missing { .. }) => return Err(missing),
                 Err(_) if step > shortest => step /= 2.0,
                 Err(_) => break,
             }

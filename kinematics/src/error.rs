@@ -16,6 +16,8 @@ pub enum Error {
         closure: String,
         /// The missing quantity.
         what: Missing,
+        /// The effects that read it, with their terms, where [`Machine::explained`](super::Machine::explained) has named them.
+        effects: Vec<String>,
     },
     /// A closure, or a derivative of it, is infinite or not a number.
     NotFinite {
@@ -125,8 +127,16 @@ impl Error {
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Missing { closure, what } => {
-                write!(f, "the closure of `{closure}` needs {what}")
+            Self::Missing {
+                closure,
+                what,
+                effects,
+            } => {
+                write!(f, "the closure of `{closure}` needs {what}")?;
+                match effects.as_slice() {
+                    [] => Ok(()),
+                    effects => write!(f, ", for {}", effects.join(" and ")),
+                }
             }
             Self::NotFinite { closure, effects } => {
                 write!(

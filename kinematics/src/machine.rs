@@ -215,6 +215,7 @@ impl Machine {
         filled.map_err(|what| Error::Missing {
             closure: self.closure_name(closure).to_owned(),
             what,
+            effects: vec![],
         })
     }
 
@@ -322,20 +323,23 @@ impl Machine {
         Ok(scatter)
     }
 
-    /// An error at a sample, with the effects that are at fault where a number is not finite.
+    /// An error at a sample, with the effects that are at fault where a number is not finite or a quantity is missing.
     #[must_use]
     pub fn explained(&self, error: Error, sample: &Sample<'_>) -> Error {
-        match error {
-            Error::NotFinite { closure, .. } => Error::NotFinite {
-                closure,
-                effects: self.effects_at_fault(sample),
-            },
-            error => error,
+        let mut explained = error.clone();
+        if let Error::NotFinite { effects, .. } | Error::Missing { effects, .. } = &mut explained {
+            *effects = self.effects_at_fault(&error, sample);
         }
+        explained
     }
 
-    /// The effects without which the closures at a sample are finite numbers, with their terms.
-    fn effects_at_fault(&self, sample: &Sample<'_>) -> Vec<String> {
+    /// The effects without which the closures at a sample are finite numbers, or do not lack the same, with their terms.
+    fn effects_at_fault(&self, error: &Error, sample: &Sample<'_>) -> Vec<String> {
+        let is_missing = matches!(error, Error::Missing { .. });
+        let lacks = |machine: &Self| machine.closures(sample).err().as_ref() == Some(error);
+        if is_missing && !lacks(self) {
+            return vec![];
+        }
         let value = |name: &str| {
             let parameters = self.variant.parameters.iter().zip(&self.values);
             let mut own = parameters.filter(|(parameter, _)| parameter.name == name);
@@ -351,11 +355,15 @@ impl Machine {
                 variant: without,
                 ..self.clone()
             };
-            machine.closures(sample).ok()
+            Some(if is_missing {
+                !lacks(&machine)
+            } else {
+                machine.closures(sample).is_ok()
+            })
         };
         let effects = self.variant.effects.iter().enumerate();
         effects
-            .filter(|&(index, _)| is_at_fault(index).is_some())
+            .filter(|&(index, _)| is_at_fault(index) == Some(true))
             .map(|(_, (name, places))| {
                 let terms = self.robot.terms_of(name, places).join("; ");
                 format!("`{name}({})`: `{terms}`", places.join(", "))

@@ -331,9 +331,10 @@ impl Text<'_> {
         for (parameter, given) in listed.parameters.iter().zip(given) {
             if parameter.required && !given.as_ref().is_some_and(|v| v.iter().all(|&v| v > 0.0)) {
                 let message = format!("`{}` needs a {} above zero", listed.name, parameter.name);
+                let what = if given.is_some() { "write" } else { "add" };
                 return Err(self
                     .error(files::EFFECT_PARAMETER, tail, message)
-                    .help(format!("add `{}=…`", parameter.name)));
+                    .help(format!("{what} {}, above 0", in_units(parameter))));
             }
             let values = given.unwrap_or_else(|| vec![0.0; parameter.components]);
             amplitude |= !parameter.required && values.iter().any(|&value| value != 0.0);

@@ -1,8 +1,6 @@
 //! Answers to mistakes: exit code 2, nothing on standard output, nothing written.
 
-use tau_testkit::{GANTRY, PROTOTYPE, ROBOTS, Work};
-
-use crate::PISTONS;
+use tau_testkit::{GANTRY, PROTOTYPE, ROBOTS, Work, robots};
 
 /// Runs lines that must be refused with just the errors behind their arrows, each a code with its file and line, or
 /// option, and returns what they say.
@@ -168,6 +166,8 @@ fn outputs_neither_fail_halfway_nor_replace_what_is_read() {
         kinematics forward --variant Full --commands 0,0,0 --out DIR/file/x.csv => T204 file
         calibrate MEASURED --variant Full --out MEASURED => T282 measured/robot.toml
         calibrate --robot MEASURED/robot.toml --variant Full --out MEASURED => T282 measured/robot.toml
+        discover MEASURED --out MEASURED => T282 measured/robot.toml
+        simulate --poses 20 --random --out DIR/json --json DIR/json/robot.toml => T282 json/robot.toml
         calibrate MEASURED --variant Full --out DIR/out --json MEASURED/cart_poses.csv => T282 measured/cart_poses.csv
         evaluate MEASURED --variant Full --json MEASURED/robot.toml => T282 measured/robot.toml
         study MEASURED --out DIR/out --json MEASURED/tcp_poses.csv => T282 measured/tcp_poses.csv
@@ -180,6 +180,7 @@ fn outputs_neither_fail_halfway_nor_replace_what_is_read() {
     let before = read();
     insta::assert_snapshot!("outputs", refusals(&work, cases));
     assert_eq!(read(), before);
+    assert!(!work.path().join("json/tcp_poses.csv").exists());
 }
 
 #[test]
@@ -272,47 +273,13 @@ fn measurements_of_drives_that_the_robot_lacks_are_refused() {
     insta::assert_snapshot!("drives", refusals(&work, cases));
 }
 
-/// A folder says how far drives travel; without one the robot file has to.
-#[test]
-fn travel_that_nothing_states_is_asked_for() {
-    let work = Work::prototype();
-    let effect =
-        "effect bend on cart { param size: length tol 1 mm; vertical += size * travel^2; }\n";
-    let own = std::fs::read_to_string(GANTRY).unwrap();
-    let body = own.trim_end().strip_suffix('}').unwrap();
-    work.write(
-        "x.tau",
-        format!("{effect}{body}    variant Bent = Full + bend(one);\n}}\n"),
-    );
-    let cases = "
-        kinematics forward --model DIR/x.tau --robot DIR/measured/robot.toml --variant Bent --commands 0,0,0 => T257 measured/robot.toml";
-    insta::assert_snapshot!("travel", refusals(&work, cases));
-}
-
-/// Without a robot file there is none to add anything to.
-#[test]
-fn a_missing_reference_is_asked_of_the_file_that_is_there() {
-    let work = Work::empty();
-    work.write("x.tau", PISTONS.replace("reference {", "// reference {"));
-    work.run("init DIR/x.tau --out DIR/robot.toml").done();
-    let text = work.read("robot.toml");
-    let end = text.find("[reference]").unwrap_or(text.len());
-    work.write("robot.toml", text[..end].replace("\"?\"", "1e-5"));
-    let cases = "
-        kinematics forward --model DIR/x.tau --variant Full --commands 0,0,0 => T533 x.tau
-        simulate --model DIR/x.tau --out DIR/measured => T533 x.tau
-        kinematics forward --model DIR/x.tau --robot DIR/robot.toml --variant Full --commands 0,0,0 => T533 robot.toml";
-    insta::assert_snapshot!("references", refusals(&work, cases));
-}
-
 #[test]
 fn what_is_not_finite_is_named() {
     let work = Work::prototype();
     let text = std::fs::read_to_string(GANTRY).unwrap();
-    let own = "variant Odd = Full + odd(two); }\n\
+    let own = "variant Odd = Full + odd(two);
                effect odd on cart { param size: length = 10 um tol 1 mm; along += size * sqrt((q + 0.2 m) / (1 m)); }";
-    let text = text.trim_end().strip_suffix('}').unwrap();
-    work.write("odd.tau", format!("{text}{own}"));
+    work.write("odd.tau", robots::extended(&text, own));
     let poses = work.table("measured/tcp_poses.csv");
     for line in [
         "calibrate MEASURED --model DIR/odd.tau --variant Odd --out DIR/out",

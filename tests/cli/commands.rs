@@ -37,11 +37,10 @@ fn a_split_changes_which_poses_take_part() {
 fn what_calibrate_writes_evaluates_to_what_it_says() {
     for variant in ["Nominal", "FullRack"] {
         let work = Work::empty();
-        let line = format!("calibrate PROTOTYPE --variant {variant} --out DIR/out --json -");
-        let calibrated = work.run(&line).json();
-        let line =
-            format!("evaluate PROTOTYPE --variant {variant} --robot DIR/out/robot.toml --json -");
-        same_um(&calibrated, &work.run(&line).json());
+        let line = format!("calibrate PROTOTYPE --variant {variant} --out DIR/out");
+        let calibrated = work.json(&line);
+        let line = format!("evaluate PROTOTYPE --variant {variant} --robot DIR/out/robot.toml");
+        same_um(&calibrated, &work.json(&line));
         let names = "covariance.csv parameters.csv robot.toml statistics.json undetermined.csv";
         assert_eq!(work.listing("out").join(" "), names);
         let statistics: Value = serde_json::from_str(&work.read("out/statistics.json")).unwrap();
@@ -70,8 +69,8 @@ fn what_calibrate_writes_evaluates_to_what_it_says() {
 fn errors_in_variables_stand_beside_the_closure_fit() {
     let work = Work::empty();
     let of = |flag: &str, out: &str| {
-        let line = format!("calibrate PROTOTYPE --variant Nominal {flag} --out DIR/{out} --json -");
-        work.run(&line).json()
+        let line = format!("calibrate PROTOTYPE --variant Nominal {flag} --out DIR/{out}");
+        work.json(&line)
     };
     let (ordinary, found) = (of("", "closures"), of("--errors-in-variables", "poses"));
     let comparison = &found["errors_in_variables"];
@@ -88,8 +87,8 @@ fn errors_in_variables_stand_beside_the_closure_fit() {
         let difference = sigmas * number(&before["sigma"]);
         assert!((difference - change).abs() < 1e-12, "{name}");
     }
-    let line = "evaluate PROTOTYPE --variant Nominal --robot DIR/poses/robot.toml --json -";
-    same_um(&found, &work.run(line).json());
+    let line = "evaluate PROTOTYPE --variant Nominal --robot DIR/poses/robot.toml";
+    same_um(&found, &work.json(line));
 }
 
 #[test]
@@ -98,9 +97,8 @@ fn sensitivities_are_proportional_to_the_step() {
     work.run("calibrate PROTOTYPE --variant Full --out DIR/full -q")
         .done();
     let of = |with: &str| {
-        let line =
-            format!("sensitivity {with} --robot DIR/full/robot.toml --variant Full --json -");
-        work.run(&line).json()
+        let line = format!("sensitivity {with} --robot DIR/full/robot.toml --variant Full");
+        work.json(&line)
     };
     let found = of("PROTOTYPE --step 5e-5");
     assert_eq!([&found["poses"], &found["step"]].map(number), [60.0, 5e-5]);
@@ -165,19 +163,6 @@ fn generate_writes_what_is_checked_in() {
     assert_eq!(work.read("code/gantry_tau.rs"), written);
 }
 
-#[test]
-fn a_description_of_ones_own_is_compiled_at_run_time() {
-    let work = Work::empty();
-    for (out, model) in [("built_in", ""), ("typed", "--model GANTRY")] {
-        let line = format!("calibrate PROTOTYPE --variant Full {model} --out DIR/{out}");
-        work.run(&line).done();
-    }
-    for file in ["robot.toml", "covariance.csv", "statistics.json"] {
-        let [a, b] = ["built_in", "typed"].map(|model| work.read(&format!("{model}/{file}")));
-        assert!(a == b, "{file}");
-    }
-}
-
 /// However its places are spaced, and told where the variant does not have it.
 #[test]
 fn an_effect_of_a_robot_file_takes_effect_or_is_told() {
@@ -224,7 +209,7 @@ fn a_file_for_another_robot_is_remarked() {
         assert_eq!(told, (0, true), "{line}: {}", ran.err);
     }
     let with = "PROTOTYPE --robot MEASURED/robot.toml --no-discover --out DIR/study";
-    let study = work.run(&format!("study {with} --json -")).json();
+    let study = work.json(&format!("study {with}"));
     assert_eq!(study["remark_codes"][0], "T253");
 }
 

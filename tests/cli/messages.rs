@@ -11,14 +11,13 @@ use tau::trust::Reason;
 use tau::{Error, Files, Session};
 use tau_generated::five_bar::FiveBar;
 use tau_generated::linear_delta::LinearDelta;
-use tau_testkit::{Ran, Work, show};
+use tau_testkit::{OWN, Ran, Work, robots, show};
 
 const POSES: &str = "tcp_poses.csv";
 const BAR: &str = "--model five_bar --poses 20";
 const LINES: &str =
     "--model four_lines --measure readings --noise-drives 1e-4 --random --poses 60 --seed 2";
 const CALIBRATE: &str = "calibrate --variant Full";
-const OWN: &str = "--model DIR/own.tau";
 
 /// Codes, a simulation, and a command that shows them.
 const CASES: &str = "\
@@ -120,10 +119,6 @@ fn changed_tables_lead_to_messages() {
         let degrees = 1_f64.to_degrees();
         work.edit("readings.csv", |table| table.scale(&drives, degrees));
     });
-    let heights = "--model linear_delta --measure positions,heights --poses 20";
-    changed("T346", heights, CALIBRATE, |work| {
-        work.edit("heights.csv", |table| table.add(5, "q1_m", 0.03));
-    });
     let hexapod = "--model hexapod --random --poses 20";
     changed("T540", hexapod, "study --no-discover", |work| {
         work.edit(POSES, |table| table.set(4, "q1_m", 3.0));
@@ -151,12 +146,6 @@ fn changed_tables_lead_to_messages() {
     }
 }
 
-/// Adds lines to the robot file of the measurements.
-fn state(work: &Work, lines: &str) {
-    let stated = work.read("measured/robot.toml");
-    work.write("measured/robot.toml", format!("{stated}\n{lines}\n"));
-}
-
 #[test]
 fn files_lead_to_messages() {
     changed("T205", BAR, "check", |work| {
@@ -179,9 +168,6 @@ fn files_lead_to_messages() {
 
 #[test]
 fn robot_files_lead_to_messages() {
-    changed("T250", BAR, CALIBRATE, |work| {
-        state(work, "[links.lower_left]\npull_N = 5.0");
-    });
     changed("T256", BAR, "evaluate --variant Full", |work| {
         work.replace("position_m = 1e-5", "position_m = \"estimate\"");
     });
@@ -192,11 +178,11 @@ fn robot_files_lead_to_messages() {
         |_| {},
     );
     changed("T348", LINES, "calibrate --variant Anchors", |work| {
-        state(work, "[noise.links]\nlength_m = 1e-4");
+        work.state("[noise.links]\nlength_m = 1e-4");
     });
     let positions = "--model five_bar --measure positions --poses 20";
     changed("T349", positions, "sensitivity --variant Full", |work| {
-        state(work, "[noise.tcp_positions]\nposition_m = \"estimate\"");
+        work.state("[noise.tcp_positions]\nposition_m = \"estimate\"");
     });
     let heights = "--model linear_delta --random --poses 40 --measure heights";
     changed("T357", heights, CALIBRATE, |work| {
@@ -204,7 +190,7 @@ fn robot_files_lead_to_messages() {
         work.replace(of_tracker, "heights = { height_m = 1e-5 }\n");
     });
     let work = Work::simulated(BAR);
-    state(&work, "[drives]\nnoise_m = \"estimate\"");
+    work.state("[drives]\nnoise_m = \"estimate\"");
     let forward = "kinematics forward MEASURED --variant Full --commands 2.09,1.04";
     shows(&work.run(forward), "T547");
 
@@ -246,21 +232,17 @@ const LOOSE: &str = "robot Loose {
 
 /// Writes a standard robot's description, some words of which are others, as `own.tau`.
 fn describe(work: &Work, robot: &str, changes: &[(&str, &str)]) {
-    let models = concat!(env!("CARGO_MANIFEST_DIR"), "/../generated/models");
-    let text = std::fs::read_to_string(format!("{models}/{robot}.tau")).unwrap();
-    let text = changes
-        .iter()
-        .fold(text, |text, (old, new)| text.replacen(old, new, 1));
-    work.write("own.tau", text);
+    let text = robots::named(robot).description;
+    let changed = |text: String, (old, new): &(&str, &str)| text.replacen(old, new, 1);
+    work.write("own.tau", changes.iter().fold(text, changed));
 }
 
 #[test]
 fn descriptions_lead_to_messages() {
     let with_effect = |work: &Work, robot: &str, effect: &str, place: &str| {
-        let effect = format!("{effect}\npub robot");
-        let variant = format!("variant More = Full + more({place}); variant Full");
-        let changes = [("pub robot", &*effect), ("variant Full", &variant)];
-        describe(work, robot, &changes);
+        let more = format!("{effect}\nvariant More = Full + more({place});");
+        let text = robots::extended(&robots::named(robot).description, &more);
+        work.write("own.tau", text);
     };
     let calibrate = &format!("calibrate {OWN} --variant More");
     let discover = &format!("discover {OWN}");
@@ -303,9 +285,11 @@ fn descriptions_lead_to_messages() {
         with_effect(work, "five_bar", ON_LINK, "lower_left");
         work.write("effects.tau", format!("{KNOWN}\n{ON_LINK}"));
     });
-    let work = Work::empty();
-    work.write("own.tau", LOOSE);
+    let work = Work::described(LOOSE);
     shows(&work.run(&format!("simulate {OWN} --out MEASURED")), "T535");
+    let forward = format!("kinematics forward {OWN} --variant Full --commands 0,0,0");
+    let ran = work.run(&forward);
+    assert_eq!((ran.code, ran.codes().concat().as_str()), (1, "T504"));
 }
 
 fn bar(work: &Work) -> Session<FiveBar> {

@@ -16,8 +16,8 @@ fn without_lengths() -> Work {
 
 #[test]
 fn a_description_with_all_values_needs_no_robot_file() {
-    let line = "kinematics forward --model ROBOTS/linear_delta.tau --variant Full --commands 0,0,0 --json -";
-    let found = Work::empty().run(line).json();
+    let found = Work::empty()
+        .json("kinematics forward --model ROBOTS/linear_delta.tau --variant Full --commands 0,0,0");
     let position = list(&found["poses"][0]["position_m"]).iter().map(number);
     for (found, expected) in position.zip([0.0, 0.0, -0.6]) {
         assert!((found - expected).abs() < 1e-5, "{found}");
@@ -97,12 +97,10 @@ fn templates_are_refused_for_nothing_but_blanks() {
 
 #[test]
 fn poses_of_weak_cables_stand_at_the_right_one_of_two_minima() {
-    let work = Work::empty();
-    work.write("eight.tau", include_str!("robots/weak_cables.tau"));
-    let simulate = "simulate --model DIR/eight.tau --seed 3 --measure positions --noise-drives 1e-4 --random --poses 80 \
-                    --tilt 0.3 --out MEASURED";
-    work.run(simulate).done();
-    let found = work.calibrated("--model DIR/eight.tau --variant Full --split all");
+    let work = Work::described(include_str!("robots/weak_cables.tau")).with_measured(
+        "--seed 3 --measure positions --noise-drives 1e-4 --random --poses 80 --tilt 0.3",
+    );
+    let found = work.calibrated("--model DIR/own.tau --variant Full --split all");
     assert_eq!(found["fit"]["status"], "consistent", "{}", found["fit"]);
     assert_eq!(list(&found["fit"]["mistakes"]).len(), 0);
 }
@@ -136,11 +134,9 @@ fn a_sketch_starts_where_the_machine_may_stand() {
 /// other parameter. Steps by slopes alone creep for 357 and 1231 iterations.
 #[test]
 fn a_sketch_of_a_plane_machine_may_leave_heights_open() {
-    let work = Work::empty();
-    work.write("pistons.tau", PISTONS);
-    let line = "simulate --model DIR/pistons.tau --measure positions,distances --poses 80 --random \
-                --noise-position 1e-4 --noise-drives 1e-4 --seed 4 --out MEASURED";
-    work.run(line).done();
+    let work = Work::described(PISTONS).with_measured(
+        "--measure positions,distances --poses 80 --random --noise-position 1e-4 --noise-drives 1e-4 --seed 4",
+    );
     let drawn = work.read("measured/robot.toml");
     for anchors in [
         [
@@ -159,7 +155,7 @@ fn a_sketch_of_a_plane_machine_may_leave_heights_open() {
         });
         let sketch: String = sketch.collect();
         work.write("measured/robot.toml", format!("{drawn}\n{sketch}"));
-        let found = work.calibrated("--model DIR/pistons.tau --variant Full --split all");
+        let found = work.calibrated("--model DIR/own.tau --variant Full --split all");
         assert_eq!(found["fit"]["status"], "consistent", "{}", found["fit"]);
         assert!(
             number(&found["iterations"]) < 100.0,

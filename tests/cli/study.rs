@@ -1,14 +1,14 @@
 //! The study: what it holds, prints and writes, and its checks of assumptions on made measurements.
 
 use nalgebra::Vector3;
-use serde_json::Value;
+use serde_json::{Value, json};
 use tau::kinematics::xyz;
 use tau::measurements::Folder;
 use tau::robot_file::RobotFile;
 use tau::trust::Status;
 use tau::{Session, assumptions, study};
 use tau_codes::fit;
-use tau_testkit::robots::{gantry_tau, prototype};
+use tau_testkit::robots::{GANTRY_VARIANTS, gantry_tau, prototype};
 use tau_testkit::{Work, number, show};
 
 use crate::PISTONS;
@@ -52,9 +52,8 @@ fn a_study_prints_its_tables_and_writes_what_it_lists() {
     let poses = ["total", "in_range", "calibration", "validation"];
     let counts = poses.map(|name| number(&study["poses"][name]));
     assert_eq!(counts, [176.0, 121.0, 61.0, 60.0]);
-    let names = "Nominal Piecewise Full FullPiecewise BestPerLink".split(' ');
-    assert_eq!(study["variant_order"], names.clone().collect::<Value>());
-    for name in names {
+    assert_eq!(study["variant_order"], json!(GANTRY_VARIANTS));
+    for name in GANTRY_VARIANTS {
         let variant = &study["variants"][name];
         let links = variant["links"].as_object().unwrap().len();
         let angles = variant["orientation_rad"]["max_abs"].as_array();

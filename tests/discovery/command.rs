@@ -5,10 +5,9 @@ use std::sync::OnceLock;
 
 use serde_json::Value;
 use tau::Robot;
-use tau::robot_file::RobotFile;
 use tau_testkit::{Work, effects, list};
 
-use crate::search::{assert_alike, at, found_in_trial, steps, trial};
+use crate::search::{assert_alike, assert_written, at, found_in_trial, steps, trial};
 
 /// The prototype's discovery, made once: where it was written, what was printed, and the result.
 fn prototype() -> &'static (Work, String, Value) {
@@ -111,24 +110,11 @@ fn the_description_that_was_found_is_accepted() {
 /// The result is a robot like any other, with the values that are reported; it foretells poses that took no part.
 #[test]
 fn the_calibrated_robot_is_evaluated_like_any_other() {
-    let (work, text) = discovered();
-    let (.., found) = prototype();
-    let robot = Robot::from_text(&text).unwrap();
-    let path = work.path().join("found/robot.toml");
-    let file = RobotFile::read(&path, &robot).unwrap();
-    for effect in list(&found["effects"]) {
-        let [name, place] = ["name", "place"].map(|key| effect[key].as_str().unwrap());
-        let written = &file.effects[&format!("{name}({place})")];
-        for (name, reported) in effect["parameters"].as_object().unwrap() {
-            let written = &written[name];
-            assert_alike(written.value[0], at(reported, "value"), 1e-9);
-            let sigma = written.sigma.as_ref().unwrap()[0];
-            assert_alike(sigma, at(reported, "sigma"), 1e-9);
-        }
-    }
+    let (work, _, found) = prototype();
+    assert_written(work, found, 1e-9);
     let model = "--model DIR/found/discovered.tau --variant Discovered";
-    let line = format!("evaluate {model} --robot DIR/found/robot.toml --json -");
-    let mean = at(&work.run(&line).json(), "position_um.mean");
+    let evaluated = work.json(&format!("evaluate {model} --robot DIR/found/robot.toml"));
+    let mean = at(&evaluated, "position_um.mean");
     assert_alike(mean, at(found, "validation.after.mean_um"), 0.1);
 }
 

@@ -2,32 +2,21 @@
 
 use serde_json::{Value, json};
 use tau_testkit::robots::CABLES;
-use tau_testkit::{Work, effects, list};
+use tau_testkit::{OWN, Work, effects, list};
 
 use crate::search::{
-    assert_alike, assert_near, at, calibrated_anew, estimate, found_of, hidden_is_found, of_effect,
-    remarks,
+    assert_alike, assert_near, assert_written, at, calibrated_anew, estimate, found_of,
+    hidden_is_found, of_effect, remarks,
 };
-
-/// A folder of a machine of one's own, with its description beside it.
-fn own(description: &str, simulation: &str) -> Work {
-    let work = Work::empty();
-    work.write("own.tau", description);
-    let line = format!("simulate --model DIR/own.tau --random {simulation} --out MEASURED -q");
-    work.run(&line).done();
-    work
-}
 
 /// Redundant drives that are stated to be exact contradict each other where one counts wrongly, by far more than poses are
 /// measured; what is wrong is named all the same, and it is said that nothing states their noise.
 #[test]
 fn what_exact_drives_contradict_each_other_by_is_named() {
     let hidden = "--effect length_scale(a):scale=1e-3";
-    let work = own(
-        CABLES,
-        &format!("--random-approach --poses 100 --seed 50 {hidden}"),
-    );
-    let found = work.discovered("--model DIR/own.tau");
+    let measured = format!("--random --random-approach --poses 100 --seed 50 {hidden}");
+    let work = Work::described(CABLES).with_measured(&measured);
+    let found = work.discovered(OWN);
     assert_eq!(effects(&found), ["length_scale(a)"]);
     assert_eq!(remarks(&found, "T636"), 1);
 }
@@ -90,11 +79,9 @@ fn carts_yield_in_set_2_where_their_load_changes() {
         description = format!("{before}{cluster}{}", after.replace("(0, 0, 1)", direction));
     }
     let hidden = "cart_compliance(c):along_compliance=7e-7,horizontal_compliance=9e-7";
-    let work = own(
-        &description,
-        &format!("--payload 20 --seed 1 --effect {hidden}"),
-    );
-    let found = work.discovered("--model DIR/own.tau");
+    let measured = format!("--random --payload 20 --seed 1 --effect {hidden}");
+    let work = Work::described(&description).with_measured(&measured);
+    let found = work.discovered(OWN);
     assert_eq!(effects(&found), ["cart_compliance(c)"]);
     assert_eq!(found["status"], "explained");
     assert_near(&found, 0.1, &[("along_compliance", 7e-7)]);
@@ -116,6 +103,18 @@ fn a_period_is_written_where_it_was_found() {
     let end = written.find([',', ' ']).unwrap();
     let written: f64 = written[..end].parse().unwrap();
     assert!((written - value).abs() < 3.0 * sigma, "{written} {value}");
+}
+
+/// A wave of 20 µm on a rack, that carts tell more of than the plate: what is written is what is said.
+#[test]
+fn a_search_writes_what_carts_and_plate_say_together() {
+    let work = Work::simulated(
+        "--variant Full --measure positions --random --poses 40 --seed 3 \
+         --effect rack_pitch(two):sine=2e-5,period=0.0091",
+    );
+    let found = work.discovered("--base Full");
+    assert_eq!(effects(&found), ["rack_pitch(two)"]);
+    assert_written(&work, &found, 0.2);
 }
 
 /// The length of a step is no track that bends: measured carts take no part where poses are unknown, and tracks stay straight.

@@ -3,6 +3,8 @@
 use std::sync::OnceLock;
 
 use serde_json::Value;
+use tau::Robot;
+use tau::robot_file::RobotFile;
 use tau_testkit::{PROTOTYPE, Work, effects, list, number};
 
 /// A folder of the virtual robot, and what is found in it.
@@ -73,6 +75,24 @@ pub(crate) fn assert_near(found: &Value, share: f64, hidden: &[(&str, f64)]) {
 #[track_caller]
 pub(crate) fn assert_alike(one: f64, other: f64, share: f64) {
     assert!((one - other).abs() < share * other.abs(), "{one} {other}");
+}
+
+/// Fails unless the robot file that a search wrote holds the effects that it told, to a share of their standard deviations.
+#[track_caller]
+pub(crate) fn assert_written(work: &Work, found: &Value, share: f64) {
+    let robot = Robot::from_text(&work.read("found/discovered.tau")).unwrap();
+    let file = RobotFile::read(&work.path().join("found/robot.toml"), &robot).unwrap();
+    assert!(!effects(found).is_empty());
+    for effect in list(&found["effects"]) {
+        let [name, place] = ["name", "place"].map(|key| effect[key].as_str().unwrap());
+        let written = &file.effects[&format!("{name}({place})")];
+        for (name, told) in effect["parameters"].as_object().unwrap() {
+            let [value, sigma] = ["value", "sigma"].map(|key| at(told, key));
+            let off = (written[name].value[0] - value).abs();
+            assert!(off < share * sigma, "{name}: {off} {told}");
+            assert_alike(written[name].sigma.as_ref().unwrap()[0], sigma, share);
+        }
+    }
 }
 
 /// Entries of a list of the result that are of an effect.

@@ -1,7 +1,7 @@
 //! Errors of a tracker: where it measures beside something else, heights and distances tell them from the machine's.
 
 use serde_json::Value;
-use tau_testkit::{Work, effects, list};
+use tau_testkit::{Work, effects, list, robots};
 
 use crate::search::{at, found_of};
 
@@ -11,8 +11,7 @@ effect tracker_drift on tcp { param rate[3]: velocity tol 400 um/h; position += 
 ";
 const VARIANTS: &str = "
     variant Scaled = Full + tracker_scale(tcp);
-    variant Drifting = Full + tracker_drift(tcp);
-}";
+    variant Drifting = Full + tracker_drift(tcp);";
 pub(crate) const SCALE: &str = "--effect tracker_scale(tcp):scale=1e-4";
 pub(crate) const DRIFT: &str = "--effect tracker_drift(tcp):rate=[1e-7,-1e-7,5e-8]";
 /// Names of the rates, their true values, and largest standard deviations.
@@ -32,9 +31,8 @@ pub(crate) fn hexapod(measures: &str, seed: u64, effect: &str) -> Work {
 
 /// Writes a description with variants whose tracker errs.
 fn write_model(work: &Work, description: &str) {
-    let end = description.rfind('}').unwrap();
-    let parts = [EFFECTS, &description[..end], VARIANTS];
-    work.write("model.tau", parts.concat());
+    let extended = robots::extended(description, VARIANTS);
+    work.write("model.tau", format!("{EFFECTS}{extended}"));
 }
 
 /// How far an estimate of a calibration is off, in standard deviations, which are below a bound.
@@ -138,7 +136,7 @@ fn unseen_of_tracker(found: &Value) -> Vec<&str> {
 #[track_caller]
 pub(crate) fn unseen_by_both(simulation: &str) -> (Vec<String>, Value) {
     let (work, found) = found_of(&format!("--model {simulation} --random"));
-    let checked = work.run("check MEASURED --json -").json();
+    let checked = work.json("check MEASURED");
     let lacking = list(&checked["effects"]).iter();
     let lacking = lacking.filter(|own| own["visible"] == false);
     let lacking = lacking.map(|own| own["name"].as_str().unwrap().to_owned());

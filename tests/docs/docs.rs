@@ -248,9 +248,8 @@ fn the_printer_of_the_language_stands_where_it_says() {
     let line = "simulate --model DIR/printer.tau --poses 20 --out MEASURED";
     work.run(line).done();
     // Carriages stand at endstop + √(arm² − radius²) − q, and the tool below them by that root.
-    let line =
-        "kinematics forward --model DIR/printer.tau --variant Full --commands 0.2,0.2,0.2 --json -";
-    let found = work.run(line).json();
+    let found = work
+        .json("kinematics forward --model DIR/printer.tau --variant Full --commands 0.2,0.2,0.2");
     let position = list(&found["poses"][0]["position_m"]).iter().map(number);
     for (value, expected) in position.zip([0.0, 0.0, 0.3 - 0.2]) {
         assert!((value - expected).abs() < 1e-9, "{value} {expected}");

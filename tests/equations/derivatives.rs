@@ -1,6 +1,6 @@
 //! Residuals and Jacobians of every family, against dual numbers; generated code against the interpreter.
 
-pub(crate) mod descriptions;
+mod descriptions;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -183,7 +183,9 @@ fn robots_of_other_layouts_agree_with_dual_numbers() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 12, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig {
+        cases: if cfg!(feature = "slow") { 250 } else { 12 }, failure_persistence: None, ..ProptestConfig::default()
+    })]
 
     #[test]
     fn random_carts_agree_with_dual_numbers(text in descriptions::carts(), seed in 0_u64..1_000_000) {

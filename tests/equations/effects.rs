@@ -5,7 +5,7 @@ use tau::robot::ResidualKind::{CartPose, CartPosition, Closure, ClosureByPose};
 use tau_model_dsl::model::{Arm, Effect, Place};
 use tau_model_dsl::{Model, check_text};
 use tau_robot::effects::{CATALOGUE, places};
-use tau_testkit::robots::described;
+use tau_testkit::robots::{described, extended};
 
 use crate::derivatives::check_description;
 
@@ -20,8 +20,7 @@ const DRIVES: &str = include_str!("robots/drives.tau");
 
 /// A description with the catalogue and more lines.
 pub(crate) fn with_catalogue(description: &str, lines: &str) -> String {
-    let body = description.trim_end().strip_suffix('}').unwrap();
-    format!("{CATALOGUE}\n{body}{lines}}}")
+    format!("{CATALOGUE}\n{}", extended(description, lines))
 }
 
 fn checked(description: &str, lines: &str) -> Model {

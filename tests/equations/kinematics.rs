@@ -147,13 +147,7 @@ fn the_papers_machine_stands_where_the_paper_puts_it() {
 fn forward_and_inverse_undo_each_other_in_every_variant() {
     let (folder, file) = robots::prototype();
     let in_range = folder.in_range(&file, &(&robots::gantry_tau()).into());
-    for variant in [
-        "Nominal",
-        "Piecewise",
-        "Full",
-        "FullPiecewise",
-        "BestPerLink",
-    ] {
+    for variant in robots::GANTRY_VARIANTS {
         let machine = nominal(variant);
         for &index in in_range.iter().step_by(15) {
             let measured = &folder.tcp_poses[index];

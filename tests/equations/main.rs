@@ -12,7 +12,7 @@
 //! | `side_by_side` | poses of many samples are those of single ones |
 //! | `layout` | the arm is drawn as it stands |
 //! | `simulation` | the virtual robot obeys physics by hand, and has the noise that it is told |
-//! | `slow` | descriptions and long ways by the hundred |
+//! | `slow` | long ways by the hundred |
 
 mod blocks;
 mod codegen;

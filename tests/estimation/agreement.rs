@@ -60,10 +60,9 @@ fn kinematics_knows_the_noise_of_drives() {
     let (_, after) = after.split_once("\n[").unwrap();
     work.write("exact.toml", format!("{before}[{after}"));
     let [with, without] = ["out/robot.toml", "exact.toml"].map(|robot| {
-        let line = format!(
-            "kinematics inverse --model hexapod --variant Full --robot DIR/{robot} --pose 0.02,0.01,0.8,0.1,0.1,0.1 --json -"
-        );
-        work.run(&line).json()["poses"][0].take()
+        let with = format!("--model hexapod --variant Full --robot DIR/{robot}");
+        let line = format!("kinematics inverse {with} --pose 0.02,0.01,0.8,0.1,0.1,0.1");
+        work.json(&line)["poses"][0].take()
     });
     let added = |key: &str| -> Vec<f64> {
         let pairs = list(&with[key]).iter().zip(list(&without[key]));
@@ -85,8 +84,8 @@ fn kinematics_knows_the_noise_of_drives() {
 fn studies_calibrate_positions_of_a_point_as_calibrations_do() {
     let work = Work::simulated("--model rotary_delta --random --measure positions --seed 4");
     let found = work.calibrated("--variant Full");
-    let line = "study MEASURED --no-discover --out DIR/study --json -";
-    let study = work.run(line).json()["variants"]["Full"].take();
+    let study =
+        work.json("study MEASURED --no-discover --out DIR/study")["variants"]["Full"].take();
     let rows = |found: &Value| -> f64 {
         let files = list(&found["fit"]["by_file"]).iter();
         files.map(|file| number(&file["rows"])).sum()
@@ -129,9 +128,9 @@ fn the_region_of_unknown_poses_is_told_by_what_is_known_there() {
         }
         work.write("commands.csv", table.to_string());
         let line = format!(
-            "kinematics forward --model hexapod --variant Full {ROBOT} --poses DIR/commands.csv --json -"
+            "kinematics forward --model hexapod --variant Full {ROBOT} --poses DIR/commands.csv"
         );
-        let found = work.run(&line).json();
+        let found = work.json(&line);
         let poses = list(&found["poses"]);
         let inside = poses.iter().filter(|pose| pose["inside"] == true).count();
         inside as f64 / poses.len() as f64

@@ -4,7 +4,7 @@ use nalgebra::{Matrix6, Vector3, Vector6};
 use tau::calibration::{Calibration, Error, Options, calibrate, machine_from_file};
 use tau::evaluation::{Evaluation, evaluate};
 use tau::kinematics::{Machine, Pose, Sample};
-use tau::measurements::{Folder, Poses, Shape, Split, TcpPose};
+use tau::measurements::{Folder, Poses, Split, TcpPose};
 use tau::robot_file::RobotFile;
 use tau::{Robot, Setup};
 use tau_testkit::{Random, robots, symmetric};
@@ -326,22 +326,6 @@ fn unusable_measurements_are_refused() {
     options.solver.max_iterations = 1;
     let error = case.fit("Full", &options).expect_err("an error");
     assert!(matches!(error, Error::NotConverged { .. }), "{error}");
-}
-
-/// A period has many minima of the cost; the fit starts from the best of its range.
-#[test]
-fn a_searched_period_is_found_from_the_description_alone() {
-    let robot = robots::gantry_tau();
-    let path = std::path::Path::new(tau_testkit::PROTOTYPE).join("../trials/02");
-    let folder = Folder::read(&path, &Shape::from(&robot)).unwrap();
-    let file = RobotFile::read(&path.join("robot.toml"), &robot).unwrap();
-    let case = Case::new(robot, folder, file);
-    let [without, with] = ["Full", "FullRack"].map(|variant| {
-        case.validate(&case.calibrate(variant).machine)
-            .position_um
-            .mean
-    });
-    assert!(with < 0.4 * without, "{with} µm after {without} µm");
 }
 
 #[test]

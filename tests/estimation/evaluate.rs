@@ -65,10 +65,8 @@ fn verdicts(trial: &Trial, seed: u64) -> [Value; 2] {
             seed + 1000
         ))
         .done();
-        let line = format!(
-            "evaluate {folder} --model {model} --variant Full --robot DIR/out/robot.toml --json -"
-        );
-        let found = work.run(&line).json();
+        let with = format!("--model {model} --variant Full --robot DIR/out/robot.toml");
+        let found = work.json(&format!("evaluate {folder} {with}"));
         assert_eq!(found["evaluated_on"], "new_folder");
         assert_eq!(found["of"], "measurements");
         assert_eq!(found["poses"]["evaluated"], 40);
@@ -122,8 +120,8 @@ fn of_the_folder_of_a_calibration_only_what_took_no_part_is_judged() {
     ] {
         let work = measured(&Trial { measure, ..DELTA }, 60, 0);
         // Rows of the file that are judged.
-        let evaluated = |on: &str| {
-            let found = work.evaluated("--variant Full");
+        let evaluated = |on: &str, split: &str| {
+            let found = work.evaluated(&format!("--variant Full {split}"));
             assert_eq!(found["evaluated_on"], on);
             let mut files = list(&found["fit"]["by_file"]).iter();
             let rows = files
@@ -133,9 +131,9 @@ fn of_the_folder_of_a_calibration_only_what_took_no_part_is_judged() {
             (rows.unwrap() / components, found)
         };
         work.calibrated("--variant Full --split all");
-        assert_eq!(evaluated("calibration").0, 60.0);
+        assert_eq!(evaluated("calibration", "").0, 60.0);
         work.calibrated("--variant Full --split alternate");
-        let (rows, half) = evaluated("held_out");
+        let (rows, half) = evaluated("held_out", "");
         assert_eq!(rows, 30.0);
         assert_eq!(half["fit"]["status"], "consistent", "{half:#}");
         for error in half["errors"].as_array().into_iter().flatten() {
@@ -145,6 +143,8 @@ fn of_the_folder_of_a_calibration_only_what_took_no_part_is_judged() {
         if file == "distances.csv" {
             continue;
         }
+        // Another split is narrowed down to what was held out then.
+        assert_eq!(evaluated("held_out", "--split first:20").0, 20.0);
         // A row that validates is removed, a number written otherwise, lines end otherwise.
         work.edit(file, |table| {
             table.keep(|row| row != 2);
@@ -152,7 +152,7 @@ fn of_the_folder_of_a_calibration_only_what_took_no_part_is_judged() {
         });
         let text = work.read(&format!("measured/{file}"));
         work.write(&format!("measured/{file}"), text.replace('\n', "\r\n"));
-        assert_eq!(evaluated("held_out").0, 29.0);
+        assert_eq!(evaluated("held_out", "").0, 29.0);
     }
 }
 
@@ -191,8 +191,7 @@ fn what_any_machine_would_fit_is_not_judged() {
 #[test]
 fn studies_compare_variants_by_what_was_held_out() {
     let work = measured(&DELTA, 80, 1);
-    let line = "study MEASURED --no-discover --out DIR/study --json - -q";
-    let study = work.run(line).json();
+    let study = work.json("study MEASURED --no-discover --out DIR/study -q");
     assert_eq!(study["of"], "measurements");
     assert_eq!(study["variant_order"], json!(["Scaled", "Full", "Basic"]));
     assert_eq!(study["fit"]["status"], "consistent", "{study:#}");

@@ -35,8 +35,8 @@ fn robots_float_as_their_measurements_let_them() {
         ("ROBOTS/eight_legs.tau", "Full", drives, 12),
     ] {
         let work = measured(robot, variant, how, 1);
-        let line = format!("check MEASURED --model {robot} --json -");
-        let gauge = work.run(&line).json()["variants"][variant]["gauge"].take();
+        let check = work.json(&format!("check MEASURED --model {robot}"));
+        let gauge = &check["variants"][variant]["gauge"];
         let open = list(&gauge["open"]);
         assert_eq!(open.len(), motions, "{robot} by {how}: {gauge}");
         let mirrored = gauge["mirror_image"].as_bool().unwrap();

@@ -65,11 +65,12 @@ fn the_same_of_measurements_without_poses() {
         let [old, new] = [widening, said].map(|own| format!("widening = {own:?}"));
         assert!(stated.contains(&old), "{stated}");
         work.write("out/robot.toml", stated.replace(&old, &new));
-        let line = "evaluate DIR/again --variant Full --robot DIR/out/robot.toml --json -";
-        let fit = work.run(line).json()["fit"].take();
+        let fit =
+            work.json("evaluate DIR/again --variant Full --robot DIR/out/robot.toml")["fit"].take();
         assert_eq!(fit["status"], status, "{fit:#}");
-        let line = "kinematics forward --variant Full --robot DIR/out/robot.toml --commands 0.3,0.3,0.3 --json -";
-        let predicted = work.run(line).json();
+        let predicted = work.json(
+            "kinematics forward --variant Full --robot DIR/out/robot.toml --commands 0.3,0.3,0.3",
+        );
         assert_eq!(predicted["widening"], said);
         sigmas.push(number(&predicted["poses"][0]["position_sigma_m"][0]));
     }
@@ -120,7 +121,7 @@ fn one_layer_of_poses_says_that_it_cannot_speak_for_the_rest() {
         assert_eq!(fit["status"], "consistent", "{fit:#}");
         assert_eq!(fit["reach"]["speaks_for_rest"], speaks, "{fit:#}");
         assert_eq!(reasons(&fit).contains(&"T384"), !speaks, "{fit:#}");
-        let check = work.run(&format!("check MEASURED {with} --json -")).json();
+        let check = work.json(&format!("check MEASURED {with}"));
         let reach = &check["variants"]["Full"]["reach"];
         assert_eq!(reach["speaks_for_rest"], speaks, "{reach}");
     }

@@ -1,6 +1,6 @@
 //! Models that leave nothing free: there is nothing to fit, but everything to judge.
 
-use tau_testkit::Work;
+use tau_testkit::{OWN, Work, robots};
 
 /// A point in a plane on three driven lines, one more than it has freedoms; all of it exact.
 const EXACT: &str = "robot Exact {
@@ -19,22 +19,17 @@ const EXACT: &str = "robot Exact {
 fn a_model_without_free_parameters_is_judged() {
     let printer = include_str!("../../generated/models/linear_delta.tau");
     let held =
-        "variant Held = Basic hold radius, angle_a, angle_b, endstop_a, endstop_b, endstop_c;\n}";
-    let printer = format!("{}{held}", printer.trim_end().trim_end_matches('}'));
+        "variant Held = Basic hold radius, angle_a, angle_b, endstop_a, endstop_b, endstop_c;";
+    let printer = robots::extended(printer, held);
     // The first two commands, or all.
     for (text, variant, kind, commands) in [
         (EXACT, "Full", "poses", 4),
         (&printer, "Held", "heights", 2),
     ] {
-        let work = Work::empty();
-        work.write("machine.tau", text);
-        let model = "--model DIR/machine.tau";
-        work.run(&format!(
-            "simulate {model} --exact --measure {kind} --poses 30 --seed 3 --noise-position 1e-5 \
-                 --noise-rotation 4e-5 --out MEASURED -q"
-        ))
-        .done();
-        let check = work.run(&format!("check MEASURED {model} --json -"));
+        let work = Work::described(text).with_measured(&format!(
+            "--exact --measure {kind} --poses 30 --seed 3 --noise-position 1e-5 --noise-rotation 4e-5"
+        ));
+        let check = work.run(&format!("check MEASURED {OWN} --json -"));
         assert_eq!(check.json()["meaningful"], true);
         let all = [
             format!("evaluate MEASURED --variant {variant}"),
@@ -43,7 +38,7 @@ fn a_model_without_free_parameters_is_judged() {
             "study MEASURED --no-discover --out DIR/study".to_owned(),
         ];
         for command in &all[..commands] {
-            let found = work.run(&format!("{command} {model} --json -")).json();
+            let found = work.json(&format!("{command} {OWN}"));
             let status = found.pointer("/fit/status").unwrap_or(&found["status"]);
             let right = ["consistent", "nothing_missing"];
             assert!(right.iter().any(|own| status == own), "{command}: {status}");

@@ -18,20 +18,10 @@ fn belts(seed: u64) -> Work {
         variant Elastic = Full + link_compliance(all);
         variant Anchors";
     let text = BELTS.replace("robot FourBelts", "robot Router");
-    of_model(
-        &text.replace("variant Anchors", elastic),
-        &format!(
-            "--seed {seed} --poses 120 --noise-drives 1e-5 --effect link_compliance(all):strain={STRAIN:e}"
-        ),
-    )
-}
-
-fn of_model(text: &str, simulate: &str) -> Work {
-    let work = Work::empty();
-    work.write("machine.tau", text);
-    let line = format!("simulate --model DIR/machine.tau {simulate} --out MEASURED -q");
-    work.run(&line).done();
-    work
+    let text = text.replace("variant Anchors", elastic);
+    Work::described(&text).with_measured(&format!(
+        "--seed {seed} --poses 120 --noise-drives 1e-5 --effect link_compliance(all):strain={STRAIN:e}"
+    ))
 }
 
 /// How far a number is off, in its standard deviations.
@@ -70,7 +60,7 @@ fn forces_are_linear_in_a_pull() {
 /// much; the file that is written holds the pulls, and serves as it is.
 #[test]
 fn pulls_are_calibrated_with_the_stretch() {
-    let with = "--model DIR/machine.tau --variant Elastic";
+    let with = "--model DIR/own.tau --variant Elastic";
     let mut squares = [0.0; 2];
     for seed in 1..=4 {
         let work = belts(seed);
@@ -91,7 +81,9 @@ fn pulls_are_calibrated_with_the_stretch() {
         work.write("out/robot.toml", &held);
         let line_of_pull = held.lines().position(|own| own.starts_with("pull_N"));
         let expected = ("T250", "out/robot.toml", line_of_pull.unwrap() + 1);
-        work.run(&line).refused(&[expected]);
+        let ran = work.run(&line);
+        ran.refused(&[expected]);
+        ran.shows("T250");
     }
     // χ² of 4 and 8 beyond one of ten thousand; to the second, both pulls go together.
     assert!(squares[0] < 23.5 && squares[1] < 47.0, "{squares:?}");
@@ -121,8 +113,8 @@ fn forces_follow_the_dimensions_that_are_found() {
     for noise in ["--seed 2 --noise-drives 1e-6", "--seed 4"] {
         let simulate =
             format!("--payload 60 --random {noise} --effect link_compliance(all):strain=2e-6");
-        let work = of_model(CAMERA, &simulate);
-        let found = work.calibrated("--model DIR/machine.tau --variant Elastic");
+        let work = Work::described(CAMERA).with_measured(&simulate);
+        let found = work.calibrated("--model DIR/own.tau --variant Elastic");
         let off = off(estimate(&found, "stretch(all).k"), 2e-6);
         assert!(off.abs() < 3.9, "{noise}: {off}");
         assert_eq!(found["fit"]["status"], "consistent", "{noise}");
@@ -140,7 +132,7 @@ fn effects_of_tensions_are_named_where_pulls_are_known_to_a_tolerance() {
         "--model four_belts --robot DIR/robot.toml --measure readings --random --poses 160 --seed 1 \
          --effect anchor_compliance(top_left):yielding=8e-6",
     );
-    let model = "--model DIR/machine.tau --base Full";
+    let model = "--model DIR/own.tau --base Full";
     let yielding = "anchor_compliance(top_left)";
     for (work, model, effect, parameter, size) in [
         (belts(21), model, "link_compliance(all)", "strain", STRAIN),

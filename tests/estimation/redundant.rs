@@ -17,8 +17,8 @@ fn simulated(robot: &str, seed: u64, more: &str) -> Work {
 }
 
 fn evaluated(work: &Work, file: &str) -> Value {
-    let line = format!("evaluate MEASURED --robot DIR/{file} --variant Full --force --json -");
-    work.run(&line).json()["fit"].take()
+    let line = format!("evaluate MEASURED --robot DIR/{file} --variant Full --force");
+    work.json(&line)["fit"].take()
 }
 
 /// χ² over its expectation, by the file of the calibration and by that of the drawing. Closures that exact drives hold, counted
@@ -115,9 +115,7 @@ fn unknown_poses_do_not_reconcile_drives_at_any_price() {
 #[test]
 fn steps_show_what_derivatives_say_where_links_contradict_each_other() {
     let work = simulated("four_lines", 3, "");
-    let found = work
-        .run("sensitivity MEASURED --variant Full --json -")
-        .json();
+    let found = work.json("sensitivity MEASURED --variant Full");
     for (link, parameters) in found["position_mm"].as_object().unwrap() {
         for (parameter, steps) in parameters.as_object().unwrap() {
             let derivative = number(&found["analytic"]["position_mm"][link][parameter]);
@@ -219,8 +217,8 @@ fn what_reconciles_exact_drives_is_calibrated_as_it_was_found() {
         let sigma = calibrated.sigma.as_ref().unwrap()[0];
         assert!(off < sigma, "{searched:?} {calibrated:?}");
         assert!((searched.tol / calibrated.tol - 1.0).abs() < 1e-9);
-        let line = format!("evaluate MEASURED {model} --robot DIR/found/robot.toml --json -");
-        let fit = work.run(&line).json()["fit"].take();
+        let line = format!("evaluate MEASURED {model} --robot DIR/found/robot.toml");
+        let fit = work.json(&line)["fit"].take();
         assert!(reasons(&fit).contains(&reason), "{fit}");
     }
 }

@@ -80,19 +80,17 @@ fn steps_and_implicit_differentiation_agree_in_every_variant() {
 fn level_plates_have_orientation_errors_of_the_size_of_the_noise() {
     let with = "--model hexapod --variant Full";
     let work = Work::simulated("--model hexapod --variant Full --exact --random --poses 60");
-    let line = format!("evaluate MEASURED {with} --json -");
-    let found = work.run(&line).json();
+    let found = work.json(&format!("evaluate MEASURED {with}"));
     for axis in 0..3 {
         let largest = number(&found["orientation_rad"]["max_abs"][axis]);
         // Of at most 60 draws of 40 µrad, with what 10 µm of the joints' positions turn a small plate by.
         assert!((1e-5..4e-4).contains(&largest), "{largest}");
     }
-    let line = format!("sensitivity MEASURED {with} --json -");
-    let found = work.run(&line).json();
+    let found = work.json(&format!("sensitivity MEASURED {with}"));
     let disagreement = number(&found["disagreement"]);
     assert!(disagreement < 1e-3, "{disagreement}");
     assert_eq!(found["orientation_as"], "rotation_vector");
-    let found = work.run("sensitivity --variant Full --json -").json();
+    let found = work.json("sensitivity --variant Full");
     assert_eq!(found["orientation_as"], "zyz_angles");
 }
 

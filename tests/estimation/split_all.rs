@@ -56,6 +56,7 @@ fn nothing_is_claimed_where_all_calibrate() {
     for (model, measure) in [
         ("four_belts", "--measure readings --noise-drives 1e-4"),
         ("linear_delta", "--measure heights,distances"),
+        ("five_bar", "--measure poses"),
     ] {
         let work = simulated(model, measure);
         for command in COMMANDS {
@@ -77,8 +78,7 @@ fn nothing_is_claimed_where_all_calibrate() {
             }
         }
         // The robot file says it, where the command does not.
-        let line = "evaluate MEASURED --variant Full --robot DIR/calibrate/robot.toml --json -";
-        let found = work.run(line).json();
+        let found = work.json("evaluate MEASURED --variant Full --robot DIR/calibrate/robot.toml");
         assert_eq!(found["evaluated_on"], "calibration");
         if !found["poses"]["total"].is_null() {
             assert_eq!(found["poses"]["validation"], 0);

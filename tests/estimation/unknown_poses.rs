@@ -249,7 +249,7 @@ fn a_folder_of_mixed_measurements_is_checked_and_calibrated() {
     let work = Work::simulated(
         "--model hexapod --measure poses,heights,distances,ball-bar --poses 80 --seed 1",
     );
-    let check = work.run("check MEASURED --json -").json();
+    let check = work.json("check MEASURED");
     let open = &check["variants"]["Full"]["gauge"]["open"];
     assert_eq!(list(open).len(), 0, "{open}");
     let found = work.calibrated("--variant Full");

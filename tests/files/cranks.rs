@@ -38,8 +38,8 @@ fn an_encoder_may_count_from_any_turn() {
 fn what_lies_outside_is_said_in_radians() {
     let work = Work::simulated(DELTA);
     work.run(CALIBRATE).done();
-    let line = "kinematics forward --robot DIR/c/robot.toml --variant Full --commands 0.9,0.9,0.9 --json -";
-    let found = work.run(line).json();
+    let found = work
+        .json("kinematics forward --robot DIR/c/robot.toml --variant Full --commands 0.9,0.9,0.9");
     let pose = &found["poses"][0];
     insta::assert_snapshot!(pose["outside"][0].as_str().unwrap());
     for named in [pose, &found["reference"]] {
@@ -55,8 +55,8 @@ fn residuals_of_drives_that_turn_are_angles() {
     let options = "--poses 40 --random --seed 2 --measure positions --noise-drives 3e-3";
     let work = Work::simulated(&format!("--model five_bar {options}"));
     let calibrated = work.run(CALIBRATE).json();
-    let evaluate = "evaluate MEASURED --variant Full --robot DIR/c/robot.toml --json -";
-    for found in [calibrated, work.run(evaluate).json()] {
+    let evaluated = work.json("evaluate MEASURED --variant Full --robot DIR/c/robot.toml");
+    for found in [calibrated, evaluated] {
         let mut files = list(&found["fit"]["by_file"]).iter();
         let drives = files.find(|own| own["file"] == "drives").unwrap();
         assert_eq!(drives["unit"], "rad");
@@ -78,9 +78,8 @@ fn commands_stay_in_their_turn_beside_a_dead_centre() {
             text += &format!("{},{x},0,{z}\n", row + 1);
         }
         work.write("poses.csv", text);
-        let line =
-            "kinematics inverse --model rotary_delta --variant Full --poses DIR/poses.csv --json -";
-        let found = work.run(line).json();
+        let found = work
+            .json("kinematics inverse --model rotary_delta --variant Full --poses DIR/poses.csv");
         let commands = |row: usize| number(&found["poses"][row]["commands"][0]);
         assert!((commands(3) - commands(0)).abs() < 1e-6, "{off_m}: {found}");
         assert!((commands(2) - commands(1)).abs() < 0.5, "{off_m}: {found}");

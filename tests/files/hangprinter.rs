@@ -8,10 +8,6 @@ use tau_testkit::{Work, effects, list, number};
 pub(crate) const RUNS: [&str; 3] = ["2021-12-14", "2021-12-16", "2022-04-12"];
 pub(crate) const MODEL: &str = "--model FIXTURES/hangprinter/hangprinter.tau";
 
-pub(crate) fn json(work: &Work, line: &str) -> Value {
-    work.run(&format!("{line} --json -")).json()
-}
-
 /// Noise (m) found, by file and kind.
 pub(crate) fn noise(found: &Value) -> BTreeMap<String, f64> {
     let kinds = list(&found["kinds"]).iter();
@@ -38,7 +34,7 @@ pub(crate) fn assert_own_noise(found: &Value, run: &str) {
 fn a_run_is_consistent_with_itself() {
     let work = Work::empty();
     let run = format!("FIXTURES/hangprinter/{} {MODEL} --variant Full", RUNS[1]);
-    let calibrated = json(&work, &format!("calibrate {run} --split all --out DIR/out"));
+    let calibrated = work.json(&format!("calibrate {run} --split all --out DIR/out"));
     assert_eq!(calibrated["fit"]["status"], "consistent");
     assert_own_noise(&calibrated, RUNS[1]);
     // Poses that are met worst stand in the order of their residuals.
@@ -48,7 +44,7 @@ fn a_run_is_consistent_with_itself() {
         sigmas.len() == 5 && sigmas.is_sorted_by(|a, b| a >= b),
         "{sigmas:?}"
     );
-    let evaluated = json(&work, &format!("evaluate {run} --robot DIR/out/robot.toml"));
+    let evaluated = work.json(&format!("evaluate {run} --robot DIR/out/robot.toml"));
     assert_eq!(evaluated["fit"]["status"], "consistent");
     let before = noise(&calibrated);
     for (kind, sigma) in noise(&evaluated) {
@@ -67,7 +63,7 @@ fn drums_and_what_they_wind_are_named() {
     let stretch = "effect link_compliance on link { param strain: 1/N tol 1e-4 1/N; length += length * strain * tension; }";
     work.write("stretch.tau", stretch);
     let line = "discover FIXTURES/hangprinter/2022-04-12 --base Anchors --effects DIR/stretch.tau";
-    let found = json(&work, &format!("{line} {MODEL} --out DIR/out"));
+    let found = work.json(&format!("{line} {MODEL} --out DIR/out"));
     assert_eq!(found["status"], "explained");
     let named = effects(&found);
     for name in ["drum_radius(all)", "line_buildup(all)"] {

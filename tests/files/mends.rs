@@ -4,7 +4,6 @@ use tau::robot_file::RobotFile;
 use tau_testkit::{Work, list, number, robots};
 
 use crate::answers::{Answers, replaced};
-use crate::own_machines::described;
 
 /// Three lines hold a body's point in the plane, of which one pulls.
 const WINCH: &str = include_str!("machines/winch.tau");
@@ -20,7 +19,7 @@ const FULL: &str = "--model DIR/own.tau --variant Full";
 /// A tension that nobody states is not zero: neither the simulation nor an effect goes on with it.
 #[test]
 fn an_unknown_tension_is_asked_for() {
-    let work = described(&WINCH.replace("PULLED", "pulled = 20 N"));
+    let work = Work::described(&WINCH.replace("PULLED", "pulled = 20 N"));
     let simulate = "simulate --model DIR/own.tau --random --poses 40 --out";
     work.run(&format!("{simulate} MEASURED")).done();
     let mut answers = Answers::default();
@@ -45,7 +44,7 @@ fn an_unknown_tension_is_asked_for() {
 /// Where it was measured, kinematics takes it from the table.
 #[test]
 fn a_measured_tension_is_taken_from_the_table() {
-    let work = described(&WINCH.replace("PULLED", "pulled"));
+    let work = Work::described(&WINCH.replace("PULLED", "pulled"));
     work.write(
         "robot.toml",
         "robot = \"Winch\"\n[noise]\nposition_m = 1e-5\nrotation_rad = 4e-5\n\
@@ -113,7 +112,7 @@ fn commands_in_degrees_are_known() {
 /// Angles of a robot file are radians, at their lines.
 #[test]
 fn degrees_in_robot_files_are_refused() {
-    let work = described(CRANKS);
+    let work = Work::described(CRANKS);
     let mut answers = Answers::default();
     for (case, old, new, expected) in [
         ("command", "[0.5, 1.0]", "[30.0, 57.0]", "T222:8 T222:8"),
@@ -147,7 +146,8 @@ fn degrees_in_robot_files_are_refused() {
 /// A reference 0.3 m off is refused with the pose that the links give, and taken with that pose.
 #[test]
 fn a_refused_reference_is_mended_by_what_is_said() {
-    let work = described(&PLANAR.replace("REFERENCE", "reference { position = (0.3, 0.1, 0) m; }"));
+    let work =
+        Work::described(&PLANAR.replace("REFERENCE", "reference { position = (0.3, 0.1, 0) m; }"));
     let forward = format!("kinematics forward {FULL} --commands 0,0,0 --json -");
     let mut answers = Answers::default();
     let ran = work.run(&forward);
@@ -184,41 +184,13 @@ fn a_wrong_reference_is_no_mistake_of_a_row() {
     insta::assert_snapshot!(answers.shown());
 }
 
-/// Six parallel legs hold neither x nor y: the simulation names what is free, as kinematics does.
-#[test]
-fn a_singular_machine_is_called_singular() {
-    let mut text = "robot Parallel { cluster legs on base {".to_owned();
-    for (k, at) in ["1, 0", "0, 1", "-1, 0", "0, -1", "0.5, 0.5", "-0.5, 0.5"]
-        .iter()
-        .enumerate()
-    {
-        text += &format!(
-            "link l{k} actuated length {{ length = 1 m tol 1 mm; plate_joint = ({at}, 0) m tol 1 mm; \
-             track_offset = ({at}, 0) m tol 1 mm; }}\n"
-        );
-    }
-    text += "} reference { position = (0, 0, 1) m; } variant Full { arm full; } }";
-    let work = described(&text);
-    for (code, says, line) in [
-        (2, "T535", "simulate --model DIR/own.tau --out DIR/m"),
-        (
-            1,
-            "T504",
-            "kinematics forward --model DIR/own.tau --variant Full --commands 0,0,0,0,0,0",
-        ),
-    ] {
-        let ran = work.run(line);
-        assert_eq!((ran.code, ran.says(says)), (code, true), "{}", ran.err);
-    }
-}
-
 /// A machine of four drives takes some poses of a body: others are approached, and it is said by how much they are missed.
 #[test]
 fn poses_that_four_drives_miss_are_approached() {
-    let work = described(&robots::text("four_of_six"));
+    let work = Work::described(&robots::text("four_of_six"));
     let given = [0.02, 0.03, 0.01, -0.5];
-    let line = format!("kinematics forward {FULL} --commands 0.02,0.03,0.01,-0.5 --json -");
-    let found = work.run(&line).json()["poses"][0].clone();
+    let line = format!("kinematics forward {FULL} --commands 0.02,0.03,0.01,-0.5");
+    let found = work.json(&line)["poses"][0].clone();
     let numbers: Vec<f64> = ["position_m", "angles_rad"]
         .iter()
         .flat_map(|key| list(&found[key]).iter().map(number))

@@ -31,17 +31,9 @@ fn planar() -> String {
     PLANAR.replace("LENGTH", "412 mm")
 }
 
-/// A folder with a description as `own.tau`.
-pub(crate) fn described(text: &str) -> Work {
-    let work = Work::empty();
-    work.write("own.tau", text);
-    work
-}
-
 /// Commands at a pose.
 fn commands(work: &Work, pose: &str) -> Vec<f64> {
-    let line = format!("kinematics inverse {FULL} --pose {pose} --json -");
-    let found = work.run(&line).json();
+    let found = work.json(&format!("kinematics inverse {FULL} --pose {pose}"));
     list(&found["poses"][0]["commands_m"])
         .iter()
         .map(number)
@@ -51,12 +43,12 @@ fn commands(work: &Work, pose: &str) -> Vec<f64> {
 #[test]
 fn poses_outside_the_plane_are_refused() {
     let mut answers = Answers::default();
-    let planar = described(&planar());
+    let planar = Work::described(&planar());
     planar.write(
         "path.csv",
         "x_m,y_m,alpha_rad,beta_rad\n0.02,0.01,0.05,0\n0.02,0.01,0.05,0.2\n",
     );
-    let point = described(POINT);
+    let point = Work::described(POINT);
     point.write("robot.toml", REFERENCE);
     for [case, plate, file, expected, line] in cases(OUTSIDE) {
         let work = if plate == "body" { &planar } else { &point };
@@ -80,7 +72,7 @@ fn poses_outside_the_plane_are_refused() {
 /// Trackers measure all six coordinates. Those that the plate lacks take no part, and it is said how large they were.
 #[test]
 fn measured_heights_over_the_plane_take_no_part() {
-    let work = described(&planar());
+    let work = Work::described(&planar());
     work.run(&format!(
         "simulate {MODEL} --random --poses 60 --out MEASURED"
     ))
@@ -100,7 +92,7 @@ fn measured_heights_over_the_plane_take_no_part() {
 fn a_link_that_does_not_reach_is_named() {
     let mut answers = Answers::default();
     for length in ["112 mm", "41.2 m"] {
-        let work = described(&PLANAR.replace("LENGTH", length));
+        let work = Work::described(&PLANAR.replace("LENGTH", length));
         for asked in ["inverse --pose 0.02,0.01,0", "forward --commands 0.01,0,0"] {
             let ran = work.run(&format!("kinematics {asked} {FULL}"));
             answers.ran(&format!("{length}, {asked}"), ["own.tau", "T534"], &ran);
@@ -108,18 +100,16 @@ fn a_link_that_does_not_reach_is_named() {
     }
     // A joint farther out of the plane than its rod is long, which level parts of lengths do not show.
     let raised = POINT.replace("(-0.2, 0, 0)", "(-0.2, 0, 1.5)");
-    let ran = described(&raised).run(&format!("kinematics forward {FULL} --commands 0,0"));
+    let ran = Work::described(&raised).run(&format!("kinematics forward {FULL} --commands 0,0"));
     answers.ran("across the plane", ["own.tau", "T534"], &ran);
     insta::assert_snapshot!(answers.shown());
 }
 
 #[test]
 fn a_machine_that_lifts_and_tilts_is_measured_at_random_commands() {
-    let work = described(TRIPOD);
+    let work = Work::described(TRIPOD);
     let rows = |how: &str| {
-        let made = work
-            .run(&format!("simulate {MODEL} --poses 60 {how} --json -"))
-            .json();
+        let made = work.json(&format!("simulate {MODEL} --poses 60 {how}"));
         number(&made["rows"]["tcp_poses"])
     };
     assert_eq!(rows("--random --out DIR/random"), 60.0);
@@ -130,16 +120,14 @@ fn a_machine_that_lifts_and_tilts_is_measured_at_random_commands() {
     let ran = work.run(&format!("simulate {MODEL} --out DIR/tilted --tilt 0.1"));
     answers.ran("tilted", ["--tilt", "T537"], &ran);
     insta::assert_snapshot!(answers.shown());
-    let found = work
-        .run(&format!("calibrate MEASURED {FULL} --out DIR/c --json -"))
-        .json();
+    let found = work.json(&format!("calibrate MEASURED {FULL} --out DIR/c"));
     assert_eq!(found["fit"]["status"], "consistent");
 }
 
 #[test]
 fn what_would_stay_within_reach_is_said() {
     let mut answers = Answers::default();
-    let work = described(&planar());
+    let work = Work::described(&planar());
     let far = work.run("simulate --model rotary_delta --out DIR/far");
     answers.ran("steps", ["", "T297 T297"], &far);
     // Half of the steps would not do.
@@ -171,7 +159,7 @@ fn a_hexapod_is_tilted_when_asked() {
 
 #[test]
 fn what_says_nothing_is_said() {
-    let work = described(&planar());
+    let work = Work::described(&planar());
     let mut answers = Answers::default();
     for (case, expected, options) in [
         ("heights", "T296", "--measure heights"),
@@ -185,7 +173,7 @@ fn what_says_nothing_is_said() {
         let line = format!("simulate {MODEL} --random --poses 30 --out DIR/{case} {options}");
         answers.ran(case, ["", expected], &work.run(&line));
     }
-    let huge = described(&planar().replace("tol 0.3 mm", "tol 300 mm"));
+    let huge = Work::described(&planar().replace("tol 0.3 mm", "tol 300 mm"));
     let ran = huge.run(&format!(
         "simulate {MODEL} --grid-step 0.02,0.02,0.02 --out MEASURED"
     ));
@@ -218,13 +206,11 @@ fn a_machine_of_eleven_tracks_is_calibrated() {
         );
     }
     text += "reference { position = (0, 0, -606) mm; } variant Full { arm full; tracks linear per link; } }";
-    let work = described(&text);
+    let work = Work::described(&text);
     work.run(&format!(
         "simulate {MODEL} --out MEASURED --random --poses 60 --seed 1"
     ))
     .done();
-    let found = work
-        .run(&format!("calibrate MEASURED {FULL} --out DIR/out --json -"))
-        .json();
+    let found = work.json(&format!("calibrate MEASURED {FULL} --out DIR/out"));
     assert_eq!(found["fit"]["status"], "consistent", "{}", found["fit"]);
 }

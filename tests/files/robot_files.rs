@@ -2,15 +2,11 @@
 
 use serde_json::Value;
 use tau::robot_file::RobotFile;
-use tau_testkit::{GANTRY, Work, list, number};
+use tau_testkit::{GANTRY, Work, list, number, robots};
 
 /// A robot file of the folder.
 fn file(work: &Work, name: &str) -> RobotFile {
     RobotFile::parse(&work.read(name), "robot.toml").unwrap()
-}
-
-fn json(work: &Work, line: &str) -> Value {
-    work.run(&format!("{line} --json -")).json()
 }
 
 fn mean(value: &Value) -> f64 {
@@ -27,14 +23,12 @@ fn a_piecewise_file_holds_on_another_folder_of_the_machine() {
     }
     for variant in ["BestPerLink", "FullPiecewise"] {
         let with = format!("--robot DIR/fit/robot.toml --variant {variant}");
-        let own = json(
-            &work,
-            &format!("calibrate DIR/a --variant {variant} --out DIR/fit"),
-        );
-        let other = json(&work, &format!("evaluate DIR/b {with}"));
+        let line = format!("calibrate DIR/a --variant {variant} --out DIR/fit");
+        let own = work.json(&line);
+        let other = work.json(&format!("evaluate DIR/b {with}"));
         assert_eq!(other["evaluated_on"], "new_folder");
         // And as the start of a calibration on the other folder.
-        let again = json(&work, &format!("calibrate DIR/b {with} --out DIR/again"));
+        let again = work.json(&format!("calibrate DIR/b {with} --out DIR/again"));
         for found in [other, again] {
             assert!(
                 mean(&found) < 1.5 * mean(&own),
@@ -43,58 +37,9 @@ fn a_piecewise_file_holds_on_another_folder_of_the_machine() {
             );
         }
         // Without any folder, too.
-        let alone = json(
-            &work,
-            &format!("kinematics forward {with} --commands 0,0,0"),
-        );
+        let alone = work.json(&format!("kinematics forward {with} --commands 0,0,0"));
         let x = number(&alone["poses"][0]["position_m"][0]);
         assert!((x + 1.304).abs() < 2e-3, "{variant}: {x}");
-    }
-}
-
-#[test]
-fn evaluation_uses_the_poses_that_calibration_has_not_seen() {
-    let work = Work::prototype();
-    let calibrate = "calibrate MEASURED --variant Full --split fraction:0.7:2 --out DIR/fit";
-    let calibrated = json(&work, calibrate);
-    assert_eq!(calibrated["evaluated_on"], "held_out");
-    let evaluate = |more: &str| {
-        let line = "evaluate MEASURED --robot DIR/fit/robot.toml --variant Full";
-        json(&work, &format!("{line} {more}"))
-    };
-    let own = evaluate("");
-    assert_eq!(own["evaluated_on"], "held_out");
-    assert_eq!(own["poses"]["evaluated"], calibrated["poses"]["validation"]);
-    assert!((mean(&own) - mean(&calibrated)).abs() < 1e-3);
-    // Another split is narrowed down to what was held out then.
-    let count = |value: &Value| number(&value["poses"]["evaluated"]);
-    assert!(count(&evaluate("--split alternate")) < count(&own));
-    // A copy with a changed digit is no other folder.
-    work.edit("tcp_poses.csv", |table| table.add(1, "q1_m", 1e-7));
-    assert_eq!(evaluate("")["evaluated_on"], "held_out");
-
-    // It is another machine, on which no figure of this one means anything.
-    let other = "simulate --seed 9 --poses 30 --cart-poses 0 --out DIR/other";
-    work.run(other).done();
-    let line = "evaluate DIR/other --robot DIR/fit/robot.toml --variant Full --force";
-    let other = json(&work, line);
-    assert_eq!(other["evaluated_on"], "new_folder");
-    assert_eq!(other["poses"]["evaluated"], other["poses"]["in_range"]);
-    assert_eq!(list(&other["pose_errors"]).len() as f64, count(&other));
-}
-
-#[test]
-fn nothing_is_validated_where_all_poses_calibrate() {
-    let work = Work::prototype();
-    let line = "calibrate MEASURED --variant Full --split all --out DIR/fit";
-    let found = json(&work, line);
-    assert_eq!(found["poses"]["validation"], 0);
-    assert_eq!(found["evaluated_on"], "calibration");
-    let evaluate = "evaluate MEASURED --robot DIR/fit/robot.toml --variant Full";
-    assert_eq!(json(&work, evaluate)["evaluated_on"], "calibration");
-    for line in [line, evaluate] {
-        let text = work.run(line).done();
-        assert!(!text.contains("validation"), "{text}");
     }
 }
 
@@ -105,13 +50,15 @@ fn a_calibration_writes_the_travel_that_its_effects_read() {
     let effect =
         "effect bend on cart { param size: length tol 1 mm; vertical += size * travel^2; }\n";
     let own = std::fs::read_to_string(GANTRY).unwrap();
-    let body = own.trim_end().strip_suffix('}').unwrap();
-    work.write(
-        "x.tau",
-        format!("{effect}{body}    variant Bent = Full + bend(one);\n}}\n"),
-    );
+    let own = robots::extended(&own, "variant Bent = Full + bend(one);");
+    work.write("x.tau", format!("{effect}{own}"));
     let with = "--model DIR/x.tau --variant";
-    let calibrate = |more: &str| json(&work, &format!("calibrate MEASURED {with} {more}"));
+    // A folder says how far drives travel; without one the robot file has to.
+    let forward = format!("kinematics forward {with} Bent --commands 0.5,0,0 --robot");
+    let ran = work.run(&format!("{forward} MEASURED/robot.toml"));
+    ran.refused(&[("T257", "measured/robot.toml", 0)]);
+    ran.shows("T257");
+    let calibrate = |more: &str| work.json(&format!("calibrate MEASURED {with} {more}"));
     calibrate("Full --out DIR/plain");
     assert!(file(&work, "plain/robot.toml").measuring.travel.is_empty());
 
@@ -124,19 +71,23 @@ fn a_calibration_writes_the_travel_that_its_effects_read() {
 
     // Alone it moves the plate as it did there, with another travel it does not.
     let x = |robot: &str| {
-        let line = format!("kinematics forward {with} Bent --robot {robot} --commands 0.5,0,0");
-        number(&json(&work, &line)["poses"][0]["position_m"][2])
+        let found = work.json(&format!("{forward} {robot}"));
+        number(&found["poses"][0]["position_m"][2])
     };
     let text = work.read("fit/robot.toml");
     let (before, after) = text.split_once("travel = [[").unwrap();
     let (_, rest) = after.split_once(']').unwrap();
     work.write("other.toml", format!("{before}travel = [[-0.1, 0.1]{rest}"));
+    let ran = work.run(&format!(
+        "evaluate MEASURED {with} Bent --robot DIR/other.toml"
+    ));
+    ran.shows("T258");
     let size = written.effects["bend(one)"]["size"].value[0];
     let off = x("DIR/other.toml") - x("DIR/fit/robot.toml");
     assert!(off.abs() > size.abs(), "{off} {size}");
     // On the folder it has the errors that the calibration said.
     let line = format!("evaluate MEASURED {with} Bent --robot DIR/fit/robot.toml");
-    let again = json(&work, &line);
+    let again = work.json(&line);
     assert!((mean(&again) - mean(&found)).abs() < 1e-3);
 }
 
@@ -189,7 +140,7 @@ fn kinematics_leaves_out_what_is_wrong_with_the_tracker() {
     work.write("robot.toml", work.read("measured/robot.toml") + effect);
     let ask = |what: &str, variant: &str| {
         let with = "--model DIR/scaled.tau --robot DIR/robot.toml --variant";
-        json(&work, &format!("{what} {with} {variant}"))
+        work.json(&format!("{what} {with} {variant}"))
     };
     for what in [
         "kinematics forward --commands 0.1,0.2,-0.1",
@@ -229,32 +180,6 @@ fn discovery_can_fit_what_it_found_to_all_poses() {
         (all.split.to_string(), all.poses > 2 * half.poses - 4),
         ("all".to_owned(), true)
     );
-    let found = json(
-        &work,
-        &format!("evaluate {with} --robot DIR/all/robot.toml"),
-    );
+    let found = work.json(&format!("evaluate {with} --robot DIR/all/robot.toml"));
     assert_eq!(found["evaluated_on"], "calibration");
-}
-
-/// Results do not take the place of what was measured or drawn.
-#[test]
-fn a_drawing_beside_measurements_is_not_replaced() {
-    let work = Work::simulated(crate::HEIGHTS);
-    let drawn = work.read("measured/robot.toml");
-    let with = "--model linear_delta --out MEASURED";
-    for (line, place) in [
-        (
-            format!("calibrate MEASURED --variant Full {with}"),
-            "measured/robot.toml",
-        ),
-        (format!("discover MEASURED {with}"), "measured/robot.toml"),
-        (
-            "simulate --poses 20 --random --out DIR/new --json DIR/new/robot.toml".to_owned(),
-            "new/robot.toml",
-        ),
-    ] {
-        work.run(&line).refused(&[("T282", place, 0)]);
-    }
-    assert_eq!(work.read("measured/robot.toml"), drawn);
-    assert!(!work.path().join("new/tcp_poses.csv").exists());
 }

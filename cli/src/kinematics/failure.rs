@@ -155,6 +155,16 @@ impl Setup<'_> {
         if let Some(error) = of_reference(error, &self.machine, &self.file) {
             return error.into();
         }
+        let start = row
+            .start
+            .unwrap_or_else(|| Pose::from_zyz(row.position_m, [0.0; 3]));
+        // Where the commands are asked for, any will do to see which effect lacks something.
+        let any = vec![0.0; self.machine.robot.commands];
+        let commands = match error {
+            Missing { .. } if row.commands_m.is_empty() => &any,
+            _ => &row.commands_m,
+        };
+        let error = &(self.machine).explained(error.clone(), &row.sample(commands, start));
         let of_input = || {
             InputError::whole(
                 error.code(),
@@ -194,11 +204,6 @@ impl Setup<'_> {
             }
             Missing { .. } | Commands { .. } | Partial { .. } | Target(_) => of_input().into(),
             error => {
-                let pose = row
-                    .start
-                    .unwrap_or_else(|| Pose::from_zyz(row.position_m, [0.0; 3]));
-                let sample = row.sample(&row.commands_m, pose);
-                let error = self.machine.explained(error.clone(), &sample);
                 let text = format!("{}: pose {}: {error}", row.source, row.pose);
                 Failure::Failed(Remark::new(error.code(), text))
             }

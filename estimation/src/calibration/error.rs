@@ -92,7 +92,7 @@ impl Error {
                 pose,
                 error,
                 row: None,
-            } => format!("pose {pose}: {error}"),
+            } => format!("{TCP_POSES}: pose {pose}: {error}"),
             Self::Kinematics {
                 pose,
                 error,
@@ -162,6 +162,7 @@ mod tests {
         let lacks = kinematics::Error::Missing {
             closure: "bl".to_owned(),
             what: kinematics::Missing::Temperature,
+            effects: vec![],
         };
         let file = PlateKind::Reading.file();
         let code = lacks.code();

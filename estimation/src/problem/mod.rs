@@ -238,8 +238,7 @@ impl Part {
             let views = of_set.iter().map(|&sample| samples[sample].view());
             let gradients = machine.gradients_at(by_pose, views).zip(&of_set);
             let weights = gradients.map(|(gradient, &sample)| {
-                let gradient =
-                    gradient.map_err(|error| at_sample(machine, &samples[sample], error))?;
+                let gradient = gradient.map_err(|error| samples[sample].failed(machine, error))?;
                 let by_noise = times_noise(gradient, noise);
                 let variance: f64 = by_noise.iter().map(|slope| slope * slope).sum();
                 Ok(variance.sqrt().recip())
@@ -473,13 +472,8 @@ pub(crate) fn gradient(
     sample: &Sample,
 ) -> Result<[f64; POSE_COLUMNS], Error> {
     let linearized = machine.closure_by_pose(by_pose, &sample.view());
-    let (_, gradient) = linearized.map_err(|error| at_sample(machine, sample, error))?;
+    let (_, gradient) = linearized.map_err(|error| sample.failed(machine, error))?;
     Ok(gradient)
-}
-
-/// An error of kinematics at a sample of set 1.
-fn at_sample(machine: &Machine, sample: &Sample, error: tau_kinematics::Error) -> Error {
-    Error::at_pose(sample.number, machine.explained(error, &sample.view()))
 }
 
 /// Samples of a set, and in sets 2 and 3 of a track.

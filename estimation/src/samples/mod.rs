@@ -263,7 +263,7 @@ impl Sample {
     ) -> Result<(), Error> {
         if self.set == 1 {
             let filled = machine.fill(instance, &self.view(), data);
-            return filled.map_err(|error| Error::at_pose(self.number, error));
+            return filled.map_err(|error| self.failed(machine, error));
         }
         let filled = (machine.surroundings).fill(&instance.inputs, &self.view(), data);
         filled.map_err(|missing| self.lacks(&missing))
@@ -279,7 +279,12 @@ impl Sample {
         data: &mut Vec<f64>,
     ) -> Result<(), Error> {
         let filled = machine.fill_closures(&self.view(), data);
-        filled.map_err(|error| Error::at_pose(self.number, error))
+        filled.map_err(|error| self.failed(machine, error))
+    }
+
+    /// An error of kinematics at a sample of set 1.
+    pub(crate) fn failed(&self, machine: &Machine, error: kinematics::Error) -> Error {
+        Error::at_pose(self.number, machine.explained(error, &self.view()))
     }
 
     /// The error that something which a residual takes is missing.

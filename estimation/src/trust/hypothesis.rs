@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 use tau_kinematics::{Pose, nearest_rotation, zyz};
-use tau_robot::measurements::{Folder, TcpPose};
+use tau_robot::measurements::{Folder, TCP_POSES, TcpPose};
 use tau_robot::robot::{Owner, Parameter, Plate, Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 use tau_robot::robot_file::keys::WIDE;
@@ -146,7 +146,7 @@ impl Case<'_> {
     pub(super) fn another_machine(&self, off_m: f64) -> Option<Reason> {
         let length_m = self.mean_length_m();
         (length_m > 0.0 && off_m > LARGEST_MISFIT * length_m)
-            .then_some(Reason::AnotherMachine(None, off_m))
+            .then_some(Reason::AnotherMachine(Some(TCP_POSES), off_m))
     }
 
     fn lengths_by_pose_m(&self) -> Option<Vec<f64>> {

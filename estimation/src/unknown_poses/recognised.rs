@@ -331,7 +331,7 @@ impl<'a> Case<'a> {
         let left = fitted.iter().map(|own| own.1.residual_over_noise());
         let left = left.fold(f64::INFINITY, f64::min);
         let mut found = self.likeliest(fitted, dimensions)?;
-        let is_missed = given.is_none_or(|given| given.missed_m().is_some());
+        let is_missed = given.is_none_or(|given| given.missed().is_some());
         found.is_absurd |= found.kind == MistakeKind::CommandZero && is_missed;
         Some((found, left))
     }
@@ -362,7 +362,7 @@ impl<'a> Case<'a> {
             let found = self.fitted(self.setup.file, &trial.folder, freed).ok()?;
             let is_near = match given {
                 Some(given) => NEARER * misfit(&found, given) < given.residual_over_noise(),
-                None => found.missed_m().is_none(),
+                None => found.missed().is_none(),
             };
             let is_near = is_near || (found.is_consistent() && !has_estimated_noise(&found));
             let room = match trial.hypothesis {

@@ -61,6 +61,11 @@ impl Kind {
         self.stated == Some(StatedNoise::Estimate)
     }
 
+    /// The file that holds its rows; `None` of closures.
+    pub(super) fn table(&self) -> Option<&'static str> {
+        (!self.is_of_lengths()).then(|| self.of.file())
+    }
+
     /// True for measurements of carts.
     pub fn is_of_carts(&self) -> bool {
         self.of.is_of_carts()

@@ -29,14 +29,15 @@ impl UnknownPoses {
         length_m.unwrap_or(f64::INFINITY)
     }
 
-    /// A refusal of measurements that are missed by far, where some are: see [`Self::missed_m`].
+    /// A refusal of measurements that are missed by far, where some are: see [`Self::missed`].
     pub(super) fn another_machine(&self) -> Option<Reason> {
-        Some(Reason::AnotherMachine(None, self.missed_m()?))
+        let (kind, rms_m) = self.missed()?;
+        Some(Reason::AnotherMachine(kind.table(), rms_m))
     }
 
-    /// Largest rms (m) of what a kind of lengths is missed by, where no machine that is the right one would miss it by as much;
-    /// `None` where none is missed so. Some may be as rough as that and state it, but not all.
-    pub(super) fn missed_m(&self) -> Option<f64> {
+    /// The kind of lengths that is missed most and its rms (m), where no machine that is the right one would miss it by as
+    /// much; `None` where none is missed so. Some may be as rough as that and state it, but not all.
+    pub(super) fn missed(&self) -> Option<(&Kind, f64)> {
         let limit_m = LARGEST_MISFIT * self.length_m();
         let judged = self.kinds.iter().filter(|fit| fit.is_listed());
         let lengths: Vec<(&KindFit, f64)> = judged
@@ -52,7 +53,8 @@ impl UnknownPoses {
             *rms_m > limit_m && fit.rms() > fit.expected_rms() && !is_consistent
         };
         let missed = (lengths.into_iter()).filter(|own| is_all || is_missed(own));
-        missed.map(|(_, rms_m)| rms_m).reduce(f64::max)
+        let farthest = missed.max_by(|a, b| a.1.total_cmp(&b.1));
+        farthest.map(|(fit, rms_m)| (&fit.kind, rms_m))
     }
 
     /// Repeated readings of a kind.

@@ -20,11 +20,14 @@ fn sentences() {
         closure: link(),
         effects: effects.iter().map(ToString::to_string).collect(),
     };
+    let missing = |effects: &[&str]| Error::Missing {
+        closure: link(),
+        what: Missing::Temperature,
+        effects: effects.iter().map(ToString::to_string).collect(),
+    };
     let all = [
-        Error::Missing {
-            closure: link(),
-            what: Missing::Temperature,
-        },
+        missing(&[]),
+        missing(&["`growth(all)`"]),
         not_finite(&[]),
         not_finite(&["`wear(one)`", "`play(two)`"]),
         Error::Commands {

@@ -143,7 +143,7 @@ fn result(
             let root = first.square_root();
             if root.is_none() {
                 let message = format!("{} has no square root", first.describe());
-                let help = "every exponent of the unit must be even";
+                let help = "multiply or divide by a value, so that every exponent of the unit is even, as in `m^2`";
                 diagnostics.error(
                     language::ARGUMENT_DIMENSION,
                     arguments.first()?.location,
@@ -178,7 +178,10 @@ fn result(
         "an angle or a number"
     };
     let message = format!("`{name}` takes {wanted}, found {}", first.describe());
-    let help = format!("divide by something in `{}`", first.si_unit());
+    let help = format!(
+        "divide the argument by a value of its unit: `{name}(… / (1 {}))`",
+        first.si_unit()
+    );
     diagnostics.error(
         language::ARGUMENT_DIMENSION,
         arguments.first()?.location,
@@ -241,7 +244,8 @@ pub(super) fn command_of(
             .is_some_and(|track| track.crank.is_some())
     {
         let message = format!("`q({place})` is the angle of a crank, but effects read lengths");
-        diagnostics.error(language::COMMAND_NOT_THERE, place, message, "name a track");
+        let help = "name a track on which a cart runs";
+        diagnostics.error(language::COMMAND_NOT_THERE, place, message, help);
         return None;
     }
     Some(Checked::scalar(Formula::Read(what), Dimension::LENGTH))

@@ -316,7 +316,7 @@ impl Context<'_> {
         {
             let message =
                 format!("`{name}` reads `q` as a length, but `{turned}` is driven by an angle");
-            let help = "read `travel`, a number from -1 to 1 whatever the drive is";
+            let help = "read `travel` in place of `q`: it runs from -1 to 1 on any drive";
             diagnostics.error(language::COMMAND_NOT_THERE, place, message, help);
             return None;
         }
@@ -448,7 +448,7 @@ impl Context<'_> {
                 "`{effect}` reads `q` as a length, but `{}` is driven by an angle",
                 link.name
             );
-            let help = "declare the effect `on link actuated angle`, where `q` is one";
+            let help = "declare the effect `on link actuated angle`: there `q` is an angle";
             diagnostics.error(language::COMMAND_NOT_THERE, place, message, help);
             return None;
         }

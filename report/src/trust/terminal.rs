@@ -170,7 +170,8 @@ fn variant(screen: &mut Screen, checked: &Checked) {
     if let Some(rank) = gauge {
         let (spent, poses, determined) = (rank.spent, rank.poses, rank.determined);
         let sentence = format!(
-            "{variant}: {rows} residuals, {spent} of them for {poses} poses; of {parameters} unknowns the data know {determined} combinations better than the tolerances"
+            "{variant}: {rows} residuals, {spent} of them for {poses} poses; of {parameters} unknowns the data know {} better than the tolerances",
+            combinations(determined)
         );
         screen.say_within("  ", &sentence);
         weak(screen, undetermined);
@@ -191,13 +192,17 @@ fn variant(screen: &mut Screen, checked: &Checked) {
     }
 }
 
+fn combinations(count: usize) -> String {
+    format!("{count} combination{}", if count == 1 { "" } else { "s" })
+}
+
 /// Combinations that the data leave to the tolerances.
 fn weak(screen: &mut Screen, undetermined: &[Combination]) {
     if !undetermined.is_empty() {
-        let count = undetermined.len();
+        let count = combinations(undetermined.len());
         screen.say_within(
             "    ",
-            &format!("the tolerances say more than the data of {count} combinations, such as"),
+            &format!("the tolerances say more than the data of {count}, such as"),
         );
     }
     for combination in undetermined.iter().take(SHOWN) {

@@ -136,6 +136,29 @@ impl RobotFile {
             Remark::new(files::UNUSED_VALUES, text)
         })
     }
+
+    /// A remark on drives whose commands in a folder leave their stated travel: effects that read it are extrapolated.
+    pub fn beyond_travel(&self, folder: &Folder) -> Option<Remark> {
+        let stated = &self.measuring.travel;
+        let found = folder.travel(stated.len());
+        let mut beyond = (1..)
+            .zip(found.iter().zip(stated))
+            .filter(|(_, (found, stated))| {
+                let slack = 1e-9 * (stated[1] - stated[0]);
+                found[0] < stated[0] - slack || found[1] > stated[1] + slack
+            });
+        let (drive, ([low, high], [first, last])) = beyond.next()?;
+        let others = match beyond.count() {
+            0 => String::new(),
+            others => format!(", and {others} more drives leave theirs"),
+        };
+        let text = format!(
+            "robot.toml: `travel` of drive {drive} is from {first} to {last}, but its commands in the folder run from {low} to \
+             {high}{others}: effects that read `travel` are extrapolated; widen it, or leave it out where the folder shows \
+             all of it"
+        );
+        Some(Remark::new(files::BEYOND_TRAVEL, text))
+    }
 }
 
 impl Document<'_> {

@@ -329,6 +329,33 @@ fn one_name_means_the_effect_on_its_place() {
         ),
         (HEXAPOD, "backlash(leg1): play=1e-4", Err("T293 play")),
         (HEXAPOD, "base_thermal(all): drift=1e-6", Err("T293 1e-6")),
+        (HEXAGLIDE, "rack_pich(t2): sine=8e-5", Err("T291 rack_pich")),
+        (
+            HEXAGLIDE,
+            "rack_pitch(tow): sine=8e-5, period=0.01",
+            Err("T292 tow"),
+        ),
+        (HEXAGLIDE, "backlash(t1)", Err("T293 backlash(t1)")),
+        (HEXAGLIDE, "backlash(t1): gap=0", Err("T293 gap=0")),
+        (
+            HEXAGLIDE,
+            "backlash(t1): gap=1e-5, gap=2e-5",
+            Err("T293 gap"),
+        ),
+        (HEXAGLIDE, "cart_crosstalk(t1): gain=1e-5", Err("T292 t1")),
+        (
+            HEXAGLIDE,
+            "cart_crosstalk(t1, t1): gain=1e-5",
+            Err("T292 t1"),
+        ),
+        (HEXAGLIDE, "tracker_scale(t2): scale=1e-5", Err("T292 t2")),
+        (
+            HEXAGLIDE,
+            "link_thermal(l9): expansion=1e-5",
+            Err("T292 l9"),
+        ),
+        (HEXAGLIDE, "backlash", Err("T290 backlash")),
+        (HEXAGLIDE, "backlash(t1: gap=1e-5", Err("T290 backlash(t1")),
         (MIXED, "backlash(all): gap=1e-4", Err("T292 all")),
         (MIXED, "backlash(l3): gap=1e-4", Ok("Link(3)")),
         (
@@ -351,6 +378,26 @@ fn one_name_means_the_effect_on_its_place() {
             }
             (found, expected) => panic!("{text}: {found:?}, expected {expected:?}"),
         }
+    }
+}
+
+#[test]
+fn effects_are_read_with_their_place_and_parameters() {
+    let robot = Robot::from_text(HEXAGLIDE).unwrap();
+    let read = |text: &str| Effect::parse(text, &robot, "--effect").unwrap().parameters;
+    let rack = read(" rack_pitch( t2 ) :sine=8e-5,period = 0.0133 ");
+    let expected = [
+        ("sine", 8e-5),
+        ("cosine", 0.0),
+        ("second_sine", 0.0),
+        ("second_cosine", 0.0),
+        ("period", 0.0133),
+    ];
+    let expected = expected.map(|(name, value)| (name.to_owned(), vec![value]));
+    assert_eq!(rack, expected);
+    for vector in ["(1e-8, 0, -2e-8)", "[1e-8,0,-2e-8]"] {
+        let drift = read(&format!("tracker_drift(tcp): rate={vector}"));
+        assert_eq!(drift, [("rate".to_owned(), vec![1e-8, 0.0, -2e-8])]);
     }
 }
 

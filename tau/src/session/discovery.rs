@@ -8,7 +8,7 @@ use tau_estimation::calibration::Error;
 use tau_estimation::unknown_poses::UnknownPoses;
 use tau_model_dsl::model::Effect;
 use tau_model_dsl::{self as language, Model};
-use tau_robot::effects::CATALOGUE;
+use tau_robot::effects::{CATALOGUE, places};
 use tau_robot::input_error::{self, InputError, Source, both};
 use tau_robot::robot::{Robot, Variant};
 use tau_robot::robot_file::RobotFile;
@@ -150,6 +150,19 @@ fn catalogues(robot: &Robot, paths: &[impl AsRef<Path>]) -> Result<Catalogues, I
                 let text =
                     format!("effect `{name}` of {file} is not used: {first} has one of that name");
                 Remark::new(tau_codes::discovery::EFFECT_TWICE, text)
+            }));
+            let acts = |own: &Effect| !places(&more, own).is_empty();
+            let has_namesake = |own: &Effect| {
+                let mut others = more.effects.iter();
+                others.any(|other| other.name == own.name && acts(other))
+            };
+            let idle = more.effects.iter().filter(|own| !has_namesake(own));
+            remarks.extend(idle.map(|own| {
+                let text = format!(
+                    "effect `{}` of {file} acts nowhere on this machine",
+                    own.name
+                );
+                Remark::new(tau_codes::discovery::LACKS_PART, text)
             }));
             model.effects.extend(more.effects);
             texts.push(text);

@@ -217,6 +217,7 @@ impl<R> Session<R> {
             .chain(self.robot_file.other_robot(&self.robot))
             .chain(self.robot_file.other_description(&self.robot))
             .chain(self.robot_file.unused_places(&self.folder))
+            .chain(self.robot_file.beyond_travel(&self.folder))
             .chain(self.left_out())
             .collect()
     }

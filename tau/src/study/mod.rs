@@ -64,6 +64,7 @@ pub fn run<R>(
     remarks.extend(file.other_robot(robot));
     remarks.extend(file.other_description(robot));
     remarks.extend(file.unused_places(folder));
+    remarks.extend(file.beyond_travel(folder));
     let variants = chosen_variants(robot, folder, &mut remarks);
     let steps = 3;
     let mut done = 0;

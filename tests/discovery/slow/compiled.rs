@@ -6,9 +6,13 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use tau::discovery::DISCOVERED;
-use tau::robot::{Instance, Robot};
+use tau::robot::Robot;
 
 use crate::command::discovered;
+
+#[path = "../../generated_discovery/answer.rs"]
+mod answer;
+use answer::answer;
 
 /// A package that depends on nothing but the runtime and the macro, under the names that `tau` gives
 /// them: a user's crate without the solver, which would take minutes to build anew.
@@ -31,6 +35,10 @@ fn package(description: &str, code: &str) -> PathBuf {
         ("tau/Cargo.toml", &rooted(facade)),
         ("tau/lib.rs", names),
         ("main.rs", include_str!("../../generated_discovery/main.rs")),
+        (
+            "answer.rs",
+            include_str!("../../generated_discovery/answer.rs"),
+        ),
         ("discovered.rs", code),
         ("expanded.rs", &expanded),
     ] {
@@ -44,29 +52,6 @@ fn package(description: &str, code: &str) -> PathBuf {
         fs::copy(root.join("Cargo.lock"), folder.join("Cargo.lock")).unwrap();
     }
     folder
-}
-
-/// Arbitrary numbers between 0 and 1; the package has the same.
-fn numbers(start: usize, count: usize) -> Vec<f64> {
-    let number = |k: usize| ((29 * k + 11) % 97 + 1) as f64 / 98.0;
-    (start..start + count).map(number).collect()
-}
-
-/// Value, residuals and Jacobian, as bits.
-fn answer(instance: &Instance, sample: usize) -> String {
-    let family = &instance.family;
-    let shape = family.shape();
-    let parameters = numbers(3 * sample, shape.parameters);
-    let mut prepared = vec![0.0; shape.prepared];
-    family.prepare(&numbers(sample, shape.data), &mut prepared);
-    let (mut value, mut residuals) = (vec![0.0; shape.residuals], vec![0.0; shape.residuals]);
-    family.value(&prepared, &parameters, &mut value);
-    let mut jacobian = vec![0.0; family.pattern().columns.len()];
-    family.linearize(&prepared, &parameters, &mut residuals, &mut jacobian);
-    let all = [value, residuals, jacobian].concat();
-    assert!(all.iter().all(|number| number.is_finite()));
-    let bits = all.iter().map(|number| format!("{:x} ", number.to_bits()));
-    bits.collect::<Vec<_>>().concat()
 }
 
 #[test]
@@ -83,7 +68,7 @@ fn code_of_what_was_found_agrees_bit_for_bit_with_the_model_at_run_time() {
     let variant = robot.variant(DISCOVERED).unwrap();
     let names = variant.parameters.iter().map(|own| own.name.as_str());
     let instances = variant.instances.iter();
-    let answers = instances.flat_map(|own| (0..7).map(|sample| answer(own, sample)));
+    let answers = instances.flat_map(|own| (0..7).map(|sample| answer(&*own.family, sample)));
     let expected: Vec<String> = std::iter::once(names.collect())
         .chain(answers)
         .map(|own| format!("{own}|{own}"))

@@ -21,7 +21,7 @@ fn filled(template: &str, parts: &[(&str, &str)]) -> String {
 }
 
 /// Carts with one to nine links, their effects and those of links, with a full arm and a reduced one.
-pub(crate) fn carts() -> impl Strategy<Value = String> {
+pub(super) fn carts() -> impl Strategy<Value = String> {
     const TALKING: &str = "variant Talking = Moved + talk(t1, t0) + stretch(all);";
     // Links beyond the first on a cart take freedoms of the plate, which has six.
     let moves = |clusters: &Vec<usize>| clusters.iter().map(|links| links - 1).sum::<usize>() < 6;
@@ -68,7 +68,7 @@ pub(crate) fn carts() -> impl Strategy<Value = String> {
 }
 
 /// Any plate with driven lengths, a drum, a crank and a track, formulas and `hold`.
-pub(crate) fn machines() -> impl Strategy<Value = String> {
+pub(super) fn machines() -> impl Strategy<Value = String> {
     const ROD: &str = "length = norm(track_offset) + 0.2 * zero;";
     const JOINT: &str = "plate_joint = 0.3 * place + (0 m, zero, 0 m);";
     const PLATES: [(&str, usize); 4] = [

@@ -1,11 +1,11 @@
-//! Measured tensions: what is written, read back, and the balance that they keep.
+//! Measured tensions: what is read back, and its noise.
 
 use tau::Robot;
 use tau::measurements::{Folder, PlateKind, TcpPose};
 use tau::simulation::{Measure, SimulatedFolder, Simulation};
 use tau_testkit::Work;
 
-use super::{V, mean, run, standard};
+use super::{mean, run, standard};
 
 /// The folder as it is read back.
 fn read(simulated: &SimulatedFolder, robot: &Robot) -> Folder {
@@ -23,31 +23,6 @@ fn hexapod(noise_force_n: f64) -> Simulation {
 
 fn tensions(poses: &[TcpPose]) -> impl Iterator<Item = &Vec<f64>> {
     poses.iter().map(|pose| pose.tensions_n.as_ref().unwrap())
-}
-
-/// Without noise, forces as read back hold the plate under its weight: their sum and their moment about the TCP.
-#[test]
-fn measured_tensions_hold_the_plate() {
-    let simulation = hexapod(0.0);
-    let simulated = run(&simulation);
-    let read = read(&simulated, &simulation.robot);
-    assert_eq!(read.tcp_poses, simulated.folder.tcp_poses);
-    let truth = &simulated.truth;
-    for (tensions, state) in tensions(&read.tcp_poses).zip(&truth.tcp_poses) {
-        // The gravity of `standard` is (0, −3, −9) m/s².
-        let (mut force, mut moment) = (V::new(0.0, -120.0, -360.0), V::zeros());
-        for (rod, tension) in truth.machine.rods.iter().zip(tensions) {
-            let lever = state.pose.rotation * rod.plate_joint_m;
-            let way = rod.track_offset_m - state.pose.position_m - lever;
-            let pull = way.normalize() * *tension;
-            force += pull;
-            moment += lever.cross(&pull);
-        }
-        assert!(
-            force.norm() < 1e-6 && moment.norm() < 1e-6,
-            "{force} {moment}"
-        );
-    }
 }
 
 /// The noise of forces is what is asked for, draws nothing from that of others, and is one for all rows of a pose.
@@ -73,20 +48,25 @@ fn measured_tensions_have_noise_of_their_own() {
     }
 }
 
-/// Pulled drives are measured as well.
+/// Without noise they are read back as those of the machine, also of pulled drives, and hold the plate therefore
+/// (`physics`).
 #[test]
 fn tensions_are_of_links_that_drives_lengthen() {
     let mut belts = standard("four_belts", None);
     belts.noise_force_n = Some(0.0);
     belts.measures = vec![Measure::Rows(PlateKind::Reading)];
-    let simulated = run(&belts);
-    let read = read(&simulated, &belts.robot);
-    assert_eq!(read.plate_rows, simulated.folder.plate_rows);
-    for (row, state) in read.plate_rows.iter().zip(&simulated.truth.tcp_poses) {
-        let measured = row.tensions_n.as_ref().unwrap();
-        assert_eq!(measured, &state.tensions_n);
-        for (rod, tension) in simulated.truth.machine.rods.iter().zip(measured) {
-            assert!(rod.pull_n.is_none_or(|pull| pull == *tension));
+    for simulation in [hexapod(0.0), belts] {
+        let simulated = run(&simulation);
+        let read = read(&simulated, &simulation.robot);
+        assert_eq!(read.tcp_poses, simulated.folder.tcp_poses);
+        assert_eq!(read.plate_rows, simulated.folder.plate_rows);
+        let of_rows = read.plate_rows.iter().map(|row| row.tensions_n.as_ref());
+        let measured = tensions(&read.tcp_poses).chain(of_rows.flatten());
+        for (measured, state) in measured.zip(&simulated.truth.tcp_poses) {
+            assert_eq!(measured, &state.tensions_n);
+            for (rod, tension) in simulated.truth.machine.rods.iter().zip(measured) {
+                assert!(rod.pull_n.is_none_or(|pull| pull == *tension));
+            }
         }
     }
 }

@@ -1,60 +1,14 @@
-//! Closure, equilibrium and the size of each effect, with formulas written here.
+//! What is drawn, equilibrium, and effects that no list holds, with formulas written here.
 
 use std::sync::Arc;
 
+use tau::robot_file::Payload;
 use tau::simulation::{
-    Build, CartError, CartReading, Effect, Physics, Poses, SimulatedFolder, Simulation, State,
+    Build, CartError, CartReading, Effect, Physics, SimulatedFolder, Simulation, State,
 };
 use tau_model_dsl::model::Place;
-use tau_testkit::robots::drawn;
 
-use super::{LISTED, V, no_noise, parsed, run, silent, with_effects, zyz};
-
-/// Hexaglides, four tracks, driven legs: all are measured like the Gantry-Tau, and links stretch under their forces.
-#[test]
-fn every_link_closes_at_the_simulated_pose() {
-    // A track that is piecewise in every full variant has its direction in the file only.
-    let north = "[links.n1]\ntrack_direction = { value = [0.0, 0.6, 0.8], tol = 0.01 }\n";
-    for (name, tracks, more) in [
-        ("hexaglide", 6, ""),
-        ("four_track", 4, north),
-        ("hexapod", 0, ""),
-    ] {
-        let payload = "mass_kg = 5.0\ncentre_m = [0.0, 0.0, 0.0]\ngravity_m_s2 = [0.0, 0.0, -9.81]";
-        let (robot, file) = drawn(name, &format!("[payload]\n{payload}\n{more}"));
-        let simulated = run(&Simulation {
-            effects: vec![parsed("link_compliance(all): strain=1e-7", &robot)],
-            noise: no_noise(),
-            poses: Poses::Grid {
-                counts: [3, 3, 3],
-                step_m: None,
-                limit: None,
-                jitter: 0.0,
-            },
-            random_poses: 5,
-            ..Simulation::new(robot, file)
-        });
-        let folder = &simulated.folder;
-        let poses = folder.tcp_poses.len();
-        assert_eq!(poses, 27 - simulated.truth.out_of_reach);
-        assert!(poses > 13, "{name}: {poses}");
-        let carts = [folder.cart_poses.len(), folder.cart_positions.len()];
-        assert_eq!(carts, [28 * tracks, 5 * tracks], "{name}");
-        let poses = folder.tcp_poses.iter();
-        for (pose, state) in poses.zip(&simulated.truth.tcp_poses) {
-            for (rod, tension) in simulated.truth.machine.rods.iter().zip(&state.tensions_n) {
-                let command = |drive: usize| pose.commands_m[drive];
-                let travel = rod.track_direction * rod.track.map_or(0.0, command);
-                let plate_joint =
-                    V::from(pose.position_m) + zyz(pose.angles_rad) * rod.plate_joint_m;
-                let distance = (plate_joint - rod.track_offset_m - travel).norm();
-                let driven = rod.actuated_by.map_or(0.0, command);
-                let off = distance - rod.length_m * (1.0 + 1e-7 * tension) - driven;
-                assert!(off.abs() < 1e-12, "{}: {off}", pose.pose);
-            }
-        }
-    }
-}
+use super::{LISTED, V, run, silent, standard, with_effects};
 
 #[test]
 fn a_drawn_machine_stays_within_reach_of_its_tolerances_and_differs_by_seed() {
@@ -95,33 +49,42 @@ fn axes(simulated: &SimulatedFolder, track: usize) -> [V; 3] {
     [along, level, along.cross(&level)]
 }
 
+/// On carts whose links stretch among all other effects, and on legs.
 #[test]
 fn forces_hold_the_payload() {
-    let mut simulation = with_effects(&LISTED);
-    let centre_m = [0.02, -0.03, 0.05];
-    simulation.file.payload.as_mut().unwrap().centre_m = centre_m;
-    let simulated = run(&simulation);
-    for state in &simulated.truth.tcp_poses {
-        let weight = V::new(0.0, 0.0, -39.0 * 9.81);
-        let turn = state.pose.rotation;
-        let (mut force, mut moment) = (weight, (turn * V::from(centre_m)).cross(&weight));
-        for k in 0..6 {
-            let lever = turn * state.plate_joints_m[k];
-            let rod = state.pose.position_m + lever - state.joints_m[k];
-            assert!((rod.norm() - state.lengths_m[k]).abs() < 1e-12);
-            // A rod in tension pulls the plate towards the cart.
-            let pull = -rod / rod.norm() * state.tensions_n[k];
-            force += pull;
-            moment += lever.cross(&pull);
+    let legs = standard("hexapod", None);
+    for mut simulation in [with_effects(&LISTED), legs] {
+        let centre_m = [0.02, -0.03, 0.05];
+        simulation.file.payload = Some(Payload {
+            mass_kg: 39.0,
+            centre_m,
+            gravity_m_s2: [0.0, 0.0, -9.81],
+        });
+        let simulated = run(&simulation);
+        for state in &simulated.truth.tcp_poses {
+            let weight = V::new(0.0, 0.0, -39.0 * 9.81);
+            let turn = state.pose.rotation;
+            let (mut force, mut moment) = (weight, (turn * V::from(centre_m)).cross(&weight));
+            for k in 0..6 {
+                let lever = turn * state.plate_joints_m[k];
+                let rod = state.pose.position_m + lever - state.joints_m[k];
+                assert!((rod.norm() - state.lengths_m[k]).abs() < 1e-12);
+                // A rod in tension pulls the plate towards the cart.
+                let pull = -rod / rod.norm() * state.tensions_n[k];
+                force += pull;
+                moment += lever.cross(&pull);
+            }
+            assert!(force.norm() < 1e-9 && moment.norm() < 1e-9, "{state:?}");
+            // The carts bear the weight.
+            let loads = state.loads_n.iter().enumerate().map(|(track, load)| {
+                let [along, level, upright] = axes(&simulated, track);
+                along * load[0] + level * load[1] + upright * load[2]
+            });
+            let off = loads
+                .reduce(|a, b| a + b)
+                .map_or(0.0, |borne| (borne - weight).norm());
+            assert!(off < 1e-9, "{off}");
         }
-        assert!(force.norm() < 1e-9 && moment.norm() < 1e-9, "{state:?}");
-        // The carts bear the weight.
-        let mut borne = V::zeros();
-        for (track, load) in state.loads_n.iter().enumerate() {
-            let [along, level, upright] = axes(&simulated, track);
-            borne += along * load[0] + level * load[1] + upright * load[2];
-        }
-        assert!((borne - weight).norm() < 1e-9, "{borne}");
     }
 }
 

@@ -127,25 +127,6 @@ fn told(text: &str) -> String {
     words.collect::<Vec<_>>().join(" ")
 }
 
-/// A folder of a machine by its description, which stands in `DIR/own.tau`.
-#[track_caller]
-pub(crate) fn described(description: &str, measured: &str) -> Work {
-    let work = Work::empty();
-    work.write("own.tau", description);
-    let line = format!("simulate {OWN} {measured} --out MEASURED -q");
-    work.run(&line).done();
-    work
-}
-
-/// The arguments that name its model.
-pub(crate) const OWN: &str = "--model DIR/own.tau";
-
-/// Adds to the robot file.
-pub(crate) fn state(work: &Work, more: &str) {
-    let text = work.read("measured/robot.toml");
-    work.write("measured/robot.toml", format!("{text}\n{more}"));
-}
-
 /// Makes the robot file a drawing, which states every tolerance and the noise of a tracker.
 pub(crate) fn draw(work: &Work, model: &str) {
     let line = format!("init {model} --out MEASURED/robot.toml --force -q");

@@ -4,8 +4,6 @@ use serde_json::{Value, json};
 use tau_testkit::robots::CABLES;
 use tau_testkit::{Random, Table, Work, list, number};
 
-use crate::cases::{described, state};
-
 /// Readings alone, of which two of four tell where the sled is.
 const BELTS: &str = "--model four_belts --variant Full --measure readings --poses 60 --random --noise-drives 1e-4 --seed 5";
 const DISTANCES: &str =
@@ -177,7 +175,7 @@ fn rows_that_state_their_noise_keep_it() {
         let is_rough = |row: usize| row.is_multiple_of(5);
         table.append_column("sigma_x_m", |row| if is_rough(row) { "1e-3" } else { "" });
     });
-    state(&work, "[noise.tcp_positions]\nposition_m = \"estimate\"\n");
+    work.state("[noise.tcp_positions]\nposition_m = \"estimate\"\n");
     let found = work.calibrated(SPLIT_ALL);
     assert_eq!(found["gross_rows"], json!([]));
     let noise = noise_of(&found, "tcp_positions.csv");
@@ -207,9 +205,7 @@ pub(crate) fn play_makes_no_row_gross(seed: u32) {
 /// are of all, and what the model lacks is seen.
 #[test]
 fn what_a_tenth_of_a_drives_readings_share_is_not_gross() {
-    let work = described(
-        CABLES,
-        "--random --random-approach --poses 60 --seed 52 --noise-drives 1e-5 --effect length_scale(a):scale=1e-3",
+    let work = Work::described(CABLES).with_measured("--random --random-approach --poses 60 --seed 52 --noise-drives 1e-5 --effect length_scale(a):scale=1e-3",
     );
     let found = work.calibrated("--model DIR/own.tau --variant Full");
     assert_eq!(found["fit"]["status"], "inconsistent", "{}", found["fit"]);

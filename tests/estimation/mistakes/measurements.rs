@@ -3,11 +3,11 @@
 
 use nalgebra::{Rotation3, Vector3};
 use tau::kinematics::zyz;
-use tau_testkit::{Table, Work};
+use tau_testkit::{OWN, Table, Work};
 
 use crate::cases::{
-    ANGLES, AXES, Case, GANTRY, OWN, POSES, all_named, described, exchange_carts, mistakes, model,
-    named, other_angles, shift_down, transposed, zyz_angles,
+    ANGLES, AXES, Case, GANTRY, POSES, all_named, exchange_carts, mistakes, model, named,
+    other_angles, shift_down, transposed, zyz_angles,
 };
 use crate::robot_files::SLIDERS;
 
@@ -134,10 +134,8 @@ fn centimetres_are_named() {
 /// Degrees of small angles could be radians: of plates that hardly turn, and of cranks about zero.
 #[test]
 fn degrees_are_named() {
-    let work = described(
-        SLIDERS,
-        "--measure poses --grid-step 0.01,0.01,0.01 --tilt 0.05 --seed 4",
-    );
+    let work = Work::described(SLIDERS)
+        .with_measured("--measure poses --grid-step 0.01,0.01,0.01 --tilt 0.05 --seed 4");
     work.edit(POSES, |table| {
         table.map("alpha_rad", |_, angle| angle.to_degrees());
     });

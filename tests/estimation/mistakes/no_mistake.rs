@@ -135,7 +135,7 @@ fn what_no_mistake_explains_is_not_passed_over() {
     let work = Work::simulated(
         "--model linear_delta --random --measure heights,distances,ball-bar --seed 3",
     );
-    let misfit = || work.run("check MEASURED --json -").json()["misfit"].clone();
+    let misfit = || work.json("check MEASURED")["misfit"].clone();
     assert!(misfit().is_null());
     work.edit("ball_bar.csv", |table| table.shift("distance_m", 0.05));
     assert!(number(&misfit()) > 10.0);
@@ -161,4 +161,5 @@ fn exact_drives_at_two_places_are_refused() {
     work.edit("heights.csv", |table| table.add(5, "q1_m", 0.03));
     let ran = work.run("calibrate MEASURED --variant Full --out DIR/out -q");
     ran.refused(&[("T346", "heights.csv:6", 0)]);
+    ran.shows("T346");
 }

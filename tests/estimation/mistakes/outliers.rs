@@ -2,6 +2,7 @@
 //! all the same. The statistics are counted over more machines in [`slow`](crate::slow).
 
 use serde_json::{Value, json};
+use tau_testkit::robots::GANTRY_VARIANTS;
 use tau_testkit::{Work, list, number, rare_count, truth_of};
 
 use crate::cases::{POSES, mistakes, model};
@@ -121,15 +122,9 @@ fn outliers_are_listed_and_left_out() {
 fn what_all_poses_share_is_no_outlier() {
     let work = Work::simulated(&format!("{DELTA} --poses 60 --noise-scale 3,3,3 --seed 17"));
     assert_eq!(outliers(&work.calibrated(ALL)), [0; 0]);
-    for variant in [
-        "Nominal",
-        "Piecewise",
-        "Full",
-        "FullPiecewise",
-        "BestPerLink",
-    ] {
-        let line = format!("calibrate PROTOTYPE --variant {variant} --out DIR/out --json - -q");
-        assert_eq!(outliers(&work.run(&line).json()), [0; 0], "{variant}");
+    for variant in GANTRY_VARIANTS {
+        let line = format!("calibrate PROTOTYPE --variant {variant} --out DIR/out -q");
+        assert_eq!(outliers(&work.json(&line)), [0; 0], "{variant}");
     }
 }
 
@@ -199,8 +194,7 @@ fn outliers_are_said_by_the_commands() {
     assert_eq!(both.code, 2);
 
     work.calibrated("--variant Full");
-    let evaluate = "evaluate MEASURED --variant Full --robot DIR/out/robot.toml --json - -q";
-    let evaluated = work.run(evaluate).json();
+    let evaluated = work.evaluated("--variant Full");
     assert_eq!(evaluated["fit"]["status"], "consistent");
     let missed = list(&evaluated["fit"]["outliers"]).iter();
     let mut missed = missed.map(|outlier| &outlier["pose"]).peekable();
@@ -222,8 +216,7 @@ fn a_pose_that_cannot_be_predicted_is_named_and_the_others_are() {
     let calibrated = work.calibrated("--variant Full");
     assert_eq!(calibrated["fit"]["status"], "consistent");
     assert!(number(&calibrated["position_um"]["max"]) < 100.0);
-    let line = "evaluate MEASURED --variant Full --robot DIR/out/robot.toml --json - -q";
-    for found in [&calibrated, &work.run(line).json()] {
+    for found in [&calibrated, &work.evaluated("--variant Full")] {
         let [without] = list(&found["not_predicted"]) else {
             panic!("{}", found["not_predicted"])
         };
@@ -244,8 +237,7 @@ fn a_gross_pose_of_few_does_not_hide() {
             "--model five_bar --seed {seed} --poses 18 --random"
         ));
         work.edit(POSES, |table| table.add(6, "q1_rad", 2.0));
-        let line = "evaluate MEASURED --model five_bar --variant Full --split all --json -";
-        let found = work.run(line).json();
+        let found = work.json("evaluate MEASURED --model five_bar --variant Full --split all");
         assert_eq!(
             found["fit"]["status"], "consistent",
             "{seed}: {}",
@@ -268,8 +260,6 @@ fn poses_left_out_are_not_hidden() {
 
     let work = Work::simulated("--model linear_delta --variant Full --poses 40 --random --seed 5");
     work.edit(POSES, |table| table.add(11, "x_m", 0.003));
-    let found = work
-        .run("discover MEASURED --out DIR/out --json - -q")
-        .json();
+    let found = work.json("discover MEASURED --out DIR/out -q");
     assert_eq!(found["outliers"], json!([11]));
 }

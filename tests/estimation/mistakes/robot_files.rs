@@ -4,11 +4,11 @@
 use std::f64::consts::FRAC_PI_2;
 
 use tau_testkit::robots::{CABLES, named as robot};
-use tau_testkit::{Work, number};
+use tau_testkit::{OWN, Work, number};
 
 use crate::cases::{
-    ANGLES, GANTRY, OWN, POSES, ROBOT, checked, described, draw, is_length, mistakes, model, named,
-    scale, scale_noise, state,
+    ANGLES, GANTRY, POSES, ROBOT, checked, draw, is_length, mistakes, model, named, scale,
+    scale_noise,
 };
 use crate::measurements::DELTA_POSITIONS;
 
@@ -153,17 +153,15 @@ fn a_dimension_far_off_is_named() {
         assert!(ran.says("T415"), "{}", ran.err);
     }
     let work = Work::simulated("--model linear_delta --random --poses 60");
-    state(
-        &work,
-        "[parameters]\nradius = { value = 0.24, tol = 1e-3 }\n",
-    );
+    work.state("[parameters]\nradius = { value = 0.24, tol = 1e-3 }\n");
     named(&work, "--model linear_delta", ["T415", ROBOT, "radius"]);
 }
 
 /// Machines with more drives than freedoms are fitted with poses unknown, and asked for the same mistakes.
 #[test]
 fn a_dimension_of_redundant_drives_is_named() {
-    let work = described(CABLES, "--measure poses --random --poses 60 --seed 5");
+    let work =
+        Work::described(CABLES).with_measured("--measure poses --random --poses 60 --seed 5");
     let wrong = CABLES.replacen("(-0.1, -0.05, 0) m", "(-0.13, -0.05, 0) m", 1);
     work.write("own.tau", wrong);
     named(&work, OWN, ["T415", ROBOT, "b.plate_joint.x"]);
@@ -184,7 +182,8 @@ pub(crate) const SLIDERS: &str = "robot Sliders {
 /// several explanations each differs from what is stated, and is said once.
 #[test]
 fn a_wrong_length_in_a_plane_is_no_height() {
-    let work = described(SLIDERS, "--measure poses --random --poses 60 --seed 3");
+    let work =
+        Work::described(SLIDERS).with_measured("--measure poses --random --poses 60 --seed 3");
     work.write(
         "own.tau",
         SLIDERS.replacen("length = 412 mm", "length = 432 mm", 1),
@@ -211,10 +210,9 @@ fn a_dimension_thirty_tolerances_off_is_absurd() {
     for (tolerances, status) in [(28.0, "inconsistent"), (32.0, "absurd")] {
         let work = Work::simulated(simulated);
         let value = number(&work.truth()["parameters"]["endstop_a"]) + tolerances * 1e-4;
-        state(
-            &work,
-            &format!("[parameters]\nendstop_a = {{ value = {value}, tol = 1e-4 }}\n"),
-        );
+        work.state(&format!(
+            "[parameters]\nendstop_a = {{ value = {value}, tol = 1e-4 }}\n"
+        ));
         let ran = work.run("calibrate MEASURED --variant Full --out DIR/out -q --json -");
         let fit = &ran.printed()["fit"];
         assert_eq!(fit["status"], status, "{}", fit["why"]);
@@ -244,10 +242,9 @@ pub(crate) fn drawing_is_no_exchange(seed: u32, (name, value, tolerance): (&str,
     let work = Work::simulated(&format!(
         "--model linear_delta --measure heights,distances --random --poses 40 --noise-position 1e-4 --seed {seed}"
     ));
-    state(
-        &work,
-        &format!("[parameters]\n{name} = {{ value = {value}, tol = {tolerance} }}\n"),
-    );
+    work.state(&format!(
+        "[parameters]\n{name} = {{ value = {value}, tol = {tolerance} }}\n"
+    ));
     let found = mistakes(
         &work.run("calibrate MEASURED --variant Full --split all --out DIR/out -q --json -"),
     );

@@ -3,7 +3,7 @@
 use serde_json::Value;
 use tau_testkit::{FIXTURES, Table, Work, effects, estimate, list, number, reasons};
 
-use crate::hangprinter::{MODEL, RUNS, assert_own_noise, json, noise};
+use crate::hangprinter::{MODEL, RUNS, assert_own_noise, noise};
 
 fn text(path: &str) -> String {
     std::fs::read_to_string(format!("{FIXTURES}/hangprinter/{path}")).unwrap()
@@ -46,10 +46,7 @@ fn exact(without: Option<&str>) -> Work {
 fn closures_are_met_as_well_as_they_can_be() {
     let fit = |work: &Work, more: &str| {
         let with = "--model DIR/wide.tau --split all --variant";
-        let found = json(
-            work,
-            &format!("calibrate MEASURED {with} {more} --out DIR/out"),
-        );
+        let found = work.json(&format!("calibrate MEASURED {with} {more} --out DIR/out"));
         let mut files = list(&found["fit"]["by_file"]).iter();
         let links = files.find(|own| own["file"] == "links").unwrap();
         (1e3 * number(&links["rms"]), found)
@@ -99,7 +96,7 @@ fn three_runs_side_by_side() {
         let line = format!(
             "calibrate FIXTURES/hangprinter/{run} {MODEL} --variant Full --split all --out DIR/out"
         );
-        let found = json(&work, &line);
+        let found = work.json(&line);
         assert_eq!(found["fit"]["status"], "consistent", "{run}");
         assert_own_noise(&found, run);
         if run == RUNS[2] {
@@ -127,7 +124,7 @@ fn three_runs_side_by_side() {
         let line = format!(
             "evaluate FIXTURES/hangprinter/{run} {MODEL} --variant Full --robot DIR/out/robot.toml"
         );
-        let found = json(&work, &line);
+        let found = work.json(&line);
         let is_own = run == RUNS[1];
         let status = if is_own { "consistent" } else { "inconsistent" };
         assert_eq!(found["fit"]["status"], status, "{run}: {}", found["fit"]);
@@ -172,7 +169,7 @@ fn what_the_page_says_was_found_is_found() {
     for (column, run) in RUNS.into_iter().enumerate() {
         let line =
             format!("discover FIXTURES/hangprinter/{run} {MODEL} --base Anchors --out DIR/out");
-        let found = json(&Work::empty(), &line);
+        let found = Work::empty().json(&line);
         assert_eq!(found["status"], "explained", "{run}");
         let mut told = vec![];
         for (name, unit, scale) in [

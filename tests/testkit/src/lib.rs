@@ -3,7 +3,8 @@
 //! | question | answer |
 //! | --- | --- |
 //! | a folder to work in, with `measured` made by the virtual robot | [`Work::simulated`] |
-//! | change a table or a robot file of it | [`Work::edit`], [`Table`], [`Work::replace`] |
+//! | one with a machine of one's own | [`Work::described`] |
+//! | change a table or a robot file of it | [`Work::edit`], [`Table`], [`Work::replace`], [`Work::state`] |
 //! | run a command line, and what it said | [`Work::run`], [`Ran`] |
 //! | a message that must come: its code, file and line | [`Ran::refused`], [`Ran::codes`] |
 //! | random numbers | [`Random`] |
@@ -26,7 +27,7 @@ mod work;
 pub use ran::{Problem, Ran, said, show};
 pub use table::Table;
 pub use tau_estimation::numerics::distribution::Random;
-pub use work::Work;
+pub use work::{OWN, Work};
 
 use serde_json::Value;
 

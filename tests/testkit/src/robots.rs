@@ -9,6 +9,15 @@ use tau::simulation::{Measure, Poses, Simulation, TrackPoints};
 
 use crate::{ROBOTS, Table};
 
+/// The variants of the Gantry-Tau in the paper.
+pub const GANTRY_VARIANTS: [&str; 5] = [
+    "Nominal",
+    "Piecewise",
+    "Full",
+    "FullPiecewise",
+    "BestPerLink",
+];
+
 /// The standard Gantry-Tau, with its generated code.
 pub fn gantry_tau() -> Robot {
     Robot::from(&tau_generated::gantry_tau::ROBOT)
@@ -76,6 +85,16 @@ pub fn named(name: &str) -> Robot {
 #[track_caller]
 pub fn described(description: &str) -> Robot {
     Robot::from_text(description).unwrap()
+}
+
+/// A description with more effects and variants.
+///
+/// # Panics
+/// It has no end.
+#[track_caller]
+pub fn extended(description: &str, lines: &str) -> String {
+    let body = description.trim_end().strip_suffix('}').unwrap();
+    format!("{body}{lines}\n}}\n")
 }
 
 /// A robot in `tests/robots` with the values of its description, the noise of a tracker, and more of the robot file.

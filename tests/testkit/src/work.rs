@@ -15,6 +15,9 @@ use crate::{FIXTURES, GANTRY, PROTOTYPE, ROBOTS, Ran, Table};
 #[derive(Debug)]
 pub struct Work(TempDir);
 
+/// The arguments that name the model of [`Work::described`].
+pub const OWN: &str = "--model DIR/own.tau";
+
 /// Files of a folder, each with its place in it.
 type Files = Arc<Vec<(PathBuf, Vec<u8>)>>;
 
@@ -79,6 +82,24 @@ impl Work {
         Self::of(files)
     }
 
+    /// A folder with a description, which [`OWN`] names.
+    pub fn described(description: &str) -> Self {
+        let work = Self::empty();
+        work.write("own.tau", description);
+        work
+    }
+
+    /// Adds the measurements that `tau simulate ARGUMENTS` writes of the machine that is described.
+    ///
+    /// # Panics
+    /// The simulation is refused.
+    #[track_caller]
+    pub fn with_measured(self, arguments: &str) -> Self {
+        self.run(&format!("simulate {OWN} {arguments} --out MEASURED -q"))
+            .done();
+        self
+    }
+
     fn of(files: &Files) -> Self {
         let work = Self::empty();
         for (place, bytes) in files.iter() {
@@ -126,31 +147,30 @@ impl Work {
         }
     }
 
+    /// What a command line prints for programs.
+    #[track_caller]
+    pub fn json(&self, line: &str) -> Value {
+        self.run(&format!("{line} --json -")).json()
+    }
+
     /// Calibrates the measurements with some arguments into `DIR/out`, and says what was found.
     #[track_caller]
     pub fn calibrated(&self, arguments: &str) -> Value {
-        self.run(&format!(
-            "calibrate MEASURED {arguments} --out DIR/out --json - -q"
-        ))
-        .json()
+        self.json(&format!("calibrate MEASURED {arguments} --out DIR/out -q"))
     }
 
     /// Judges the measurements, with some arguments, by the robot file that [`Self::calibrated`] wrote.
     #[track_caller]
     pub fn evaluated(&self, arguments: &str) -> Value {
-        self.run(&format!(
-            "evaluate MEASURED {arguments} --robot DIR/out/robot.toml --json - -q"
+        self.json(&format!(
+            "evaluate MEASURED {arguments} --robot DIR/out/robot.toml -q"
         ))
-        .json()
     }
 
     /// Searches the measurements, with some arguments, and writes what is found into `DIR/found`.
     #[track_caller]
     pub fn discovered(&self, arguments: &str) -> Value {
-        self.run(&format!(
-            "discover MEASURED {arguments} --out DIR/found --json - -q"
-        ))
-        .json()
+        self.json(&format!("discover MEASURED {arguments} --out DIR/found -q"))
     }
 
     /// The machine that a simulation measured.
@@ -185,6 +205,13 @@ impl Work {
         let text = self.read("measured/robot.toml");
         assert!(text.contains(old), "`{old}` in {text}");
         self.write("measured/robot.toml", text.replace(old, new));
+    }
+
+    /// Adds lines to the robot file of the measurements.
+    #[track_caller]
+    pub fn state(&self, lines: &str) {
+        let stated = self.read("measured/robot.toml");
+        self.write("measured/robot.toml", format!("{stated}\n{lines}\n"));
     }
 
     /// The text of a file of the folder.

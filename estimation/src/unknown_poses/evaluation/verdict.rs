@@ -123,7 +123,7 @@ impl HeldErrors {
         let farthest = self.kinds.iter().find_map(|own| {
             let rms_m = own.rms * own.kind.unit_m?;
             let is_far = rms_m > LARGEST_MISFIT * self.length_m && own.rms > own.expected_rms;
-            is_far.then_some(Reason::AnotherMachine(Some(own.kind.of.file()), rms_m))
+            is_far.then_some(Reason::AnotherMachine(own.kind.table(), rms_m))
         });
         if let Some(another) = farthest.filter(|_| verdict.status == Status::Inconsistent) {
             verdict.say(Status::Absurd, another);

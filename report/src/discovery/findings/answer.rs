@@ -67,19 +67,22 @@ pub(crate) fn unconfirmed(found: &Discovery) -> Option<Remark> {
     let (before, after) = (validation.before.mean_um, validation.after.mean_um);
     (!is_base(found) && validation.speaks_against()).then(|| {
         let text = format!(
-            "{} do not confirm what was found: {} {} from {} to {} µm in the mean.",
+            "{} do not confirm what was found: {} {} µm in the mean.",
             capital(validation.compared()),
             validation.of.subject(),
-            rises_or_falls(before, after),
-            general(before, 3),
-            general(after, 3)
+            goes([before, after].map(|um| general(um, 3)), after < before)
         );
         Remark::new(codes::UNCONFIRMED, text)
     })
 }
 
-fn rises_or_falls(before: f64, after: f64) -> &'static str {
-    if after < before { "falls" } else { "rises" }
+/// `falls from 12 to 11`; `stays at 12` where the digits that are shown do not change.
+fn goes([before, after]: [String; 2], is_less: bool) -> String {
+    if before == after {
+        return format!("stays at {after}");
+    }
+    let how = if is_less { "falls" } else { "rises" };
+    format!("{how} from {before} to {after}")
 }
 
 fn status(found: &Discovery) -> String {
@@ -205,16 +208,20 @@ pub(crate) fn gap(found: &Discovery) -> String {
             um(before.rms_um)
         )
     } else {
+        let goes = |before: f64, after: f64| goes([before, after].map(um), after < before);
+        let mean = goes(before.mean_um, after.mean_um);
+        // What goes the same way needs no other verb.
+        let verb = mean.split_inclusive(' ').next().unwrap_or_default();
+        let beside = |before: f64, after: f64| {
+            let own = goes(before, after);
+            own.strip_prefix(verb).unwrap_or(&own).to_owned()
+        };
         format!(
-            "{poses} {} {} from {} to {} µm in the mean, from {} to {} µm at most, and from {} to {} µm rms.",
+            "{poses} {} {} µm in the mean, {} µm at most, and {} µm rms.",
             found.validation.of.subject(),
-            rises_or_falls(before.mean_um, after.mean_um),
-            um(before.mean_um),
-            um(after.mean_um),
-            um(before.max_um),
-            um(after.max_um),
-            um(before.rms_um),
-            um(after.rms_um)
+            mean,
+            beside(before.max_um, after.max_um),
+            beside(before.rms_um, after.rms_um)
         )
     };
     let closed = (before.rms_um.powi(2) - after.rms_um.powi(2)) / found.ceiling_um.powi(2);
