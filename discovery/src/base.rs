@@ -7,7 +7,7 @@ use tau_estimation::joint::descent::not_converged;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::joint::unknown::{self, Start};
 use tau_estimation::joint::variant::{self, PosesOf};
-use tau_estimation::joint::{Component, Joint};
+use tau_estimation::joint::{CLOSURE_SHARE, Component, Joint};
 use tau_estimation::samples::Sample;
 use tau_estimation::samples::frames::Frames;
 use tau_estimation::samples::outliers;
@@ -56,8 +56,15 @@ pub(super) fn base_fit(
     };
     let mut of_set_1 = samples_in(&Frames::default());
     place_plates(&prepared.machine, &mut of_set_1);
-    let values = Fit::of_set_1(&prepared, &of_set_1, file.noise)?;
-    // Outliers are those of a calibration.
+    let alone = Joint::new(
+        prepared.machine.clone(),
+        &prepared.nominal,
+        &of_set_1,
+        file.noise,
+    )?;
+    let alone = alone.without_exact(CLOSURE_SHARE);
+    let (values, mut weights) = Fit::of_set_1(&alone, &of_set_1)?;
+    // A fit to all follows a misread pose of much leverage, which only one to the others tells: as in a calibration.
     let weighing = weigh(
         &prepared,
         &values,
@@ -65,8 +72,11 @@ pub(super) fn base_fit(
         file.noise,
         Treatment::default(),
     )?;
-    let kept = weighing.judged.iter();
-    let mut weights: Vec<f64> = kept.map(|&is_kept| f64::from(u8::from(is_kept))).collect();
+    for (weight, is_kept) in weights.iter_mut().zip(&weighing.judged) {
+        if !is_kept {
+            *weight = 0.0;
+        }
+    }
     let machine = prepared.machine.with_values(values.clone());
     let frames = Frames::of(&machine, folder);
     let setup = Setup::new(&machine.robot, &machine.variant, file, folder);

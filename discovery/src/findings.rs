@@ -266,7 +266,7 @@ fn left_out(fit: &Fit, set: &CandidateSet, robot: &Robot) -> Vec<LeftOut> {
 }
 
 /// Root of what the mean squared error exceeds that of the noise by (µm).
-fn removable_um(gap: Gap, floor: &floor::Floor) -> f64 {
+pub(super) fn removable_um(gap: Gap, floor: &floor::Floor) -> f64 {
     let excess = (gap.rms_um * 1e-6).powi(2) - floor.square_m2;
     excess.max(0.0).sqrt() * 1e6
 }

@@ -18,10 +18,9 @@ pub(super) struct Floor {
     pub(super) square_m2: f64,
 }
 
-/// What a fit would leave of its parameters if the noise were the stated one.
-pub(super) fn known(fit: &Fit, noise: Noise) -> Uncertainty {
+/// What a fit leaves of its parameters, by `B` of their covariance `B·Bᵀ`.
+pub(super) fn known(fit: &Fit, deviations: &DMatrix<f64>, noise: Noise) -> Uncertainty {
     let used = &fit.joint.used;
-    let deviations = fit.deviations_at_stated_noise();
     let factor: Vec<Vec<f64>> = (deviations.row_iter().take(used.len()))
         .map(|row| row.iter().copied().collect())
         .collect();
@@ -39,7 +38,7 @@ pub(super) fn floor(
     poses: &[usize],
     noise: Noise,
 ) -> Result<Floor, Error> {
-    let known = known(fit, noise);
+    let known = known(fit, &fit.deviations_at_stated_noise(), noise);
     let axes = (machine.pose_unknowns().iter())
         .take_while(|&&motion| motion < 3)
         .count();

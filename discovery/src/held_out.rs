@@ -91,15 +91,21 @@ pub(super) fn without_outliers(
         division,
         ..
     } = *input;
-    let mut poses = division.validation.clone();
     if input.unknown.is_some() {
-        return Ok((poses, vec![]));
+        return Ok((division.validation.clone(), vec![]));
     }
-    let known = floor::known(fit, file.noise);
+    let known = floor::known(fit, &fit.basis.b, file.noise);
     let found = outliers_of_validation(&machine(fit), &known, file, folder, division)?;
     let outliers: Vec<u32> = found.iter().map(|own| own.pose).collect();
-    poses.retain(|&pose| !outliers.contains(&folder.tcp_poses[pose].pose));
-    Ok((poses, outliers))
+    Ok((without(input, &outliers), outliers))
+}
+
+/// The same without outliers that are given by number.
+pub(super) fn without(input: &Input<'_>, outliers: &[u32]) -> Vec<usize> {
+    let all = input.division.validation.iter().copied();
+    let number = |pose: usize| input.folder.tcp_poses[pose].pose;
+    all.filter(|&pose| !outliers.contains(&number(pose)))
+        .collect()
 }
 
 /// Errors of a fit, outliers among them.
@@ -120,7 +126,7 @@ fn errors_of_rows(found: &unknown::HeldOut) -> Vec<PoseError> {
 }
 
 /// The error that noise alone leaves at poses: of many, at as many evenly spread ones as a search takes.
-fn floor(input: &Input<'_>, fit: &Fit, poses: &[usize]) -> Result<Floor, Error> {
+pub(super) fn floor(input: &Input<'_>, fit: &Fit, poses: &[usize]) -> Result<Floor, Error> {
     let taken = spread(poses.len(), count(input.options.constants.most_poses));
     let poses: Vec<usize> = taken.into_iter().map(|pose| poses[pose]).collect();
     let mut machine = machine(fit);

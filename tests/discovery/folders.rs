@@ -76,12 +76,8 @@ fn noise_stated_a_quarter_wrong_changes_no_verdict_and_is_reported() {
         // Noise that is stated too small is a misfit, too.
         let is_consistent = found["fit"]["status"] == "consistent";
         assert_eq!(is_consistent, factor > 1.0, "{name}");
-        let told = if is_consistent {
-            &stated_right["status"]
-        } else {
-            &Value::from("unresolved")
-        };
-        assert_eq!(found["status"], *told, "{name}");
+        let told = [&Value::from("unresolved"), &stated_right["status"]];
+        assert_eq!(found["status"], *told[usize::from(is_consistent)], "{name}");
         for noise in list(&found["noise"]) {
             // A hundred residuals and more: a standard deviation is known to 7 % and better.
             assert_alike(at(noise, "factor") * factor, 1.0, 0.15);
@@ -275,6 +271,5 @@ fn outliers_that_took_no_part_are_no_gap() {
     let said = &numbers(&found["outliers"]) | &numbers(&found["validation_outliers"]);
     assert_eq!(said, &numbers(&work.truth()["outliers"]) | &[5].into());
     // 16 µm of noise remain; with the two poses in it, the gap would be of 39 µm.
-    let remaining = at(&found, "remaining_um");
-    assert!(remaining < 12.0, "{remaining}");
+    assert!(at(&found, "remaining_um") < 12.0, "{found}");
 }

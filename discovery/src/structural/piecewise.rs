@@ -7,6 +7,7 @@
 
 use std::collections::BTreeMap;
 use tau_estimation::evaluation::evaluate;
+use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::distribution::chi2_survival;
 use tau_estimation::numerics::order::{largest_first, smallest_first};
 use tau_estimation::numerics::parallel;
@@ -15,7 +16,7 @@ use nalgebra::Vector3;
 
 use super::super::candidates::{self, Entry};
 use super::super::constants::count;
-use super::super::held_out::PoseError;
+use super::super::findings::removable_um;
 use super::super::linear_model::LinearModel;
 use super::super::p_value::PValue;
 use super::super::probes::TARGETS_OF_CART;
@@ -44,8 +45,7 @@ pub(in super::super) struct Found {
     score: f64,
     /// By which it compares with models of other bases.
     likelihood: ProfileLikelihood,
-    /// Errors of the base on what took no part.
-    errors_of_base: Vec<PoseError>,
+    base: Fit,
     /// Squares of the errors at the tool (µm²) on the poses that took part, by their numbers.
     errors_um2: BTreeMap<u32, f64>,
     /// Test of each straight track.
@@ -121,7 +121,7 @@ fn with_piecewise_tracks(
             continue;
         }
         let mut outcome = with_piecewise_tracks(&input_there, there, progress)?;
-        track.precede(input.base, found, &mut outcome.discovery);
+        track.precede(input, found, &mut outcome.discovery)?;
         return Ok(outcome);
     }
     let discovery = &mut found.outcome.discovery;
@@ -141,7 +141,7 @@ impl Found {
     /// # Errors
     /// A pose can't be predicted.
     pub(in super::super) fn new(
-        mut search: Search<'_>,
+        search: Search<'_>,
         tracks: Vec<TrackTest>,
         outcome: Outcome,
     ) -> Result<Self, Error> {
@@ -157,7 +157,7 @@ impl Found {
             .iter()
             .map(|error| (error.pose, error.length_um().powi(2)));
         Ok(Self {
-            errors_of_base: search.steps.swap_remove(0).errors,
+            base: search.base.fit,
             errors_um2: errors.collect(),
             outcome,
             score: search.score,
@@ -352,14 +352,22 @@ impl TrackTest {
     }
 
     /// Puts the step from the straight track to the piecewise one before what was found from there.
-    fn precede(&self, base: &str, straight: Found, found: &mut Discovery) {
-        let (errors, straight) = (straight.errors_of_base, straight.outcome.discovery);
+    fn precede(
+        &self,
+        input: &Input<'_>,
+        straight: Found,
+        found: &mut Discovery,
+    ) -> Result<(), Error> {
+        let errors = held_out::errors(input, &straight.base)?;
+        let kept = held_out::without(input, &found.validation_outliers);
+        let floor = held_out::floor(input, &straight.base, &kept)?;
         let before = found.validation.before;
         let considered = Considered {
             verdict: Verdict::WithoutName,
             ..self.considered()
         };
-        let gap = begin_at(found, base, considered, (straight.misfit, errors));
+        let misfit = straight.outcome.discovery.misfit;
+        let gap = begin_at(found, input.base, considered, (misfit, errors));
         found.piecewise_tracks.insert(
             0,
             PiecewiseTrack {
@@ -369,9 +377,10 @@ impl TrackTest {
                 heldout_drop_um: gap.mean_um - before.mean_um,
             },
         );
-        found.ceiling_um = straight.ceiling_um;
+        found.ceiling_um = removable_um(gap, &floor);
         found.status = found.status.with_unnamed();
         found.unnamed.splice(0..0, self.unnamed.iter().cloned());
+        Ok(())
     }
 }
 

@@ -35,9 +35,9 @@ const NEAR: End = End {
 /// Near enough for values to be stated, however slow the way: in curved valleys, steps that hardly lower χ² may
 /// add up to several standard deviations.
 const AT_MINIMUM: End = End { share: 0.0, ..NEAR };
-/// At the minimum but for a thousandth of a standard deviation.
+/// At the minimum but for a millionth of a standard deviation.
 const EXACT: End = End {
-    fall: 1e-6,
+    fall: 1e-12,
     ..AT_MINIMUM
 };
 /// A step that is expected to bring this fall moves by a third (√0.1) of a standard deviation.
@@ -138,11 +138,12 @@ impl Descent {
         let mut descent = self.converged()?;
         for _ in 0..ROBUST_ROUNDS {
             let deviations = (descent.joint).deviations(&descent.fitted, &descent.scales, samples);
-            let weights = outliers::weights(&deviations).into_iter();
-            let weights = weights.zip(&descent.weights);
-            let weights =
-                weights.map(|(weight, before)| weight * f64::from(u8::from(*before > 0.0)));
-            let weights = weights.collect();
+            let mut weights = outliers::weights(&deviations);
+            for (weight, before) in weights.iter_mut().zip(&descent.weights) {
+                if *before == 0.0 {
+                    *weight = 0.0;
+                }
+            }
             let scales = descent.scales;
             descent = descent.refactored(scales, weights)?.converged()?;
         }
@@ -205,7 +206,7 @@ impl Descent {
         self.descended(AT_MINIMUM)
     }
 
-    /// To the minimum but for a thousandth of a standard deviation; noise and weights stay.
+    /// To the minimum but for a millionth of a standard deviation; noise and weights stay.
     pub(crate) fn arrived(self) -> Result<Self, Error> {
         self.descended(EXACT)
     }

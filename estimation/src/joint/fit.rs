@@ -5,12 +5,13 @@ use tau_robot::robot_file::Noise;
 use tau_solver::Termination;
 
 use crate::calibration::error::{ended, not_finite, unsolved};
-use crate::calibration::{Error, Prepared, searched, widest};
+use crate::calibration::{Error, searched, widest};
 use crate::joint::descent::{Descent, not_converged};
-use crate::joint::{CLOSURE_SHARE, Component, Joint};
+use crate::joint::{Component, Joint};
 use crate::numerics::grouped::Grouped;
 use crate::numerics::projection::{Basis, Normal, without_noise_of};
 use crate::samples::Sample;
+use crate::samples::outliers;
 
 /// A variant at its minimum, linearised there.
 #[derive(Debug, Clone)]
@@ -34,15 +35,8 @@ pub struct Fit {
 }
 
 impl Fit {
-    /// Values that fit set 1 alone, from nominal ones.
-    pub fn of_set_1(
-        prepared: &Prepared,
-        samples: &[Sample],
-        noise: Noise,
-    ) -> Result<Vec<f64>, Error> {
-        let machine = prepared.machine.clone();
-        let joint = Joint::new(machine, &prepared.nominal, samples, noise)?;
-        let joint = &joint.without_exact(CLOSURE_SHARE);
+    /// Values that fit set 1 alone, from nominal ones, and weights that hold back its outliers.
+    pub fn of_set_1(joint: &Joint, samples: &[Sample]) -> Result<(Vec<f64>, Vec<f64>), Error> {
         let start = joint.fitted(&joint.machine.values);
         let factors = joint.factors(&[1.0; 4], &vec![1.0; samples.len()]);
         // A start: of up to a million residuals, this share of χ² is less than the fall at which a descent ends.
@@ -62,7 +56,12 @@ impl Fit {
         if solution.parameters.iter().any(|value| !value.is_finite()) {
             return Err(not_converged(joint, ended(solution.termination)));
         }
-        Ok(joint.values(&solution.parameters))
+        let residuals = joint.residuals(&solution.parameters, &factors);
+        let deviations = outliers::deviations(joint.sums(&residuals, samples.len()), samples);
+        Ok((
+            joint.values(&solution.parameters),
+            outliers::weights(&deviations),
+        ))
     }
 
     /// All sets, robustly, from values of the variant that fit set 1.

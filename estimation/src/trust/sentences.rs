@@ -216,7 +216,7 @@ fn sentence(reason: &Reason) -> String {
             general(*times, 3)
         ),
         Reason::Serial(own) => format!(
-            "Noise of poses that follow each other has a correlation of {}: standard deviations count with it.",
+            "Noise of poses that follow each other has a correlation of {}.",
             general(own.rho, 3)
         ),
         Reason::OneLeft => {
