@@ -1,10 +1,7 @@
 //! `tau discover`.
 
-use tau::discovery::{Discovery, Options, Outcome as Found};
+use tau::discovery::{Discovery, Options};
 use tau::input_error::InputError;
-use tau::kinematics::Layout;
-use tau::measurements::Split;
-use tau::robot_file::RobotFile;
 use tau::session::Record;
 use tau::{Session, study};
 use tau_codegen::CompiledRobot;
@@ -16,7 +13,6 @@ use super::arguments::Refit;
 use super::deliver::{Outcome, Target, check_results};
 use super::kept::Kept;
 use super::progress::Spinner;
-use super::stamp::stamp;
 use super::{Console, Failure, arguments, resolve};
 
 /// Name of the description that is written.
@@ -69,9 +65,13 @@ pub(super) fn run(
     let (code, stated) = rayon::join(
         || generated(compiled, discovery),
         || {
-            let (calibrated, layout) = state(&session, &found, arguments.refit)?;
+            let calibrated = match arguments.refit {
+                Refit::Calibration => session.state_found(&found),
+                Refit::All => session.refit_found(&found),
+            }?;
             let unknown = found.unknown.as_ref();
             let placed = unknown.map_or(folder, |unknown| &unknown.folder);
+            let layout = study::layout(&calibrated, placed);
             let counts = unknown.map(|unknown| unknown.counts).or(known);
             let setting = report::Setting {
                 poses: counts.map_or_else(|| session.poses().map(|poses| poses.counts), Ok)?,
@@ -87,7 +87,7 @@ pub(super) fn run(
                 rows: unknown.map(|unknown| unknown.rows.clone()),
                 record: Record {
                     arguments: arguments.input.words(),
-                    ..session.record(&stamp())
+                    ..session.record()
                 },
             };
             let page = report::html::discovery_page(discovery, &setting, &robot.name, &folder.name);
@@ -100,7 +100,7 @@ pub(super) fn run(
     let contents = [
         discovery.model_text.clone(),
         code,
-        calibrated.to_toml(),
+        calibrated.file.to_toml(),
         page,
     ];
     let paths = FILES.into_iter().map(|name| out.join(name));
@@ -119,43 +119,6 @@ pub(super) fn run(
         ..Outcome::default()
     };
     Ok(outcome.writing(paths.zip(contents).collect()))
-}
-
-/// The robot file of what was found, fitted to the poses that are asked for, and the machine that it describes.
-fn state(
-    session: &Session,
-    found: &Found,
-    refit: Refit,
-) -> Result<(RobotFile, Option<Layout>), Failure> {
-    if let Some(unknown) = &found.unknown {
-        let session = match refit {
-            Refit::Calibration => session.clone(),
-            Refit::All => session.clone().split(Split::All),
-        };
-        let Some(calibrated) = &unknown.fitted else {
-            let (file, calibrated) = session.file_of_search(found, &stamp())?;
-            return Ok((file, study::layout(&calibrated, &unknown.folder)));
-        };
-        let fitted = match refit {
-            Refit::Calibration => calibrated.clone(),
-            Refit::All => session.refitted_of_unknown_poses(found)?,
-        };
-        let file = session.file_of_unknown_poses(&fitted, &stamp());
-        let layout = study::layout(&fitted.calibration, &unknown.folder);
-        return Ok((file, layout));
-    }
-    let refitted;
-    let (found, session) = match refit {
-        Refit::Calibration => (found, session.clone()),
-        Refit::All => {
-            refitted = found.refitted_to_all(session.robot_file(), session.folder())?;
-            (&refitted, session.clone().split(Split::All))
-        }
-    };
-    let calibrated = session.state_found(found)?;
-    // Its covariance holds the noise that was found already.
-    let file = session.calibrated_file(&calibrated, &found.poses, 1.0, &stamp());
-    Ok((file, study::layout(&calibrated, session.folder())))
 }
 
 /// Name of the variant to start from.

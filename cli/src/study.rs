@@ -11,7 +11,6 @@ use tau_robot::input_error::both;
 use super::deliver::{Outcome, Target, check_folder, removed, written};
 use super::kept::Kept;
 use super::progress::{Bar, Spinner};
-use super::stamp::stamp;
 use super::{Console, Failure, arguments, resolve, trust};
 
 pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result<Outcome, Failure> {
@@ -42,7 +41,7 @@ pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result
 
     let record = Record {
         arguments: arguments.input.words(),
-        ..session.record(&stamp())
+        ..session.record()
     };
     let files = report::study_files(out, &results, &record);
     let mut paths = written(&files);

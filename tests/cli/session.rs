@@ -4,7 +4,7 @@ use std::fmt::Debug;
 
 use tau::measurements::{Folder, Split};
 use tau::robot_file::RobotFile;
-use tau::{Error, Files, InputError, Robot, Session};
+use tau::{Calibrated, Error, Files, InputError, Robot, Session};
 use tau_codes::{Code, fit};
 use tau_generated::gantry_tau::GantryTau;
 use tau_generated::hexapod::Hexapod;
@@ -138,6 +138,35 @@ fn measurements_in_memory_are_looked_at() {
     show("T355", &[short.1, endless.1].join("\n"));
 }
 
+/// The file of a calibration is the one that the command writes, and the record in it is of this calibration, also where the
+/// file that it started from has one.
+#[test]
+fn files_of_a_session_are_those_of_the_command() {
+    let work = Work::prototype();
+    let session = Session::<GantryTau>::open(work.measured()).unwrap();
+    let options = session.options();
+    let with_errors =
+        session.calibrate_with_errors_in_variables(GantryTau::BEST_PER_LINK, &options);
+    let written = |more: &str, found: Calibrated<GantryTau>| {
+        work.run(&format!("calibrate MEASURED --out DIR/out {more}"))
+            .done();
+        assert_eq!(work.read("out/robot.toml"), found.file.to_toml(), "{more}");
+        let record = found.file.calibration.clone().unwrap();
+        let verdict = found.verdict().unwrap();
+        assert_eq!(record.widening.to_bits(), verdict.widening().to_bits());
+        (record.variant, record.split)
+    };
+    let best = "--variant BestPerLink --errors-in-variables";
+    written(best, with_errors.unwrap());
+    written("--variant Full", session.calibrate(GantryTau::FULL).unwrap());
+    let again = Files::from(&work.measured()).robot_file(work.path().join("out/robot.toml"));
+    let again = Session::<GantryTau>::open(again).unwrap();
+    let again = again.split(Split::First(60)).calibrate("Nominal").unwrap();
+    let line = "--robot DIR/out/robot.toml --split first:60 --variant Nominal";
+    let record = written(line, again);
+    assert_eq!(record, ("Nominal".to_owned(), Split::First(60)));
+}
+
 /// Noise of the drives is in a calibration, whichever way it is asked for.
 #[test]
 fn drives_with_noise_calibrate_with_it() {
@@ -145,11 +174,12 @@ fn drives_with_noise_calibrate_with_it() {
     let session = Session::<Hexapod>::open(work.measured()).unwrap();
     let found = session.calibrate(Hexapod::FULL).unwrap();
     let told = work.calibrated("--model hexapod --variant Full");
+    assert_eq!(work.read("out/robot.toml"), found.file.to_toml());
     for own in &found.parameters {
         let sigma = number(&estimate(&told, &own.name)["sigma"]);
         assert!((sigma / own.sigma - 1.0).abs() < 1e-12, "{}", own.name);
     }
     refused(fit::NEEDS_MEASURED_POSES, session.verdict(&found));
-    let answer = session.calibrate_with_errors_in_variables(Hexapod::FULL);
+    let answer = session.calibrate_with_errors_in_variables(Hexapod::FULL, &session.options());
     refused(fit::NEEDS_MEASURED_POSES, answer);
 }

@@ -213,7 +213,8 @@ pub(crate) fn reference(machine: &Machine, poses: &[Sample<'_>]) -> Option<Refer
 }
 
 /// The file with calibrated values; a parameter without prior gets a tolerance that says nothing when
-/// the file is calibrated again. What the variant does not have stays as it was.
+/// the file is calibrated again. What the variant does not have stays as it was; the record of an earlier calibration,
+/// which gave other values, goes.
 pub(super) fn file(
     machine: &Machine,
     estimates: &[ParameterEstimate],
@@ -221,7 +222,10 @@ pub(super) fn file(
     nominal: &RobotFile,
     registration: Option<&Registration>,
 ) -> RobotFile {
-    let mut file = nominal.clone();
+    let mut file = RobotFile {
+        calibration: None,
+        ..nominal.clone()
+    };
     let robot = &machine.robot;
     // Without its folder the file would not say what its polynomials scale to.
     if !machine.variant.reads_travel().is_empty() {
