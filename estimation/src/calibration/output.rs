@@ -77,7 +77,38 @@ pub struct ParameterEstimate {
     pub sigma: f64,
 }
 
+/// What a calibrated value is known by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Source {
+    /// By the data: they leave less than half of its tolerance.
+    Data,
+    /// By its tolerance.
+    Tolerance,
+    /// It was held.
+    Fixed,
+}
+
+impl Source {
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Data => "data",
+            Self::Tolerance => "tolerance",
+            Self::Fixed => "fixed",
+        }
+    }
+}
+
 impl ParameterEstimate {
+    /// What its value is known by.
+    pub fn source(&self) -> Source {
+        match self.tolerance {
+            _ if self.sigma == 0.0 => Source::Fixed,
+            Some(tolerance) if self.sigma >= tolerance / 2.0 => Source::Tolerance,
+            _ => Source::Data,
+        }
+    }
+
     /// Its standard deviation at noise so many times the stated one: no more than its prior's, which noise does not widen.
     pub fn sigma_widened(&self, widening: f64) -> f64 {
         widened(

@@ -14,7 +14,7 @@ use tau_solver::Problem;
 
 use crate::calibration::error::unsolved;
 use crate::calibration::{
-    Combination, Error, Prepared, check_poses, combinations, factor_with_shared_noise, is_along_z,
+    Combination, Error, Prepared, check_places, check_poses, combinations, factor_with_shared_noise,
 };
 use crate::numerics::spread::spread;
 use crate::problem::{self, Closures, Residuals};
@@ -411,9 +411,6 @@ fn determine(checked: &mut Checked, setup: Setup<'_>, poses: &[usize]) -> Result
         .sum();
     checked.rows = of_pose * poses.len();
     checked.parameters = used.len();
-    let is_in_plane = robot.plate.is_in_plane();
-    let free = (used.iter()).filter(|&&index| !(is_in_plane && is_along_z(variant, index)));
-    let free = free.count();
     let failed = |error: tau_solver::Error| Error::NotConverged {
         variant: variant.name.clone(),
         why: unsolved(&error),
@@ -426,24 +423,17 @@ fn determine(checked: &mut Checked, setup: Setup<'_>, poses: &[usize]) -> Result
     let open = found.undetermined.iter().find(|combination| {
         combination.data_over_prior.is_infinite() && !combination.terms.iter().any(has_prior)
     });
-    checked.why_not = if checked.rows <= free {
+    check_places(setup, poses, true)?;
+    checked.why_not = open.map(|open| {
+        let names: Vec<String> = open.terms.iter().take(4).map(|term| name(term.0)).collect();
         let text = format!(
-            "{} residuals for {free} free parameters: the fit would repeat its input",
-            checked.rows
+            "nothing determines {}, and there are no tolerances for them",
+            names.join(", ")
         );
-        Some(Remark::new(fit::FITS_ANYTHING, text))
-    } else {
-        open.map(|open| {
-            let names: Vec<String> = open.terms.iter().take(4).map(|term| name(term.0)).collect();
-            let text = format!(
-                "nothing determines {}, and there are no tolerances for them",
-                names.join(", ")
-            );
-            Remark::new(fit::UNDETERMINED, text)
-        })
-    };
+        Remark::new(fit::UNDETERMINED, text)
+    });
     if checked.why_not.is_none() {
-        check_poses(setup, poses)?;
+        check_poses(setup, poses, true)?;
         let even = vec![counted; samples.len()];
         let scales = &prepared.track_scales;
         let known = factor_with_shared_noise(&inverse, &residuals, file.noise, scales, &at, &even);

@@ -13,6 +13,7 @@ mod unknown_poses;
 use std::fmt;
 use std::marker::PhantomData;
 
+use std::sync::OnceLock;
 use tau_codes::{Remark, fit};
 use tau_estimation::Setup;
 use tau_estimation::calibration::{self, Error, Prepared};
@@ -25,6 +26,7 @@ use tau_estimation::unknown_poses::{UnknownPoses, errors_in_variables};
 use tau_estimation::weighing::Treatment;
 use tau_kinematics::Machine;
 use tau_robot::measurements::{Folder, Poses, Shape, Split};
+use tau_robot::input_error::both;
 use tau_robot::robot::{self, ResidualKind, Variant};
 use tau_robot::robot_file::{Provenance, RobotFile};
 use tau_robot::{InputError, Robot};
@@ -77,6 +79,8 @@ pub struct Session<R = Described> {
     inputs: Vec<Input>,
     declared: PhantomData<fn() -> R>,
 }
+    /// Set once values in memory are known to be such as a file may hold.
+    is_sound: OnceLock<()>,
 
 impl<R: DeclaredRobot> Session<R> {
     /// Reads a measurement folder and the `robot.toml` in it, or what else [`Files`] name. Every second pose
@@ -128,6 +132,7 @@ impl<R> Session<R> {
             inputs: vec![],
             declared: PhantomData,
         }
+            is_sound: OnceLock::new(),
     }
 
     /// Divides the poses otherwise into those that calibrate and those that validate.
@@ -175,40 +180,12 @@ impl<R> Session<R> {
         Poses::select(&self.robot, &self.robot_file, &self.folder, self.split)
     }
 
-    /// Refuses poses in memory that no file could hold.
+    /// Refuses measurements and values in memory that no file could hold; those of files were looked at as they were read.
     fn sound(&self) -> Result<(), InputError> {
-        let (commands, noise) = (self.robot.commands, self.robot_file.noise);
-        let refused = |what: String| {
-            Err(InputError::whole(
-                fit::BAD_OBSERVATION,
-                &self.folder.name,
-                what,
-            ))
-        };
-        for pose in &self.folder.tcp_poses {
-            let (number, found) = (pose.pose, pose.commands_m.len());
-            if found != commands {
-                return refused(format!(
-                    "pose {number} has {found} commands, expected {commands}"
-                ));
-            }
-            let numbers = pose.position_m.iter().chain(&pose.angles_rad);
-            if !numbers
-                .chain(&pose.commands_m)
-                .all(|number| number.is_finite())
-            {
-                return refused(format!("pose {number} has a number that is not finite"));
-            }
-        }
-        if [noise.position_m, noise.rotation_rad]
-            .iter()
-            .any(|&sigma| sigma < 0.0)
-        {
-            return Err(InputError::whole(
-                tau_codes::files::OUT_OF_BOUNDS,
-                &self.robot_file.source,
-                "found a negative noise",
-            ));
+        if self.inputs.is_empty() && self.is_sound.get().is_none() {
+            let (robot, file, folder) = (&self.robot, &self.robot_file, &self.folder);
+            both(file.check(robot), folder.check(robot.commands))?;
+            self.is_sound.get_or_init(|| ());
         }
         Ok(())
     }
@@ -471,6 +448,7 @@ impl<R> Clone for Session<R> {
             inputs: self.inputs.clone(),
             ..*self
         }
+            is_sound: self.is_sound.clone(),
     }
 }
 

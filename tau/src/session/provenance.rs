@@ -55,7 +55,8 @@ impl<R> Session<R> {
         let placed: Vec<&TcpPose> = (poses.iter())
             .filter_map(|&pose| folder.tcp_poses.get(pose))
             .collect();
-        let range = |of: &dyn Fn(&TcpPose) -> f64| extent(placed.iter().map(|pose| of(pose))).into();
+        let range =
+            |of: &dyn Fn(&TcpPose) -> f64| extent(placed.iter().map(|pose| of(pose))).into();
         let Stamp { program, date } = Stamp::today();
         Provenance {
             program,
@@ -90,7 +91,12 @@ impl<R> Session<R> {
             length_noise: estimated.next().map(|kind| kind.sigma),
             commands_m: found.commands_m.clone(),
             position_m: found.position_m.clone(),
-            ..self.provenance(&found.calibration, folder, division, found.verdict().widening())
+            ..self.provenance(
+                &found.calibration,
+                folder,
+                division,
+                found.verdict().widening(),
+            )
         }
     }
 
@@ -314,11 +320,7 @@ impl<R> Session<R> {
 
 /// Largest standard deviation of the position (m) at poses of a folder, given by index, of the machine without effects of
 /// the tracker, as kinematics predicts it; `None` where nothing is uncertain, or a pose can't be predicted.
-fn largest_sigma_m(
-    calibration: &Calibration,
-    folder: &Folder,
-    poses: &[usize],
-) -> Option<f64> {
+fn largest_sigma_m(calibration: &Calibration, folder: &Folder, poses: &[usize]) -> Option<f64> {
     let Machine { robot, variant, .. } = &calibration.machine;
     let (own, left_out) = robot.of_machine_alone(variant).ok()?;
     let alone;

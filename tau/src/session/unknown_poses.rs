@@ -3,9 +3,7 @@
 use tau_codes::fit;
 use tau_estimation::calibration::{Error, Options};
 use tau_estimation::trust::Status;
-use tau_estimation::unknown_poses::{
-    self, HeldErrors, JudgedRows, RowDivision, UnknownPoses,
-};
+use tau_estimation::unknown_poses::{self, HeldErrors, JudgedRows, RowDivision, UnknownPoses};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Division, PlateKind};
 use tau_robot::robot_file::StatedNoise;
