@@ -251,15 +251,19 @@ impl<'a> Setup<'a> {
             None if !by_position => {
                 return self.machine.inverse_position(row.position_m, &options);
             }
-            // A driven length is the distance of its joints, however the arm is assembled.
-            Some(pose) if !by_position && !is_partial && self.machine.robot.tracks.is_empty() => {
-                return self.machine.inverse(pose, &options);
-            }
             asked => asked,
         };
         let from = match before {
             Some(before) => before.clone(),
-            None => self.known(row)?,
+            None => match (self.known(row), asked) {
+                // Nothing tells how the arm is assembled; a driven length is the distance of its joints, however it is.
+                (Err(kinematics::Error::NoReference), Some(pose))
+                    if !by_position && !is_partial && self.machine.robot.tracks.is_empty() =>
+                {
+                    return self.machine.inverse(pose, &options);
+                }
+                (known, _) => known?,
+            },
         };
         let to = match asked {
             Some(pose) if !by_position => pose,
