@@ -1,26 +1,19 @@
 //! `tau calibrate`.
 
-use tau::calibration::{Calibration, Options};
+use tau::calibration::Options;
 use tau::evaluation::NotPredicted;
+use tau::session::CALIBRATION_FILES;
+use tau::study;
 use tau::trust::Status;
-use tau::{Calibrated, study};
-use tau_codes::Remark;
 use tau_report as report;
 use tau_robot::input_error::both;
-use tau_robot::number::shortest;
 
-use super::deliver::{Outcome, Target, check_results, csv, named};
+use super::deliver::{Outcome, Target, check_results, named};
 use super::kept::Kept;
 use super::{Console, Failure, arguments, resolve, trust};
 
-/// Files of the output folder.
-const FILES: [&str; 5] = [
-    "robot.toml",
-    "parameters.csv",
-    "covariance.csv",
-    "undetermined.csv",
-    "statistics.json",
-];
+/// File of the output folder, beside those of a calibration, that holds what programs get.
+const STATISTICS: &str = "statistics.json";
 
 pub(super) fn run(
     arguments: &arguments::Calibrate,
@@ -30,7 +23,7 @@ pub(super) fn run(
     let kept = Kept::from(&arguments.input);
     let outputs = both(
         Target::resolve(&arguments.json, &kept),
-        (kept.check_all(out, FILES)).and_then(|()| check_results(out)),
+        (kept.check_all(out, names())).and_then(|()| check_results(out)),
     );
     let (session, (target, ())) = both(
         resolve::with_variant(&arguments.input, &arguments.variant),
@@ -59,12 +52,12 @@ pub(super) fn run(
     } else {
         let result = match study::result_of(&session, &found) {
             // A machine that can't be predicted has its reason.
-            Err(_) if verdict.status == Status::Absurd && !arguments.force.force => {
+            Err(_) if verdict.status == Status::Absurd && !arguments.judgement.force => {
                 let outcome = Outcome {
                     json: trust::of_verdict(&session, variant, &verdict, target.as_ref()),
                     ..Outcome::default()
                 };
-                return Ok(outcome.judged(&verdict, false));
+                return Ok(outcome.judged(&verdict, &arguments.judgement));
             }
             result => result?,
         };
@@ -83,104 +76,20 @@ pub(super) fn run(
     };
     let mut statistics = named(statistics, &session, variant);
     report::json::remarks(&mut statistics, &remarks);
-    let (tables, document) = rayon::join(|| tables(&found), || report::json::document(statistics));
-    let told = (summary, remarks, document);
-    Ok(outcome(told, tables?, target, arguments).judged(&verdict, arguments.force.force))
-}
-
-/// The outcome with [`FILES`], the last of which programs get; told are its summary, its remarks and that document.
-fn outcome(
-    (summary, remarks, document): (String, Vec<Remark>, String),
-    [file, parameters, covariance, undetermined]: [String; 4],
-    target: Option<Target>,
-    arguments: &arguments::Calibrate,
-) -> Outcome {
+    let (tables, document) = rayon::join(|| found.files(), || report::json::document(statistics));
     let json = target.map(|target| (document.clone(), target));
-    let contents = [file, parameters, covariance, undetermined, document];
-    let paths = FILES.into_iter().map(|name| arguments.out.join(name));
+    let paths = names().map(|name| out.join(name));
     let outcome = Outcome {
         summary,
         remarks,
         json,
         ..Outcome::default()
     };
-    outcome.writing(paths.zip(contents).collect())
+    let outcome = outcome.writing(paths.zip(tables.into_iter().chain([document])).collect());
+    Ok(outcome.judged(&verdict, &arguments.judgement))
 }
 
-/// All of [`FILES`] but the last.
-fn tables(found: &Calibrated) -> Result<[String; 4], Failure> {
-    Ok([
-        found.file.to_toml(),
-        parameters(found, found.widening())?,
-        covariance(found)?,
-        undetermined(found)?,
-    ])
-}
-
-/// Standard deviations as stated noise makes them, and widened by the misfit.
-fn parameters(found: &Calibration, widening: f64) -> Result<String, Failure> {
-    let header = [
-        "parameter",
-        "unit",
-        "nominal",
-        "tolerance",
-        "value",
-        "sigma",
-        "sigma_widened",
-    ];
-    let rows = found.parameters.iter().map(|parameter| {
-        vec![
-            parameter.name.clone(),
-            parameter.unit.clone(),
-            shortest(parameter.nominal),
-            parameter.tolerance.map_or_else(String::new, shortest),
-            shortest(parameter.value),
-            shortest(parameter.sigma),
-            shortest(parameter.sigma_widened(widening)),
-        ]
-    });
-    csv(header.map(String::from).into(), rows)
-}
-
-fn covariance(found: &Calibration) -> Result<String, Failure> {
-    let names = || {
-        found
-            .parameters
-            .iter()
-            .map(|parameter| parameter.name.clone())
-    };
-    let header = std::iter::once("parameter".to_owned()).chain(names());
-    // Shortest digits take long to find, and the matrix is symmetric.
-    let mut entries: Vec<Vec<String>> = vec![];
-    for (i, row) in found.covariance.iter().enumerate() {
-        let known = entries.iter().map(|row| row[i].clone());
-        let row = known
-            .chain(row[i..].iter().copied().map(shortest))
-            .collect();
-        entries.push(row);
-    }
-    let rows = names().zip(entries).map(|(name, mut row)| {
-        row.insert(0, name);
-        row
-    });
-    csv(header.collect(), rows)
-}
-
-fn undetermined(found: &Calibration) -> Result<String, Failure> {
-    let header = ["combination", "data_over_prior", "parameter", "share"];
-    let rows = found
-        .undetermined
-        .iter()
-        .enumerate()
-        .flat_map(|(index, combination)| {
-            combination.terms.iter().map(move |(parameter, share)| {
-                vec![
-                    (index + 1).to_string(),
-                    shortest(combination.data_over_prior),
-                    parameter.clone(),
-                    shortest(*share),
-                ]
-            })
-        });
-    csv(header.map(String::from).into(), rows)
+/// Names of all files of the output folder.
+fn names() -> impl Iterator<Item = &'static str> {
+    CALIBRATION_FILES.into_iter().chain([STATISTICS])
 }

@@ -2,7 +2,8 @@
 
 use tau::discovery::{Discovery, Options};
 use tau::input_error::InputError;
-use tau::session::Record;
+use tau::session::{CALIBRATION_FILES, Record};
+use tau::trust::Status;
 use tau::{Session, study};
 use tau_codegen::CompiledRobot;
 use tau_codegen::emit;
@@ -18,7 +19,7 @@ use super::{Console, Failure, arguments, resolve};
 /// Name of the description that is written.
 const DESCRIPTION: &str = "discovered.tau";
 /// Files of the output folder.
-const FILES: [&str; 4] = [DESCRIPTION, "discovered.rs", "robot.toml", "report.html"];
+const FILES: [&str; 3] = [DESCRIPTION, "discovered.rs", "report.html"];
 
 pub(super) fn run(
     arguments: &arguments::Discover,
@@ -29,7 +30,7 @@ pub(super) fn run(
     let kept = Kept::of(arguments.input.folder.as_ref(), named);
     let outputs = both(
         Target::resolve(&arguments.json, &kept),
-        (kept.check_all(out, FILES)).and_then(|()| check_results(out)),
+        (kept.check_all(out, names())).and_then(|()| check_results(out)),
     );
     let (session, (target, ())) = both(resolve::of_search(&arguments.input), outputs)?;
     let (base, catalogues) = both(
@@ -97,13 +98,9 @@ pub(super) fn run(
     let (calibrated, page) = stated?;
     drop(spinner);
 
-    let contents = [
-        discovery.model_text.clone(),
-        code,
-        calibrated.file.to_toml(),
-        page,
-    ];
-    let paths = FILES.into_iter().map(|name| out.join(name));
+    let contents = [discovery.model_text.clone(), code, page].into_iter();
+    let contents = contents.chain(calibrated.files());
+    let paths = names().map(|name| out.join(name));
     let summary = format!("{}, {}\n\n", robot.name, folder.name)
         + &report::terminal::discovery(discovery, console.width);
     let outcome = Outcome {
@@ -118,7 +115,15 @@ pub(super) fn run(
         }),
         ..Outcome::default()
     };
-    Ok(outcome.writing(paths.zip(contents).collect()))
+    let verdict = discovery.fit.as_ref();
+    let is_consistent = verdict.is_some_and(|verdict| verdict.status == Status::Consistent);
+    let outcome = outcome.writing(paths.zip(contents).collect());
+    Ok(outcome.strictly(&arguments.strict, is_consistent))
+}
+
+/// Names of all files of the output folder.
+fn names() -> impl Iterator<Item = &'static str> {
+    FILES.into_iter().chain(CALIBRATION_FILES)
 }
 
 /// Name of the variant to start from.

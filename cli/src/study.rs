@@ -33,7 +33,7 @@ pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result
     drop(bar);
     let verdict = results.fit().map(|(_, verdict)| verdict.clone());
     let is_absurd = (verdict.as_ref()).is_some_and(|verdict| verdict.status == Status::Absurd);
-    let is_refused = is_absurd && !arguments.force.force;
+    let is_refused = is_absurd && !arguments.judgement.force;
     if !arguments.no_discover && !is_refused {
         let spinner = Spinner::new(console);
         study::search(&mut results, &session, &mut |doing| spinner.show(doing));
@@ -57,7 +57,7 @@ pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result
         ..Outcome::default()
     };
     Ok(match verdict {
-        Some(verdict) => outcome.judged(&verdict, arguments.force.force),
+        Some(verdict) => outcome.judged(&verdict, &arguments.judgement),
         None => outcome,
     })
 }

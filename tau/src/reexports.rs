@@ -12,7 +12,8 @@ pub use calibration::Error;
 pub mod calibration {
     pub use tau_estimation::calibration::{
         Calibration, Combination, Error, Line, LinkResult, LinkSigma, Nominal, NominalTrack,
-        Options, ParameterEstimate, Prepared, Registration, Stated, calibrate, machine_from_file,
+        Options, ParameterEstimate, Prepared, Registration, Source, Stated, calibrate,
+        machine_from_file,
     };
 }
 

@@ -7,13 +7,14 @@ mod files;
 mod key;
 mod provenance;
 mod stamp;
+mod tables;
 mod trust;
 mod unknown_poses;
 
 use std::fmt;
 use std::marker::PhantomData;
-
 use std::sync::OnceLock;
+
 use tau_codes::{Remark, fit};
 use tau_estimation::Setup;
 use tau_estimation::calibration::{self, Error, Prepared};
@@ -25,8 +26,8 @@ use tau_estimation::uncertainty::Uncertainty;
 use tau_estimation::unknown_poses::{UnknownPoses, errors_in_variables};
 use tau_estimation::weighing::Treatment;
 use tau_kinematics::Machine;
-use tau_robot::measurements::{Folder, Poses, Shape, Split};
 use tau_robot::input_error::both;
+use tau_robot::measurements::{Folder, Poses, Shape, Split};
 use tau_robot::robot::{self, ResidualKind, Variant};
 use tau_robot::robot_file::{Provenance, RobotFile};
 use tau_robot::{InputError, Robot};
@@ -40,6 +41,7 @@ pub use files::{Files, Input};
 pub use key::{ParameterKey, VariantKey};
 pub use provenance::{Basis, Record};
 pub use stamp::Stamp;
+pub use tables::{CALIBRATION_FILES, csv};
 
 /// Stands in for a declared robot where the description is compiled at run time, so that variants and parameters
 /// go by name: see [`Session::open_with_robot`].
@@ -77,10 +79,10 @@ pub struct Session<R = Described> {
     split: Split,
     treatment: Treatment,
     inputs: Vec<Input>,
-    declared: PhantomData<fn() -> R>,
-}
     /// Set once values in memory are known to be such as a file may hold.
     is_sound: OnceLock<()>,
+    declared: PhantomData<fn() -> R>,
+}
 
 impl<R: DeclaredRobot> Session<R> {
     /// Reads a measurement folder and the `robot.toml` in it, or what else [`Files`] name. Every second pose
@@ -130,9 +132,9 @@ impl<R> Session<R> {
             split: Split::default(),
             treatment: Treatment::default(),
             inputs: vec![],
+            is_sound: OnceLock::new(),
             declared: PhantomData,
         }
-            is_sound: OnceLock::new(),
     }
 
     /// Divides the poses otherwise into those that calibrate and those that validate.
@@ -446,9 +448,9 @@ impl<R> Clone for Session<R> {
             robot_file: self.robot_file.clone(),
             folder: self.folder.clone(),
             inputs: self.inputs.clone(),
+            is_sound: self.is_sound.clone(),
             ..*self
         }
-            is_sound: self.is_sound.clone(),
     }
 }
 
