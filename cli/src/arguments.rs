@@ -16,7 +16,7 @@ pub(super) use firmware::{Export, Firmware, Import};
 pub(super) use generate::{Generate, Language};
 pub(super) use init::Init;
 pub(super) use kinematics::{Forward, Inverse, Kinematic, Kinematics};
-pub(super) use trust::{Check, Force, KeepOutliers, Loss, Outliers};
+pub(super) use trust::{Check, Judgement, KeepOutliers, Loss, Outliers, Strict};
 
 /// Calibrates parallel robots from a declarative description.
 #[derive(Debug, Parser)]
@@ -102,7 +102,7 @@ pub(super) struct Study {
     #[command(flatten)]
     pub(super) outliers: Outliers,
     #[command(flatten)]
-    pub(super) force: Force,
+    pub(super) judgement: Judgement,
     #[command(flatten)]
     pub(super) json: Json,
 }
@@ -123,7 +123,7 @@ impl Study {
 /// alone, all of them are fitted at once, the true pose of each being unknown. Writes into a folder:
 ///
 ///   robot.toml        calibrated values, to be used with --robot
-///   parameters.csv    nominal value, tolerance, calibrated value and sigma of each parameter
+///   parameters.csv    nominal and calibrated value, tolerance, sigma and origin of each parameter
 ///   covariance.csv    covariance of the parameters, in products of their SI units
 ///   undetermined.csv  combinations that tolerances determine better than the data
 ///   statistics.json   the same as --json
@@ -155,7 +155,7 @@ pub(super) struct Calibrate {
     #[arg(long, value_name = "DIR", default_value = "tau-calibration")]
     pub(super) out: PathBuf,
     #[command(flatten)]
-    pub(super) force: Force,
+    pub(super) judgement: Judgement,
     #[command(flatten)]
     pub(super) json: Json,
 }
@@ -180,7 +180,7 @@ pub(super) struct Evaluate {
     #[command(flatten)]
     pub(super) outliers: KeepOutliers,
     #[command(flatten)]
-    pub(super) force: Force,
+    pub(super) judgement: Judgement,
     #[command(flatten)]
     pub(super) json: Json,
 }
@@ -217,6 +217,7 @@ pub(super) struct Sensitivity {
 ///   discovered.tau    the description with the variant `Discovered`, for --model and `tau generate`
 ///   discovered.rs     its generated code
 ///   robot.toml        calibrated values of `Discovered`, to be used with --robot
+///   parameters.csv    and the other tables that `tau calibrate` writes
 ///   report.html       what is wrong with the machine, and the evidence
 #[derive(Debug, Args)]
 #[command(
@@ -248,6 +249,8 @@ pub(super) struct Discover {
     /// Folder for the files
     #[arg(long, value_name = "DIR", default_value = "tau-discovery")]
     pub(super) out: PathBuf,
+    #[command(flatten)]
+    pub(super) strict: Strict,
     #[command(flatten)]
     pub(super) json: Json,
 }

@@ -36,7 +36,7 @@ pub(super) fn run(arguments: &arguments::Check, console: &Console<'_>) -> Result
         Remark::new(fit::REFUSED, text)
     });
     let wrong = report::trust::terminal::wrong(&found);
-    Ok(Outcome {
+    let outcome = Outcome {
         verdict: (!wrong.is_empty()).then(|| wrong.join(" ")),
         summary: format!(
             "{robot}, {folder}\n\n{}",
@@ -61,5 +61,6 @@ pub(super) fn run(arguments: &arguments::Check, console: &Console<'_>) -> Result
         }),
         failure,
         ..Outcome::default()
-    })
+    };
+    Ok(outcome.strictly(&arguments.strict, wrong.is_empty()))
 }

@@ -203,23 +203,3 @@ pub(super) fn check_results(folder: &Path) -> Result<(), InputError> {
     Err(InputError::whole(files::REPLACES_INPUT, name, message)
         .help("write into another folder with `--out`"))
 }
-
-/// A table as comma-separated text; names that hold commas are quoted.
-pub(super) fn csv(
-    header: Vec<String>,
-    rows: impl IntoIterator<Item = Vec<String>>,
-) -> Result<String, Failure> {
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    let written = std::iter::once(header)
-        .chain(rows)
-        .try_for_each(|row| writer.write_record(row));
-    let failed = |why: String| {
-        let text = format!("a table can't be written: {why}");
-        Failure::Failed(Remark::new(files::CANNOT_WRITE, text))
-    };
-    written.map_err(|error| failed(error.to_string()))?;
-    let bytes = writer
-        .into_inner()
-        .map_err(|error| failed(error.to_string()))?;
-    String::from_utf8(bytes).map_err(|error| failed(error.to_string()))
-}

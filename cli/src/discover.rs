@@ -1,11 +1,9 @@
 //! `tau discover`.
 
-use tau::discovery::{Discovery, Options, Outcome as Found};
+use tau::discovery::{Discovery, Options};
 use tau::input_error::InputError;
-use tau::kinematics::Layout;
-use tau::measurements::Split;
-use tau::robot_file::RobotFile;
-use tau::session::Record;
+use tau::session::{CALIBRATION_FILES, Record};
+use tau::trust::Status;
 use tau::{Session, study};
 use tau_codegen::CompiledRobot;
 use tau_codegen::emit;
@@ -16,13 +14,12 @@ use super::arguments::Refit;
 use super::deliver::{Outcome, Target, check_results};
 use super::kept::Kept;
 use super::progress::Spinner;
-use super::stamp::stamp;
 use super::{Console, Failure, arguments, resolve};
 
 /// Name of the description that is written.
 const DESCRIPTION: &str = "discovered.tau";
 /// Files of the output folder.
-const FILES: [&str; 4] = [DESCRIPTION, "discovered.rs", "robot.toml", "report.html"];
+const FILES: [&str; 3] = [DESCRIPTION, "discovered.rs", "report.html"];
 
 pub(super) fn run(
     arguments: &arguments::Discover,
@@ -33,7 +30,7 @@ pub(super) fn run(
     let kept = Kept::of(arguments.input.folder.as_ref(), named);
     let outputs = both(
         Target::resolve(&arguments.json, &kept),
-        (kept.check_all(out, FILES)).and_then(|()| check_results(out)),
+        (kept.check_all(out, names())).and_then(|()| check_results(out)),
     );
     let (session, (target, ())) = both(resolve::of_search(&arguments.input), outputs)?;
     let (base, catalogues) = both(
@@ -69,9 +66,13 @@ pub(super) fn run(
     let (code, stated) = rayon::join(
         || generated(compiled, discovery),
         || {
-            let (calibrated, layout) = state(&session, &found, arguments.refit)?;
+            let calibrated = match arguments.refit {
+                Refit::Calibration => session.state_found(&found),
+                Refit::All => session.refit_found(&found),
+            }?;
             let unknown = found.unknown.as_ref();
             let placed = unknown.map_or(folder, |unknown| &unknown.folder);
+            let layout = study::layout(&calibrated, placed);
             let counts = unknown.map(|unknown| unknown.counts).or(known);
             let setting = report::Setting {
                 poses: counts.map_or_else(|| session.poses().map(|poses| poses.counts), Ok)?,
@@ -87,7 +88,7 @@ pub(super) fn run(
                 rows: unknown.map(|unknown| unknown.rows.clone()),
                 record: Record {
                     arguments: arguments.input.words(),
-                    ..session.record(&stamp())
+                    ..session.record()
                 },
             };
             let page = report::html::discovery_page(discovery, &setting, &robot.name, &folder.name);
@@ -97,13 +98,9 @@ pub(super) fn run(
     let (calibrated, page) = stated?;
     drop(spinner);
 
-    let contents = [
-        discovery.model_text.clone(),
-        code,
-        calibrated.to_toml(),
-        page,
-    ];
-    let paths = FILES.into_iter().map(|name| out.join(name));
+    let contents = [discovery.model_text.clone(), code, page].into_iter();
+    let contents = contents.chain(calibrated.files());
+    let paths = names().map(|name| out.join(name));
     let summary = format!("{}, {}\n\n", robot.name, folder.name)
         + &report::terminal::discovery(discovery, console.width);
     let outcome = Outcome {
@@ -118,44 +115,15 @@ pub(super) fn run(
         }),
         ..Outcome::default()
     };
-    Ok(outcome.writing(paths.zip(contents).collect()))
+    let verdict = discovery.fit.as_ref();
+    let is_consistent = verdict.is_some_and(|verdict| verdict.status == Status::Consistent);
+    let outcome = outcome.writing(paths.zip(contents).collect());
+    Ok(outcome.strictly(&arguments.strict, is_consistent))
 }
 
-/// The robot file of what was found, fitted to the poses that are asked for, and the machine that it describes.
-fn state(
-    session: &Session,
-    found: &Found,
-    refit: Refit,
-) -> Result<(RobotFile, Option<Layout>), Failure> {
-    if let Some(unknown) = &found.unknown {
-        let session = match refit {
-            Refit::Calibration => session.clone(),
-            Refit::All => session.clone().split(Split::All),
-        };
-        let Some(calibrated) = &unknown.fitted else {
-            let (file, calibrated) = session.file_of_search(found, &stamp())?;
-            return Ok((file, study::layout(&calibrated, &unknown.folder)));
-        };
-        let fitted = match refit {
-            Refit::Calibration => calibrated.clone(),
-            Refit::All => session.refitted_of_unknown_poses(found)?,
-        };
-        let file = session.file_of_unknown_poses(&fitted, &stamp());
-        let layout = study::layout(&fitted.calibration, &unknown.folder);
-        return Ok((file, layout));
-    }
-    let refitted;
-    let (found, session) = match refit {
-        Refit::Calibration => (found, session.clone()),
-        Refit::All => {
-            refitted = found.refitted_to_all(session.robot_file(), session.folder())?;
-            (&refitted, session.clone().split(Split::All))
-        }
-    };
-    let calibrated = session.state_found(found)?;
-    // Its covariance holds the noise that was found already.
-    let file = session.calibrated_file(&calibrated, &found.poses, 1.0, &stamp());
-    Ok((file, study::layout(&calibrated, session.folder())))
+/// Names of all files of the output folder.
+fn names() -> impl Iterator<Item = &'static str> {
+    FILES.into_iter().chain(CALIBRATION_FILES)
 }
 
 /// Name of the variant to start from.

@@ -75,7 +75,7 @@ pub(super) fn run(
         }),
         ..Outcome::default()
     };
-    Ok(outcome.judged(&verdict, arguments.force.force))
+    Ok(outcome.judged(&verdict, &arguments.judgement))
 }
 
 /// The same where poses were not measured.
@@ -104,7 +104,7 @@ fn unknown_poses(
         }),
         ..Outcome::default()
     };
-    Ok(outcome.judged(&verdict, arguments.force.force))
+    Ok(outcome.judged(&verdict, &arguments.judgement))
 }
 
 fn remarks(session: &Session, variant: &str) -> Result<Vec<Remark>, Failure> {

@@ -3,11 +3,16 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use tau::Robot;
+use tau::calibration::Prepared;
 use tau::input_error::InputError;
-use tau::robot_file::RobotFile;
+use tau::kinematics::{self, InverseOptions, Pose, Sample};
+use tau::nalgebra::Vector3;
+use tau::robot_file::{RobotFile, StatedNoise};
 use tau_codes::{Remark, files};
 use tau_robot::input_error::{Errors, both};
 use tau_robot::klipper::{self, Config, Parameters, Printer};
+use tau_robot::measurements::{DISTANCES, PlateKind};
 
 use super::deliver::{Outcome, check_file, check_folder};
 use super::kept::Kept;
@@ -113,6 +118,12 @@ pub(super) fn export(arguments: &arguments::Export) -> Result<Outcome, Failure> 
         check_file(out)?;
     }
     let parameters = Parameters::of(&robot, &file)?;
+    let (difference, is_noise) = difference(&robot, &file, &parameters)?;
+    if !is_noise && !arguments.force {
+        let help = "nothing was written; `--force` writes it all the same";
+        let text = format!("{}\n{help}", difference.text);
+        return Err(Failure::Failed(Remark::new(difference.code, text)));
+    }
     let text = match &config {
         Some(config) => klipper::saved_into(&parameters, config)?,
         None => klipper::saved_block(&parameters),
@@ -124,7 +135,7 @@ pub(super) fn export(arguments: &arguments::Export) -> Result<Outcome, Failure> 
             text + ": options of radius, towers, rods and endstops there would win",
         )
     });
-    let remarks = remarks.collect();
+    let remarks = std::iter::once(difference).chain(remarks).collect();
     Ok(match &arguments.out {
         Some(out) => Outcome {
             remarks,
@@ -137,4 +148,87 @@ pub(super) fn export(arguments: &arguments::Export) -> Result<Outcome, Failure> 
             ..Outcome::default()
         },
     })
+}
+
+/// Points along each axis of the workspace at which machines are compared.
+const POINTS: u32 = 5;
+/// Distance between two machines (m) that is rounding.
+const ROUNDING_M: f64 = 1e-7;
+
+/// The largest distance at which the firmware, with its parameters, takes the nozzle to be from where the calibrated machine
+/// has it: over the positions that calibrated, or else about the reference. True if that is no more than the smallest noise
+/// that the file states.
+fn difference(
+    robot: &Robot,
+    file: &RobotFile,
+    parameters: &Parameters,
+) -> Result<(Remark, bool), Failure> {
+    let record = file.calibration.as_ref();
+    let calibrated = record.and_then(|record| robot.variant(&record.variant));
+    let variant = calibrated.or_else(|| robot.base());
+    let none = || InputError::whole(files::NO_SUCH_VARIANT, &robot.name, "there is no variant");
+    let (variant, _) = robot.of_machine_alone(variant.ok_or_else(none)?)?;
+    let machine = Prepared::from_file(robot, &variant, file, None, &[])?.machine;
+    let failed = |error: kinematics::Error| {
+        let text = format!("the calibrated machine has no pose to compare: {error}");
+        Failure::Failed(Remark::new(error.code(), text))
+    };
+    let anywhere = Sample::new(Pose::from_zyz([0.0; 3], [0.0; 3]), &[]);
+    let from = machine.at_reference(&anywhere).map_err(failed)?;
+    let about = |axis: usize| {
+        let reach = if axis < 2 {
+            5e-4 * parameters.radius_mm
+        } else {
+            0.0
+        };
+        let middle = from.pose.position[axis];
+        [middle - reach, middle + reach]
+    };
+    let measured = |axis: usize| record?.position_m.get(axis).copied();
+    let ranges = [0, 1, 2].map(|axis| measured(axis).unwrap_or_else(|| about(axis)));
+    let points = (0..POINTS.pow(3)).map(|index| {
+        Vector3::from_fn(|axis, _| {
+            let place = index / POINTS.pow(axis as u32) % POINTS;
+            let [low, high] = ranges[axis];
+            low + (high - low) * f64::from(place) / f64::from(POINTS - 1)
+        })
+    });
+    let compared = points.map(|position| {
+        let to = Pose {
+            position,
+            ..from.pose
+        };
+        let reached = machine.inverse_along(&from, to, &InverseOptions::default())?;
+        let ways_mm = [0, 1, 2].map(|k| 1e3 * reached.commands_m[k]);
+        let off_m = (1e-3 * parameters.position_mm(ways_mm) - position).norm();
+        Ok((off_m, position))
+    });
+    let (reached, missed): (Vec<_>, Vec<_>) = compared.partition(Result::is_ok);
+    let largest = (reached.into_iter().flatten()).max_by(|a, b| a.0.total_cmp(&b.0));
+    let Some((off_m, at)) = largest else {
+        return Err(missed
+            .into_iter()
+            .find_map(Result::err)
+            .map_or_else(|| none().into(), failed));
+    };
+    let known = PlateKind::ALL
+        .map(PlateKind::file)
+        .into_iter()
+        .chain([DISTANCES]);
+    let known = known.filter_map(|of| match file.noise_of(of)? {
+        StatedNoise::Known(sigma) => Some(sigma),
+        StatedNoise::Estimate => None,
+    });
+    let noise_m = known.reduce(f64::min).unwrap_or_default();
+    let text = format!(
+        "the exported printer differs from the calibrated machine by {:.2} µm at most, at ({:.4}, {:.4}, {:.4}) m; the noise \
+         of a measurement is {:.2} µm",
+        1e6 * off_m,
+        at.x,
+        at.y,
+        at.z,
+        1e6 * noise_m
+    );
+    let is_noise = off_m <= noise_m.max(ROUNDING_M);
+    Ok((Remark::new(files::FIRMWARE_DIFFERS, text), is_noise))
 }

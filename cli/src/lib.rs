@@ -22,7 +22,6 @@ mod resolve;
 mod robots;
 mod sensitivity;
 mod simulate;
-mod stamp;
 mod study;
 mod trust;
 

@@ -11,7 +11,6 @@ use tau_robot::input_error::both;
 use super::deliver::{Outcome, Target, check_folder, removed, written};
 use super::kept::Kept;
 use super::progress::{Bar, Spinner};
-use super::stamp::stamp;
 use super::{Console, Failure, arguments, resolve, trust};
 
 pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result<Outcome, Failure> {
@@ -34,7 +33,7 @@ pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result
     drop(bar);
     let verdict = results.fit().map(|(_, verdict)| verdict.clone());
     let is_absurd = (verdict.as_ref()).is_some_and(|verdict| verdict.status == Status::Absurd);
-    let is_refused = is_absurd && !arguments.force.force;
+    let is_refused = is_absurd && !arguments.judgement.force;
     if !arguments.no_discover && !is_refused {
         let spinner = Spinner::new(console);
         study::search(&mut results, &session, &mut |doing| spinner.show(doing));
@@ -42,7 +41,7 @@ pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result
 
     let record = Record {
         arguments: arguments.input.words(),
-        ..session.record(&stamp())
+        ..session.record()
     };
     let files = report::study_files(out, &results, &record);
     let mut paths = written(&files);
@@ -58,7 +57,7 @@ pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result
         ..Outcome::default()
     };
     Ok(match verdict {
-        Some(verdict) => outcome.judged(&verdict, arguments.force.force),
+        Some(verdict) => outcome.judged(&verdict, &arguments.judgement),
         None => outcome,
     })
 }

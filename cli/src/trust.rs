@@ -9,12 +9,12 @@ use tau_codes::{Remark, fit};
 use tau_report as report;
 
 use super::deliver::{Outcome, Target};
-use super::{Failure, kinematics};
+use super::{Failure, arguments, kinematics};
 
 impl Outcome {
     /// The outcome with the verdict on it. Where it is absurd, and not forced, nothing is written and the command fails.
-    pub(super) fn judged(mut self, verdict: &Verdict, force: bool) -> Self {
-        if verdict.status == Status::Absurd && !force {
+    pub(super) fn judged(mut self, verdict: &Verdict, asked: &arguments::Judgement) -> Self {
+        if verdict.status == Status::Absurd && !asked.force {
             let to_file = |(_, target): &(String, Target)| *target != Target::StandardOutput;
             let writes = !self.files.is_empty() || self.json.as_ref().is_some_and(to_file);
             let unsaid = match (writes, &self.json) {
@@ -36,6 +36,16 @@ impl Outcome {
             || verdict.outliers.iter().any(Outlier::is_left_out)
         {
             self.verdict = Some(verdict.line());
+        }
+        self.strictly(&asked.strict, verdict.status == Status::Consistent)
+    }
+
+    /// The outcome, with which the command fails where that is asked of a verdict that is not `consistent`.
+    pub(super) fn strictly(mut self, asked: &arguments::Strict, is_consistent: bool) -> Self {
+        if asked.strict && !is_consistent {
+            let text = "the verdict is not `consistent`, and `--strict` was given";
+            let why = || Remark::new(fit::NOT_CONSISTENT, text);
+            self.failure.get_or_insert_with(why);
         }
         self
     }

@@ -76,6 +76,7 @@ codes! {
     FIRMWARE_REFUSES = 276: "the firmware refuses the parameters of the printer";
     FIRMWARE_CONTRADICTION = 277: "measurements of a firmware file contradict its parameters";
     FIRMWARE_UNMEASURED = 278: "measurements of a firmware file are missing or not read";
+    FIRMWARE_DIFFERS = 279: "distance of the machine that a firmware has from the calibrated one";
 
     // Output files.
     CANNOT_WRITE = 280: "a file or folder cannot be written";

@@ -61,6 +61,7 @@ codes! {
     VARIANT_LEFT_OUT = 359: "variants or tables of the study are left out";
     REFUSED = 360: "a result is refused because it means nothing";
     SENSITIVITIES_DIFFER = 361: "sensitivities by derivatives and by steps differ";
+    NOT_CONSISTENT = 362: "a verdict is not consistent where that was asked for";
     NOT_FINITE = 370: "a residual or a derivative of a fit is not a finite number";
     UNSOLVABLE = 371: "a fit cannot be set up or solved";
     NO_FIT = 373: "mistakes leave no fit";

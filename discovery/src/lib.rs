@@ -336,7 +336,8 @@ fn discovered(
     }
     let Poses { mut division, .. } = Poses::select(robot, file, folder, options.split)?;
     let setup = Setup::new(robot, variant, &completed, folder);
-    check_poses(setup, &division.calibration)?;
+    let are_alone = folder.cart_poses.is_empty() && folder.cart_positions.is_empty();
+    check_poses(setup, &division.calibration, are_alone)?;
     let all = division.calibration.len();
     let taken = spread(all, constants::count(options.constants.most_poses));
     division.calibration = taken.iter().map(|&k| division.calibration[k]).collect();

@@ -243,7 +243,7 @@ impl Uncertainty {
     /// Of the pose that a machine takes at the commands of a sample, whose pose that is, where its drives and links are exact.
     ///
     /// # Errors
-    /// Data that the sample lacks; derivatives that are not finite.
+    /// A singular pose; data that the sample lacks; derivatives that are not finite.
     pub fn pose(&self, machine: &Machine, sample: &Sample<'_>) -> Result<PoseUncertainty, Error> {
         self.of_pose(machine, sample, false)
     }
@@ -308,6 +308,10 @@ impl Uncertainty {
         with_length_noise: bool,
     ) -> Result<DMatrix<f64>, Error> {
         let closures = Linearized::new(machine, sample)?;
+        if unknowns == machine.pose_unknowns() {
+            // Nothing limits how far off the plate is.
+            machine.check_regular(&closures.by_pose)?;
+        }
         let not_finite = || Error::NotFinite {
             closure: machine.variant.name.clone(),
             effects: Vec::new(),

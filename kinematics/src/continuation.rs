@@ -155,17 +155,25 @@ impl Machine {
                 self.inverse(to, near)
             }
         };
-        let end = match self.follow(&like, start, goal, &unknowns) {
-            Ok(end) => end,
-            Err(error) => return finish(&near(from.pose, from.commands_m.clone())).and(Err(error)),
-        };
-        let found = finish(&near(end.pose, end.commands_m))?;
+        let end = self.follow(&like, start.clone(), goal, &unknowns);
+        let Standing { pose, commands_m } = end.as_ref().unwrap_or(&start).clone();
+        let found = finish(&near(pose, commands_m))?;
         let sense = |of: &Reached| {
             let closures = self.closures(&options.sample(of.pose, &of.commands_m))?;
             Ok::<_, Error>(sense(&closures, self.pose_unknowns()))
         };
         if sense(&found)? != sense(from)? {
             return Err(Error::Behind);
+        }
+        if let Err(error) = end {
+            // Where the straight way of the plate is blocked, that of the commands may not be.
+            let to = options.sample(from.pose, &found.commands_m);
+            let there = self.forward_along(&from.commands_m, &to);
+            let is_there = |there: &Reached| {
+                let off_m = (there.pose.position - found.pose.position).norm();
+                off_m.max(there.pose.turn_to(&found.pose.rotation).norm()) < SMALLEST_CORRECTION
+            };
+            return there.ok().filter(is_there).map(|_| found).ok_or(error);
         }
         Ok(found)
     }
@@ -217,7 +225,8 @@ impl Machine {
         Err(Error::Way { share: done })
     }
 
-    /// One step of the way: along the tangent, then by Newton's method.
+    /// One step of the way: along the tangent, then by Newton's method. The plate has to follow the commands as the tangent
+    /// foretells, whichever of the two the step prescribes: only then do these commands lead it there.
     fn step(
         &self,
         like: &Sample<'_>,
@@ -227,12 +236,59 @@ impl Machine {
     ) -> Result<Standing, Error> {
         let too_long = Error::Way { share: 0.0 };
         let closures = self.closures(&here.sample(like))?;
-        let count = closures.jacobian.ncols();
-        let mut driven = here.change_to(next, count);
+        let motion = self.tangent(&closures, here, next, unknowns)?;
+        let foretold = next.moved(&motion);
+        let Settled {
+            pose, commands_m, ..
+        } = newton::solve(self, &foretold.sample(like), unknowns)?;
+        let found = Standing { pose, commands_m };
+        let is_near = |foretold: &Standing, motion: &DVector<f64>| {
+            let correction = foretold.change_to(&found, motion.len()).amax();
+            correction <= (CORRECTION * motion.amax()).max(SMALLEST_CORRECTION)
+        };
+        if !is_near(&foretold, &motion) {
+            return Err(too_long);
+        }
+        let moved = self.closures(&found.sample(like))?;
+        let held = self.pose_unknowns();
+        // On the two sides of a singular pose the arm turns in opposite senses.
+        let keeps_sense = |unknowns| {
+            let before = sense(&closures, unknowns);
+            before.is_none() || sense(&moved, unknowns) == before
+        };
+        if !(keeps_sense(unknowns) && keeps_sense(held)) {
+            return Err(too_long);
+        }
+        if unknowns != held && sense(&closures, held).is_some() {
+            let driven = Standing {
+                pose: here.pose,
+                ..found.clone()
+            };
+            let motion = self.tangent(&closures, here, &driven, held)?;
+            if !is_near(&driven.moved(&motion), &motion) {
+                return Err(too_long);
+            }
+        }
+        Ok(found)
+    }
+
+    /// Change of the unknowns along the tangent where all else goes from here to there.
+    ///
+    /// # Errors
+    /// It is longer than a tangent says anything of.
+    fn tangent(
+        &self,
+        closures: &Closures,
+        here: &Standing,
+        there: &Standing,
+        unknowns: &[usize],
+    ) -> Result<DVector<f64>, Error> {
+        let too_long = Error::Way { share: 0.0 };
+        let mut driven = here.change_to(there, closures.jacobian.ncols());
         for &unknown in unknowns {
             driven[unknown] = 0.0;
         }
-        let right = &closures.residuals + &closures.jacobian * driven;
+        let right = &closures.residuals + &closures.jacobian * &driven;
         let columns = closures.jacobian.select_columns(unknowns);
         let right = nalgebra::DMatrix::from_column_slice(right.len(), 1, right.as_slice());
         let tangent = -least_norm(&columns, &right).ok_or(too_long.clone())?;
@@ -243,25 +299,11 @@ impl Machine {
         if turns.any(|(_, turn)| turn.abs() > LONGEST_STEP) {
             return Err(too_long);
         }
-        let mut motion = DVector::zeros(count);
+        driven.fill(0.0);
         for (&unknown, change) in unknowns.iter().zip(tangent.iter()) {
-            motion[unknown] = *change;
+            driven[unknown] = *change;
         }
-        let foretold = next.moved(&motion);
-        let Settled {
-            pose, commands_m, ..
-        } = newton::solve(self, &foretold.sample(like), unknowns)?;
-        let found = Standing { pose, commands_m };
-        let correction = foretold.change_to(&found, count).amax();
-        if correction > (CORRECTION * tangent.amax()).max(SMALLEST_CORRECTION) {
-            return Err(too_long);
-        }
-        // On the two sides of a singular pose the arm turns in opposite senses.
-        let before = sense(&closures, unknowns);
-        if before.is_some() && sense(&self.closures(&found.sample(like))?, unknowns) != before {
-            return Err(too_long);
-        }
-        Ok(found)
+        Ok(driven)
     }
 }
 

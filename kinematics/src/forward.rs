@@ -4,7 +4,7 @@ use nalgebra::{Cholesky, DMatrix, Rotation3, SymmetricEigen, Unit, Vector3};
 
 use super::inputs::Sample;
 use super::inverse::Reached;
-use super::machine::{Closures, Machine};
+use super::machine::Machine;
 use super::pose::POSE_COLUMNS;
 use super::{Error, Pose, newton};
 
@@ -64,12 +64,12 @@ impl Machine {
     pub fn forward_fitted(&self, start: &Sample<'_>) -> Result<Reached, Error> {
         match newton::solve(self, start, self.pose_unknowns()) {
             Ok(settled) => {
-                self.check_regular(&settled.closures)?;
+                self.check_regular(&settled.closures.jacobian)?;
                 Ok(self.reached(settled))
             }
             Err(error) => {
                 // A start at a singular pose is the likely cause: then say so.
-                self.check_regular(&self.closures(start)?)?;
+                self.check_regular(&self.closures(start)?.jacobian)?;
                 Err(error)
             }
         }
@@ -107,9 +107,9 @@ impl Machine {
 
     /// Smallest singular value of the pose columns and the motion that belongs to it. Rotation is
     /// scaled by the plate's lever arms, so that all entries are lengths per length.
-    pub(crate) fn weakest_motion(&self, closures: &Closures) -> (f64, [f64; POSE_COLUMNS]) {
+    pub(crate) fn weakest_motion(&self, jacobian: &DMatrix<f64>) -> (f64, [f64; POSE_COLUMNS]) {
         let unknowns = self.pose_unknowns();
-        let eigen = SymmetricEigen::new(self.stiffness(closures));
+        let eigen = SymmetricEigen::new(self.stiffness(jacobian));
         let weakest = eigen.eigenvalues.imin();
         let mut motion = [0.0; POSE_COLUMNS];
         for (&unknown, entry) in unknowns.iter().zip(&eigen.eigenvectors.column(weakest)) {
@@ -119,11 +119,11 @@ impl Machine {
     }
 
     /// Products of the pose columns with each other, as lengths per length.
-    fn stiffness(&self, closures: &Closures) -> DMatrix<f64> {
+    fn stiffness(&self, jacobian: &DMatrix<f64>) -> DMatrix<f64> {
         let unknowns = self.pose_unknowns();
-        let mut jacobian = closures.jacobian.select_columns(unknowns);
+        let lever = self.lever_m(jacobian);
+        let mut jacobian = jacobian.select_columns(unknowns);
         let shifts = unknowns.len() - self.turning_unknowns().len();
-        let lever = self.lever_m(closures);
         for column in shifts..unknowns.len() {
             jacobian.column_mut(column).scale_mut(lever.recip());
         }
@@ -131,22 +131,26 @@ impl Machine {
     }
 
     /// Root mean square of the changes of length with the plate's rotation (m/rad), over the closures; 1 where none changes.
-    pub(crate) fn lever_m(&self, closures: &Closures) -> f64 {
-        let turning = closures.jacobian.select_columns(self.turning_unknowns());
+    pub(crate) fn lever_m(&self, jacobian: &DMatrix<f64>) -> f64 {
+        let turning = jacobian.select_columns(self.turning_unknowns());
         let lever = (turning.norm_squared() / turning.nrows() as f64).sqrt();
         if lever > 0.0 { lever } else { 1.0 }
     }
 
-    fn check_regular(&self, closures: &Closures) -> Result<(), Error> {
+    /// Checks that the closures with such a Jacobian hold the plate.
+    ///
+    /// # Errors
+    /// [`Error::Singular`].
+    pub fn check_regular(&self, jacobian: &DMatrix<f64>) -> Result<(), Error> {
         // No eigenvalue is below that bound by which all can be lowered without one becoming negative.
-        let mut lowered = self.stiffness(closures);
+        let mut lowered = self.stiffness(jacobian);
         for k in 0..lowered.nrows() {
             lowered[(k, k)] -= SINGULAR.powi(2);
         }
         if Cholesky::new(lowered).is_some() {
             return Ok(());
         }
-        let (smallest, motion) = self.weakest_motion(closures);
+        let (smallest, motion) = self.weakest_motion(jacobian);
         if smallest >= SINGULAR || self.closure_count() < self.pose_unknowns().len() {
             return Ok(());
         }

@@ -41,7 +41,7 @@ impl Machine {
     ) -> Result<Reached, Error> {
         let mut here = from.clone();
         let at_start = self.closures(&options.sample(from.pose, &from.commands_m))?;
-        let lever_m = self.lever_m(&at_start);
+        let lever_m = self.lever_m(&at_start.jacobian);
         for _ in 0..MOST_STEPS {
             let closures = self.closures(&options.sample(here.pose, &here.commands_m))?;
             let step = self.nearer(

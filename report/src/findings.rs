@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use tau::assumptions::TrackLinearity;
+use tau::calibration::{ParameterEstimate, Source};
 use tau::evaluation::VariantResult;
 use tau::measurements::PoseCounts;
 use tau::robot::{Architecture, Arm};
@@ -13,6 +14,7 @@ use tau::unknown_poses::RowDivision;
 
 use super::number::{fixed, general, largest, shared_decimals};
 use super::parts;
+use super::table::DRAWN;
 
 /// Remark on the coordinates in which changes of orientation are summed where the Euler angles of the files can't be.
 pub(super) fn turn(sensitivity: &Sensitivity, of: Architecture) -> Option<String> {
@@ -46,9 +48,22 @@ pub(super) fn widening(variant: &VariantResult) -> f64 {
 /// Meaning of the brackets in Table II.
 pub(super) fn brackets(variant: &VariantResult) -> String {
     format!(
-        "In brackets the standard deviation in units of the last digit, from the stated noise{}.",
-        wider(widening(variant))
+        "In brackets the standard deviation in units of the last digit, from the stated noise{}.{}",
+        wider(widening(variant)),
+        drawn(&variant.parameters)
     )
+}
+
+/// Meaning of the mark, where a value has it.
+pub(super) fn drawn(parameters: &[ParameterEstimate]) -> String {
+    let mut parameters = parameters.iter();
+    if parameters.any(|own| own.source() == Source::Tolerance) {
+        format!(
+            " With {DRAWN} it is more than half of the tolerance: the value is that of the drawing."
+        )
+    } else {
+        String::new()
+    }
 }
 
 /// Remark on standard deviations that are shown widened; tolerances bound them, so that some are less so.

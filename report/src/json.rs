@@ -10,12 +10,12 @@ use serde::Serialize;
 use serde_json::ser::{Formatter, PrettyFormatter, Serializer};
 use serde_json::{Map, Value, json};
 use tau::assumptions::{Assumptions, PathDeviation, TrackComparison, TrackLinearity};
-use tau::calibration::{LinkResult, LinkSigma};
+use tau::calibration::{Calibration, LinkResult, LinkSigma};
 use tau::discovery::Discovery;
 use tau::evaluation::{
     Evaluation, NotPredicted, PoseError, Summary, VariantResult, without_outliers,
 };
-use tau::measurements::PoseCounts;
+use tau::measurements::{PoseCounts, Poses};
 use tau::sensitivity::{LinkSensitivity, ParameterSensitivity, Sensitivity, Turn};
 use tau::session::Basis;
 use tau::study::results::Study;
@@ -264,6 +264,28 @@ pub fn basis(basis: Basis) -> &'static str {
 /// One variant, as it stands under its name in the result of [`study`].
 pub fn variant(variant: &VariantResult) -> Value {
     json!(VariantFields::from(variant))
+}
+
+/// The result of `tau calibrate` where poses were measured: [`variant`], and what the calibration took; `beside` compares a
+/// fit with errors in variables.
+pub fn calibration(
+    found: &Calibration,
+    result: &VariantResult,
+    taken: &Poses,
+    beside: Option<Value>,
+) -> Value {
+    let mut own = variant(result);
+    own["poses"] = poses(taken.counts);
+    own["evaluated_on"] = json!(basis(if taken.division.is_disjoint() {
+        Basis::HeldOut
+    } else {
+        Basis::Calibration
+    }));
+    own["cost"] = json!(found.cost);
+    if let Some(beside) = beside {
+        own["errors_in_variables"] = beside;
+    }
+    own
 }
 
 #[derive(Debug, Serialize)]

@@ -13,5 +13,6 @@ pub(crate) fn parameter(parameter: &ParameterEstimate, widening: f64) -> Value {
         "value": parameter.value,
         "sigma": parameter.sigma,
         "sigma_widened": parameter.sigma_widened(widening),
+        "from": parameter.source().name(),
     })
 }

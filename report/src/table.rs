@@ -21,6 +21,19 @@ pub(super) enum Cell {
     Empty,
 }
 
+/// Mark of values that the data do not determine.
+pub(super) const DRAWN: char = '*';
+
+impl Cell {
+    /// A number with that mark where it has to have it.
+    pub(super) fn marked(self, is_drawn: bool) -> Self {
+        match self {
+            Self::Number(number) if is_drawn => Self::Number(format!("{number}{DRAWN}")),
+            cell => cell,
+        }
+    }
+}
+
 /// A table; its first column names the row.
 #[derive(Debug, Clone)]
 pub(super) struct Table {

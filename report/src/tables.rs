@@ -1,7 +1,7 @@
 //! The tables of the report, as text cells: terminal and HTML print the same digits from here.
 
 use tau::assumptions::{OrientationPoint, PathDeviation};
-use tau::calibration::{Combination, LinkResult, LinkSigma, ParameterEstimate};
+use tau::calibration::{Combination, LinkResult, LinkSigma, ParameterEstimate, Source};
 use tau::evaluation::VariantResult;
 use tau::robot::{Architecture, Arm, Owner};
 use tau::sensitivity::{ParameterSensitivity, Sensitivity, Turn};
@@ -144,18 +144,31 @@ pub(super) fn geometry(variant: &VariantResult, of: Architecture) -> Table {
     let joints = Digits::of(sigmas.iter().flat_map(|sigma| sigma.plate_joint_m));
     let offsets = Digits::of(sigmas.iter().flat_map(|sigma| sigma.track_offset_m));
     let tracks = Digits::of(sigmas.iter().flat_map(|sigma| sigma.track));
+    let marked = |link: &LinkResult, quantity: &str, cells: [Cell; 3]| {
+        let mut axes = ["x", "y", "z"].into_iter();
+        cells.map(|cell| {
+            let axis = axes.next().unwrap_or_default();
+            cell.marked(is_drawn(
+                variant,
+                &format!("{}.{quantity}.{axis}", link.name),
+            ))
+        })
+    };
     let rows = links
         .iter()
         .zip(&sigmas)
         .map(|(link, sigma)| {
+            let length = lengths.cell(link.length_m, sigma.length_m);
             let mut row = vec![
                 text(&link.name),
-                lengths.cell(link.length_m, sigma.length_m),
+                length.marked(is_drawn(variant, &format!("{}.length", link.name))),
             ];
             if plate {
-                row.extend(joints.three(link.plate_joint_m, sigma.plate_joint_m));
+                let cells = joints.three(link.plate_joint_m, sigma.plate_joint_m);
+                row.extend(marked(link, "plate_joint", cells));
             }
-            row.extend(offsets.three(Some(link.track_offset_m), sigma.track_offset_m));
+            let cells = offsets.three(Some(link.track_offset_m), sigma.track_offset_m);
+            row.extend(marked(link, "track_offset", cells));
             if direction && rotation {
                 let linear = link.track_direction.is_some();
                 row.push(text(if linear { "linear" } else { "piecewise" }));
@@ -182,6 +195,12 @@ pub(super) fn geometry(variant: &VariantResult, of: Architecture) -> Table {
     .without_empty_columns()
 }
 
+/// True of a parameter whose value is that of the drawing, by its tolerance, rather than of the data.
+fn is_drawn(variant: &VariantResult, name: &str) -> bool {
+    let mut own = variant.parameters.iter();
+    own.any(|own| own.name == name && own.source() == Source::Tolerance)
+}
+
 /// Parameters of the whole machine and of its cranks, which belong to no link; `None` where there are none.
 pub(super) fn machine(variant: &VariantResult) -> Option<Table> {
     let is_own = |own: &&ParameterEstimate| matches!(own.owner, Owner::Crank(_) | Owner::Robot);
@@ -192,7 +211,7 @@ pub(super) fn machine(variant: &VariantResult) -> Option<Table> {
         let value = concise(parameter.value, sigma, decimals(sigma, 2));
         vec![
             text(&parameter.name),
-            Cell::Number(value),
+            Cell::Number(value).marked(parameter.source() == Source::Tolerance),
             text(&parameter.unit),
         ]
     });

@@ -1,6 +1,7 @@
 //! Calibrations from poses that are unknown, in words and as JSON.
 
 use serde_json::{Value, json};
+use tau::calibration::Source;
 use tau::unknown_poses::{
     GrossRow, HeldOutFit, KindRepeats, Rank, RowDivision, RowPlace, UnknownPoses,
 };
@@ -10,6 +11,7 @@ use crate::gauge::{gauge_json, open};
 use crate::number::general;
 use crate::parameter_json::parameter;
 use crate::screen::Screen;
+use crate::table::DRAWN;
 use crate::trust;
 
 /// Parameters and rows listed in the terminal.
@@ -76,9 +78,14 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
     moved.sort_by(|a, b| tolerances(b).total_cmp(&tolerances(a)));
     for parameter in moved.iter().take(LISTED) {
         screen.line(&format!(
-            "  {:<24}{:>14} ± {:<10} {:<4}{:>8.2}",
+            "  {:<24}{:>14}{}± {:<10} {:<4}{:>8.2}",
             parameter.name,
             format!("{:.6}", parameter.value),
+            if parameter.source() == Source::Tolerance {
+                DRAWN
+            } else {
+                ' '
+            },
             format!("{:.1e}", parameter.sigma_widened(widening)),
             parameter.unit,
             tolerances(parameter)
@@ -95,8 +102,9 @@ pub fn terminal(found: &UnknownPoses, width: usize) -> String {
     }
     if !(moved.is_empty() && found.objects.is_empty()) {
         screen.say(&format!(
-            "Behind ± the standard deviation, from the noise{}.",
-            findings::wider(widening)
+            "Behind ± the standard deviation, from the noise{}.{}",
+            findings::wider(widening),
+            findings::drawn(&found.calibration.parameters)
         ));
     }
     if let Some(held_out) = &found.held_out {

@@ -12,7 +12,7 @@ pub use calibration::Error;
 pub mod calibration {
     pub use tau_estimation::calibration::{
         Calibration, Combination, Error, Line, LinkResult, LinkSigma, Nominal, NominalTrack,
-        Options, ParameterEstimate, Prepared, Registration, Serial, Stated, calibrate,
+        Options, ParameterEstimate, Prepared, Registration, Serial, Source, Stated, calibrate,
         machine_from_file,
     };
 }

@@ -229,3 +229,53 @@ fn exact_readings_of_redundant_drives_are_remarked() {
         assert_eq!(ran.json()["rows"]["cart_poses"], 0, "{with}");
     }
 }
+
+/// Of each leg of a hexapod seven parameters are not known: seven poses leave nothing to judge a fit by, whatever asks for it.
+#[test]
+fn commands_count_poses_alike() {
+    let work = Work::simulated("--model hexapod --random --poses 8 --seed 3");
+    for (poses, codes) in [(8, [0, 0, 0]), (7, [1, 2, 2]), (6, [1, 2, 2])] {
+        work.edit("tcp_poses.csv", |table| table.keep(|row| row <= poses));
+        let ran = [
+            "check MEASURED --variant Full",
+            "calibrate MEASURED --variant Full --out DIR/out",
+            "discover MEASURED --out DIR/out",
+        ];
+        let ran = ran.map(|line| work.run(&format!("{line} --split all")));
+        for (ran, code) in ran.iter().zip(codes) {
+            assert_eq!(
+                (ran.code, ran.says("T330")),
+                (code, code > 0),
+                "{poses}: {}",
+                ran.err
+            );
+        }
+    }
+}
+
+/// Whatever is not consistent fails where that is asked for, and is written all the same.
+#[test]
+fn strict_commands_fail_unless_consistent() {
+    let (clean, noisy) = ("--model five_bar --poses 20", "--noise-scale 5,5,5");
+    for (simulated, failed) in [(clean, 0), (&format!("{clean} {noisy}"), 1)] {
+        let work = Work::simulated(simulated);
+        for line in [
+            "check MEASURED",
+            "calibrate MEASURED --variant Full --out DIR/out",
+            "evaluate MEASURED --variant Full --robot DIR/out/robot.toml",
+            "study MEASURED --no-discover --out DIR/study",
+            "discover MEASURED --out DIR/found",
+        ] {
+            let [strict, lenient] =
+                ["--strict", ""].map(|more| work.run(&format!("{line} {more}")));
+            assert_eq!(
+                (strict.code, lenient.code),
+                (failed, 0),
+                "{line}: {}",
+                strict.err
+            );
+            assert_eq!(strict.says("T362"), failed > 0, "{line}");
+            assert_eq!(strict.out, lenient.out, "{line}");
+        }
+    }
+}

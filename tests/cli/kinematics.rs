@@ -58,6 +58,39 @@ fn a_pose_out_of_reach_fails_and_writes_nothing() {
     assert_eq!(work.listing(""), ["poses.csv"]);
 }
 
+/// Legs are as long as the distances of their joints on either side of a singular pose, but lead the plate to one side alone:
+/// of poses on the way to the other the last is nearly loose, and nothing limits how far off it is.
+#[test]
+fn a_pose_behind_a_singular_one_has_no_commands() {
+    let work = Work::empty();
+    let with = "--model hexapod --variant Full";
+    let inverse = |pose: &str| work.run(&format!("kinematics inverse {with} --pose={pose}"));
+    for (behind, code) in [
+        ("0,0,-0.5,0,0,0", "T512"),
+        ("0,0,0.7,2.0,0,0", "T512"),
+        ("0,0,-0.5,2.0,0,0", "T511"),
+    ] {
+        let ran = inverse(behind);
+        assert_eq!(
+            (ran.code, ran.codes().concat().as_str()),
+            (1, code),
+            "{behind}"
+        );
+    }
+    let there = inverse("0.05,0.02,0.7,0.9,0.1,0.2").table();
+    let commands = there.header.iter().filter(|name| name.starts_with('q'));
+    let commands: Vec<&str> = commands.map(|name| there.cell(1, name)).collect();
+    let line = format!(
+        "kinematics forward {with} --commands={}",
+        commands.join(",")
+    );
+    let back = work.run(&line).table();
+    for name in ["x_m", "y_m", "z_m"] {
+        let off = back.number(1, name) - there.number(1, name);
+        assert!(off.abs() < 1e-9, "{name}");
+    }
+}
+
 #[test]
 fn columns_of_a_csv_reach_the_effects_that_read_them() {
     let work = Work::empty();

@@ -28,7 +28,7 @@ T361 | --model five_bar --poses 20 | sensitivity --variant Full --step 1e-14
 T645 | --model five_bar --poses 20 | study --keep-outliers
 T340 | --model five_bar --random --measure heights | calibrate --variant Full
 T360 T392 | --model five_bar --random --measure heights | check -q
-T391 | --model five_bar --poses 20 --noise-scale 5,5,5 | check -q
+T391 T362 | --model five_bar --poses 20 --noise-scale 5,5,5 | check -q --strict
 T339 | --model linear_delta --exact --measure ball-bar --random --poses 6 | evaluate --variant Full
 T393 | --model linear_delta --poses 20 | check
 T343 | --random --poses 40 --measure readings --noise-drives 1e-4 | evaluate --variant Full --keep-outliers

@@ -4,7 +4,7 @@ use std::fmt::Debug;
 
 use tau::measurements::{Folder, Split};
 use tau::robot_file::RobotFile;
-use tau::{Error, Files, InputError, Robot, Session};
+use tau::{Calibrated, Error, Files, InputError, Robot, Session};
 use tau_codes::{Code, fit};
 use tau_generated::gantry_tau::GantryTau;
 use tau_generated::hexapod::Hexapod;
@@ -132,10 +132,59 @@ fn measurements_in_memory_are_looked_at() {
     };
     let short = spoilt(&|folder, _| folder.tcp_poses[3].commands_m.clear());
     let endless = spoilt(&|folder, _| folder.tcp_poses[3].position_m[1] = f64::INFINITY);
+    let turned = spoilt(&|folder, _| folder.tcp_poses[3].directions = Some(vec![1.0, 7.0, -1.0]));
     let negative = spoilt(&|_, file| file.noise.position_m = -1e-5);
-    let codes = [&short, &endless, &negative].map(|told| told.0.as_str());
-    assert_eq!(codes, ["T355", "T355", "T223"]);
+    let tolerance = |tol: f64| {
+        spoilt(&|_, file| {
+            let length = file.links.get_mut("l1").and_then(|own| own.length.as_mut());
+            length.unwrap().tol = tol;
+        })
+    };
+    let [none, less, unknown] = [0.0, -3e-4, f64::NAN].map(tolerance);
+    let link = spoilt(&|_, file| {
+        let values = file.links["l1"].clone();
+        file.links.insert("l7".to_owned(), values);
+    });
+    let all = [
+        &short, &endless, &turned, &negative, &none, &less, &unknown, &link,
+    ];
+    let codes = all.map(|told| told.0.as_str());
+    let expected = [
+        "T355", "T355", "T223", "T223", "T223", "T223", "T217", "T248",
+    ];
+    assert_eq!(codes, expected);
     show("T355", &[short.1, endless.1].join("\n"));
+}
+
+/// The file of a calibration is the one that the command writes, and the record in it is of this calibration, also where the
+/// file that it started from has one.
+#[test]
+fn files_of_a_session_are_those_of_the_command() {
+    let work = Work::prototype();
+    let session = Session::<GantryTau>::open(work.measured()).unwrap();
+    let options = session.options();
+    let with_errors =
+        session.calibrate_with_errors_in_variables(GantryTau::BEST_PER_LINK, &options);
+    let written = |out: &str, more: &str, found: Calibrated<GantryTau>| {
+        work.run(&format!("calibrate MEASURED --out DIR/{out} {more}"))
+            .done();
+        let written = work.read(&format!("{out}/robot.toml"));
+        assert_eq!(written, found.file.to_toml(), "{more}");
+        let record = found.file.calibration.clone().unwrap();
+        let verdict = found.verdict().unwrap();
+        assert_eq!(record.widening.to_bits(), verdict.widening().to_bits());
+        (record.variant, record.split)
+    };
+    let best = "--variant BestPerLink --errors-in-variables";
+    written("best", best, with_errors.unwrap());
+    let found = session.calibrate(GantryTau::FULL).unwrap();
+    written("out", "--variant Full", found);
+    let again = Files::from(&work.measured()).robot_file(work.path().join("out/robot.toml"));
+    let again = Session::<GantryTau>::open(again).unwrap();
+    let again = again.split(Split::First(60)).calibrate("Nominal").unwrap();
+    let line = "--robot DIR/out/robot.toml --split first:60 --variant Nominal";
+    let record = written("again", line, again);
+    assert_eq!(record, ("Nominal".to_owned(), Split::First(60)));
 }
 
 /// Noise of the drives is in a calibration, whichever way it is asked for.
@@ -145,11 +194,12 @@ fn drives_with_noise_calibrate_with_it() {
     let session = Session::<Hexapod>::open(work.measured()).unwrap();
     let found = session.calibrate(Hexapod::FULL).unwrap();
     let told = work.calibrated("--model hexapod --variant Full");
+    assert_eq!(work.read("out/robot.toml"), found.file.to_toml());
     for own in &found.parameters {
         let sigma = number(&estimate(&told, &own.name)["sigma"]);
         assert!((sigma / own.sigma - 1.0).abs() < 1e-12, "{}", own.name);
     }
     refused(fit::NEEDS_MEASURED_POSES, session.verdict(&found));
-    let answer = session.calibrate_with_errors_in_variables(Hexapod::FULL);
+    let answer = session.calibrate_with_errors_in_variables(Hexapod::FULL, &session.options());
     refused(fit::NEEDS_MEASURED_POSES, answer);
 }

@@ -31,7 +31,8 @@ pub(crate) fn discovered() -> (&'static Work, String) {
 fn all_files_are_written_and_what_was_found_is_printed() {
     let (work, out, found) = prototype();
     let files = work.listing("found").join(" ");
-    assert_eq!(files, "discovered.rs discovered.tau report.html robot.toml");
+    let names = "covariance.csv discovered.rs discovered.tau parameters.csv report.html robot.toml undetermined.csv";
+    assert_eq!(files, names);
     let report = work.read("found/report.html");
     for effect in effects(found) {
         assert!(out.contains(&effect), "{effect} in {out}");

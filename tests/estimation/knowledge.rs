@@ -20,7 +20,8 @@ fn standard_deviations_are_widened_whatever_was_measured() {
         assert!(range.contains(&widening), "{widening}");
         let table = work.table("out/parameters.csv");
         let names = table.cells(&table.header[0]);
-        for (name, sigma) in names.into_iter().zip(table.numbers("sigma_widened")) {
+        let widened = table.numbers("sigma_widened").into_iter();
+        for ((name, sigma), from) in names.into_iter().zip(widened).zip(table.cells("from")) {
             let own = estimate(&found, name);
             // Either text is read back to the last digit but one.
             let in_json = number(&own["sigma_widened"]);
@@ -28,6 +29,9 @@ fn standard_deviations_are_widened_whatever_was_measured() {
             let [stated, tolerance] = ["sigma", "tolerance"].map(|key| number(&own[key]));
             let expected = (widening * stated).min(tolerance.max(stated));
             assert!((sigma - expected).abs() < 1e-9 * expected, "{own}");
+            let is_drawn = 2.0 * stated >= tolerance;
+            let expected = if is_drawn { "tolerance" } else { "data" };
+            assert_eq!((from, &own["from"]), (expected, &expected.into()), "{own}");
         }
     }
 }

@@ -295,9 +295,8 @@ fn poses_do_not_draw_joints_towards_the_tool() {
     // Nor does the fit of whitened poses, by which a folder is judged and searched.
     let prepared = Prepared::new(&robot, variant, file, Some(folder), &poses).unwrap();
     let samples = samples::Sample::all(&robot, folder, &poses[..4_000], &Frames::default());
-    let values = Fit::of_set_1(&prepared, &samples, file.noise).unwrap();
     let joint = Joint::new(prepared.machine, &prepared.nominal, &samples, file.noise).unwrap();
-    let weights = vec![1.0; samples.len()];
+    let (values, weights) = Fit::of_set_1(&joint, &samples).unwrap();
     let fit = Fit::robust(joint, &values, weights, &samples, file.noise).unwrap();
     is_chance(&values);
     is_chance(&fit.joint.values(&fit.fitted));

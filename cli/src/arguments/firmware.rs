@@ -46,7 +46,9 @@ pub(crate) struct Import {
 ///
 /// For Klipper the block that it saves at the end of printer.cfg, with radius, angles, rods and endstops. With
 /// --into, the text of a printer.cfg with these in its saved block: options by hand, which would win, become comments;
-/// all else stays. Where a file that it includes states one of them, nothing is written.
+/// all else stays. Where a file that it includes states one of them, nothing is written. The machine that the firmware then
+/// has is compared with the calibrated one over the workspace; nothing is written where they differ by more than the noise,
+/// because more was calibrated than the firmware has parameters for.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -68,4 +70,7 @@ pub(crate) struct Export {
     /// The file to write; standard output without it
     #[arg(long, value_name = "FILE")]
     pub(crate) out: Option<PathBuf>,
+    /// Write parameters with which the firmware has another machine than the calibrated one
+    #[arg(long)]
+    pub(crate) force: bool,
 }

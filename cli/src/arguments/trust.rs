@@ -10,7 +10,7 @@ use super::{Input, Json};
 /// measurements determine, and which combinations they leave to the tolerances; which effects could be
 /// seen; what is missing and what it would bring. Mistakes are recognised by trying what would mend
 /// them: exchanged commands or carts, mirrored axes, other Euler angles, millimetres, tolerances or one
-/// dimension far off. Fails where a calibration of every variant looked at would mean nothing: fewer
+/// dimension far off. Fails where a calibration of every variant looked at would mean nothing: no more
 /// residuals than parameters, parameters that neither data nor tolerances determine, or a mistake.
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -25,15 +25,27 @@ pub(crate) struct Check {
     #[arg(long, value_name = "NAME")]
     pub(crate) variant: Option<String>,
     #[command(flatten)]
+    pub(crate) strict: Strict,
+    #[command(flatten)]
     pub(crate) json: Json,
 }
 
-/// Consent to what a verdict advises against.
+/// Refusal of what is not consistent.
 #[derive(Debug, Default, Args)]
-pub(crate) struct Force {
+pub(crate) struct Strict {
+    /// Fail with exit code 1 unless the verdict is `consistent`; what is written and printed stays the same
+    #[arg(long)]
+    pub(crate) strict: bool,
+}
+
+/// Consequences of a verdict.
+#[derive(Debug, Default, Args)]
+pub(crate) struct Judgement {
     /// Write the results even where the verdict on them is `absurd`: then figures mean nothing
     #[arg(long)]
     pub(crate) force: bool,
+    #[command(flatten)]
+    pub(crate) strict: Strict,
 }
 
 /// Losses that bound the pull of outliers.

@@ -14,13 +14,14 @@ use tau::measurements::{Folder, Poses, Shape, Split, TcpPose};
 use tau::prototype;
 use tau::robot::Arm;
 use tau::robot_file::{RobotFile, StatedNoise};
+use tau::session::csv;
 use tau::uncertainty::PoseUncertainty;
 use tau_codes::{Remark, kinematics as codes};
 use tau_report as report;
 use tau_robot::input_error::{both, quoted};
 use tau_robot::number::shortest;
 
-use super::deliver::{Outcome, Target, check_file, csv};
+use super::deliver::{Outcome, Target, check_file};
 use super::kept::Kept;
 use super::resolve::{self, files};
 use super::{Failure, arguments};
@@ -251,15 +252,19 @@ impl<'a> Setup<'a> {
             None if !by_position => {
                 return self.machine.inverse_position(row.position_m, &options);
             }
-            // A driven length is the distance of its joints, however the arm is assembled.
-            Some(pose) if !by_position && !is_partial && self.machine.robot.tracks.is_empty() => {
-                return self.machine.inverse(pose, &options);
-            }
             asked => asked,
         };
         let from = match before {
             Some(before) => before.clone(),
-            None => self.known(row)?,
+            None => match (self.known(row), asked) {
+                // Nothing tells how the arm is assembled; a driven length is the distance of its joints, however it is.
+                (Err(kinematics::Error::NoReference), Some(pose))
+                    if !by_position && !is_partial && self.machine.robot.tracks.is_empty() =>
+                {
+                    return self.machine.inverse(pose, &options);
+                }
+                (known, _) => known?,
+            },
         };
         let to = match asked {
             Some(pose) if !by_position => pose,
@@ -415,7 +420,7 @@ impl<'a> Setup<'a> {
             fields.extend(known.cells(certainty, machine, with_commands));
             fields
         });
-        let table = csv(header, table)?;
+        let table = csv(header, table);
         let poses: Vec<Value> = pairs()
             .map(|((row, reached), known)| {
                 let pose = known.pose.as_ref();

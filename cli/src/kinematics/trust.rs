@@ -195,7 +195,9 @@ impl Known {
                 let commands = self.commands_m.clone();
                 numbers.extend(commands.unwrap_or_else(|| vec![f64::NAN; machine.robot.commands]));
             }
-            cells.extend(numbers.into_iter().map(|number| format!("{number:.4e}")));
+            // What is not known has no number.
+            let cell = |number: f64| number.is_finite().then(|| format!("{number:.4e}"));
+            cells.extend(numbers.into_iter().map(|own| cell(own).unwrap_or_default()));
         }
         if certainty.has_region() {
             cells.push(u8::from(self.outside.is_empty()).to_string());

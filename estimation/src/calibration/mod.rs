@@ -46,7 +46,7 @@ pub(crate) use link_sigma::own_parameter;
 use minimum::Minimum;
 pub use nominal::Nominal;
 pub(crate) use output::statics;
-pub use output::{LinkResult, ParameterEstimate};
+pub use output::{LinkResult, ParameterEstimate, Source};
 pub(crate) use output::{reference, widened};
 pub use prepared::{Prepared, length_noise};
 pub use registration::{Line, MOUNTING_M, NominalTrack, Registration};
@@ -210,7 +210,7 @@ pub fn calibrate(
     let folder = setup.folder;
     let file = &setup.file.completed(setup.robot);
     let setup = Setup { file, ..setup };
-    check_poses(setup, poses)?;
+    check_poses(setup, poses, true)?;
     let mut prepared = setup.prepared(poses)?;
     let found = from_prepared(&prepared, file, folder, poses, options)?;
     let measured = measured_at(folder, poses);
@@ -298,7 +298,7 @@ fn from_prepared(
         let weighed = weighing::weighed(prepared, values, &samples, file.noise, options.treatment);
         let (mut weighing, judged) = weighed?;
         let left: Vec<usize> = weighing.taking_part(poses).collect();
-        if let Err(error) = check_places(setup, &left) {
+        if let Err(error) = check_places(setup, &left, true) {
             weighing = weighing.keeping_outliers(Kept::Needed(error.text()));
         }
         let minimum = Minimum::of(prepared, values, (&samples, file.noise), &weighing, judged)?;
@@ -441,17 +441,22 @@ pub(crate) fn finish(
     })
 }
 
-/// Checks that poses are as many as a variant needs, in reach, and apart.
+/// Checks that poses are as many as a variant needs, in reach, and apart. Unless they `are_alone`, other sets of the folder
+/// are fitted with them, so that residuals of these judge the fit, too.
 ///
 /// # Errors
 /// They are not.
-pub fn check_poses(setup: Setup<'_>, poses: &[usize]) -> Result<(), InputError> {
-    check_places(setup, poses)?;
+pub fn check_poses(setup: Setup<'_>, poses: &[usize], are_alone: bool) -> Result<(), InputError> {
+    check_places(setup, poses, are_alone)?;
     setup.folder.check_reach(poses, setup.robot, setup.file)
 }
 
 /// Checks that poses are as many as a variant needs, and apart.
-fn check_places(setup: Setup<'_>, poses: &[usize]) -> Result<(), InputError> {
+pub(crate) fn check_places(
+    setup: Setup<'_>,
+    poses: &[usize],
+    are_alone: bool,
+) -> Result<(), InputError> {
     let Setup {
         robot,
         variant,
@@ -473,16 +478,19 @@ fn check_places(setup: Setup<'_>, poses: &[usize]) -> Result<(), InputError> {
             ),
         ));
     }
-    let (needed, of) = poses_needed(variant, robot.plate.is_in_plane());
+    let needed = poses_needed(variant, robot.plate.is_in_plane());
+    let [of_closure, enough, degrees, parameters] = needed;
+    let least = if are_alone { enough } else { of_closure };
     let mut places = BTreeSet::new();
     for &pose in poses {
         let commands = folder.tcp_poses[pose].commands_m.iter();
         places.insert(commands.map(|own| own.to_bits()).collect::<Vec<u64>>());
-        if places.len() >= needed {
+        if places.len() >= least {
             return Ok(());
         }
     }
-    folder.check_pose_count(places.len(), needed, &of)
+    let of = (parameters, variant.name.as_str());
+    folder.check_pose_count(places.len(), (enough, degrees), of)
 }
 
 /// True of components along z, on which closures of a plate in the plane depend by their squares alone.
@@ -490,28 +498,25 @@ pub(crate) fn is_along_z(variant: &Variant, parameter: usize) -> bool {
     variant.parameters[parameter].component == Some(2)
 }
 
-/// Calibration poses that a variant needs: as many as the parameters of its largest closure, counting
-/// those that several closures share in parts; and what needs them. Of a plate in the plane none follows z.
-fn poses_needed(variant: &Variant, is_in_plane: bool) -> (usize, String) {
+/// Calibration poses that a variant needs: as many as its largest closure has parameters, counting those that several share
+/// in parts; and so many that a residual is left to judge a fit by. Then the residuals that these leave, and the parameters that
+/// they determine. Of a plate in the plane none follows z.
+fn poses_needed(variant: &Variant, is_in_plane: bool) -> [usize; 4] {
     let closures: Vec<&Instance> = variant.instances_of(ResidualKind::Closure).collect();
+    let free = |closure: &&Instance| {
+        let all = closure.parameters.clone().into_iter();
+        all.filter(move |&own| !(is_in_plane && is_along_z(variant, own)))
+    };
     let mut users = vec![0.0_f64; variant.parameters.len()];
-    closures
-        .iter()
-        .flat_map(|closure| &closure.parameters)
-        .for_each(|&p| users[p] += 1.0);
-    let needed = closures
-        .iter()
-        .map(|closure| {
-            let counts = |p: &&usize| !(is_in_plane && is_along_z(variant, **p));
-            (closure.parameters.iter())
-                .filter(counts)
-                .map(|&p| users[p].recip())
-                .sum::<f64>()
-        })
-        .fold(0.0, f64::max);
+    (closures.iter().flat_map(&free)).for_each(|own| users[own] += 1.0);
+    let parts = |closure: &&Instance| free(closure).map(|own| users[own].recip()).sum::<f64>();
+    let largest = closures.iter().map(parts).fold(0.0, f64::max);
+    let parameters = users.iter().filter(|&&users| users > 0.0).count();
     // The small allowance keeps thirds that add up to a whole number from being rounded up.
-    let count = count((needed - 1e-9).ceil());
-    (count, format!("each closure of variant `{}`", variant.name))
+    let of_closure = count((largest - 1e-9).ceil());
+    let enough = of_closure.max(parameters / closures.len().max(1) + 1);
+    let degrees = (enough * closures.len()).saturating_sub(parameters);
+    [of_closure, enough, degrees, parameters]
 }
 
 /// The pairs with the largest correlations, largest first.

@@ -77,7 +77,38 @@ pub struct ParameterEstimate {
     pub sigma: f64,
 }
 
+/// What a calibrated value is known by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Source {
+    /// By the data: they leave less than half of its tolerance.
+    Data,
+    /// By its tolerance.
+    Tolerance,
+    /// It was held.
+    Fixed,
+}
+
+impl Source {
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Data => "data",
+            Self::Tolerance => "tolerance",
+            Self::Fixed => "fixed",
+        }
+    }
+}
+
 impl ParameterEstimate {
+    /// What its value is known by.
+    pub fn source(&self) -> Source {
+        match self.tolerance {
+            _ if self.sigma == 0.0 => Source::Fixed,
+            Some(tolerance) if self.sigma >= tolerance / 2.0 => Source::Tolerance,
+            _ => Source::Data,
+        }
+    }
+
     /// Its standard deviation at noise so many times the stated one: no more than its prior's, which noise does not widen.
     pub fn sigma_widened(&self, widening: f64) -> f64 {
         widened(
@@ -213,7 +244,8 @@ pub(crate) fn reference(machine: &Machine, poses: &[Sample<'_>]) -> Option<Refer
 }
 
 /// The file with calibrated values; a parameter without prior gets a tolerance that says nothing when
-/// the file is calibrated again. What the variant does not have stays as it was.
+/// the file is calibrated again. What the variant does not have stays as it was; the record of an earlier calibration,
+/// which gave other values, goes.
 pub(super) fn file(
     machine: &Machine,
     estimates: &[ParameterEstimate],
@@ -221,7 +253,10 @@ pub(super) fn file(
     nominal: &RobotFile,
     registration: Option<&Registration>,
 ) -> RobotFile {
-    let mut file = nominal.clone();
+    let mut file = RobotFile {
+        calibration: None,
+        ..nominal.clone()
+    };
     let robot = &machine.robot;
     // Without its folder the file would not say what its polynomials scale to.
     if !machine.variant.reads_travel().is_empty() {

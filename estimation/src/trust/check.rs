@@ -13,7 +13,7 @@ use tau_robot::robot_file::RobotFile;
 
 use crate::calibration::error::unsolved;
 use crate::calibration::known::Known;
-use crate::calibration::{Combination, Error, Prepared, check_poses, is_along_z};
+use crate::calibration::{Combination, Error, Prepared, check_places, check_poses};
 use crate::numerics::spread::spread;
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
@@ -397,9 +397,6 @@ fn determine(checked: &mut Checked, setup: Setup<'_>, poses: &[usize]) -> Result
     let of_pose = variant.instances_of(ResidualKind::Closure).count();
     checked.rows = of_pose * poses.len();
     checked.parameters = used.len();
-    let is_in_plane = robot.plate.is_in_plane();
-    let free = (used.iter()).filter(|&&index| !(is_in_plane && is_along_z(variant, index)));
-    let free = free.count();
     let failed = |error: tau_solver::Error| Error::NotConverged {
         variant: variant.name.clone(),
         why: unsolved(&error),
@@ -415,29 +412,18 @@ fn determine(checked: &mut Checked, setup: Setup<'_>, poses: &[usize]) -> Result
     let open = checked.undetermined.iter().find(|combination| {
         combination.data_over_prior.is_infinite() && !combination.terms.iter().any(is_stated)
     });
-    checked.why_not = if checked.rows <= free {
+    check_places(setup, poses, true)?;
+    checked.why_not = open.map(|open| {
+        let terms = open.terms.iter().take(4);
+        let names: Vec<String> = terms.map(|term| term.0.clone()).collect();
         let text = format!(
-            "{} residuals for {free} free parameters: the fit would repeat its input",
-            checked.rows
+            "nothing determines {}, and there are no tolerances for them",
+            names.join(", ")
         );
-        Some(Remark::new(fit::FITS_ANYTHING, text))
-    } else {
-        open.map(|open| {
-            let names: Vec<String> = open
-                .terms
-                .iter()
-                .take(4)
-                .map(|term| term.0.clone())
-                .collect();
-            let text = format!(
-                "nothing determines {}, and there are no tolerances for them",
-                names.join(", ")
-            );
-            Remark::new(fit::UNDETERMINED, text)
-        })
-    };
+        Remark::new(fit::UNDETERMINED, text)
+    });
     if checked.why_not.is_none() {
-        check_poses(setup, poses)?;
+        check_poses(setup, poses, true)?;
         let factor = known.factor(&known.posterior(), &prepared.track_scales);
         let known = factor.map(|factor| {
             Uncertainty::new(variant, used, &factor)

@@ -216,14 +216,23 @@ impl Printer {
         [0, 1, 2].map(|k| steps[k] * self.step_mm[k] / 1000.0)
     }
 
-    /// Position of the nozzle (mm) at steps, by intersection of the three spheres about the joints of the carriages.
+    /// Position of the nozzle (mm) at steps.
     pub fn position_mm(&self, steps: &[f64; 3]) -> Vector3<f64> {
-        let Parameters { radius_mm, towers } = &self.parameters;
+        let ways_mm = [0, 1, 2].map(|k| steps[k] * self.step_mm[k]);
+        self.parameters.position_mm(ways_mm)
+    }
+}
+
+impl Parameters {
+    /// Position of the nozzle (mm) where carriages are so far down from their endstops (mm), as the firmware computes it: by
+    /// intersection of the three spheres about their joints.
+    pub fn position_mm(&self, ways_mm: [f64; 3]) -> Vector3<f64> {
+        let Self { radius_mm, towers } = self;
         let centre = |k: usize| {
             let tower = &towers[k];
             let (sine, cosine) = tower.angle_deg.to_radians().sin_cos();
             let upright = (tower.arm_mm.powi(2) - radius_mm.powi(2)).sqrt();
-            let height = tower.endstop_mm + upright - steps[k] * self.step_mm[k];
+            let height = tower.endstop_mm + upright - ways_mm[k];
             Vector3::new(radius_mm * cosine, radius_mm * sine, height)
         };
         let [a, b, c] = [0, 1, 2].map(centre);

@@ -4,9 +4,10 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use nalgebra::{Rotation3, Vector3};
-use tau_codes::fit;
+use tau_codes::{files, fit};
 
-use super::{Folder, TcpPose, plausible};
+use super::plausible::{self, no_direction};
+use super::{Folder, TcpPose};
 use crate::input_error::{Errors, InputError};
 use crate::robot::{Robot, Value};
 use crate::robot_file::{Dimensions, RobotFile};
@@ -41,30 +42,66 @@ impl Folder {
         travel
     }
 
-    /// Checks that there are more calibration poses than parameters to be found from them: each pose gives one closure
-    /// equation per link, and as many as parameters leave no residual to judge the fit by.
+    /// Checks measurements in memory of a robot with so many commands: what the reader of files refuses in a row.
     ///
     /// # Errors
-    /// No more poses than parameters.
+    /// The first row with another number of commands, a number that is not finite, or a direction that is none.
+    pub fn check(&self, commands: usize) -> Result<(), InputError> {
+        let refused = |code, message: String| Err(InputError::whole(code, &self.name, message));
+        let poses = self.tcp_poses.iter().map(|pose| {
+            let measured = [pose.position_m, pose.angles_rad].concat();
+            (pose.pose, &pose.commands_m, &pose.directions, measured)
+        });
+        let rows = self.plate_rows.iter().map(|row| {
+            let measured = row.values.iter().flatten().copied().collect();
+            (row.pose, &row.commands_m, &row.directions, measured)
+        });
+        for (pose, commands_m, directions, measured) in poses.chain(rows) {
+            let found = commands_m.len();
+            if found != commands {
+                let message = format!("pose {pose} has {found} commands, expected {commands}");
+                return refused(fit::BAD_OBSERVATION, message);
+            }
+            if !measured.iter().chain(commands_m).all(|own| own.is_finite()) {
+                let message = format!("pose {pose} has a number that is not finite");
+                return refused(fit::BAD_OBSERVATION, message);
+            }
+            let mut directions = directions.iter().flatten();
+            if let Some(message) = directions.find_map(|&own| no_direction(own)) {
+                return refused(files::OUT_OF_BOUNDS, format!("pose {pose}: {message}"));
+            }
+        }
+        let carts = self.cart_poses.iter().map(|cart| cart.direction);
+        let carts = carts.chain(self.cart_positions.iter().map(|cart| cart.direction));
+        match carts.flatten().find_map(no_direction) {
+            Some(message) => refused(files::OUT_OF_BOUNDS, message),
+            None => Ok(()),
+        }
+    }
+
+    /// Checks that so many poses calibrate as leave residuals by which a fit is judged, some `degrees` of them beside the
+    /// `parameters` that are found: each pose gives one closure equation per link.
+    ///
+    /// # Errors
+    /// Fewer calibrate.
     pub fn check_pose_count(
         &self,
         calibration_poses: usize,
-        parameters: usize,
-        of: &str,
+        (enough, degrees): (usize, usize),
+        (parameters, variant): (usize, &str),
     ) -> Result<(), InputError> {
-        if calibration_poses > parameters {
+        if calibration_poses >= enough {
             return Ok(());
         }
-        Err(InputError::whole(fit::TOO_FEW_POSES,
-            self.tcp_poses_name(),
-            format!(
-                "{calibration_poses} of {} poses calibrate, expected at least {}: as many as {of} has parameters, and one by \
-                 which the fit is judged",
-                self.tcp_poses.len(),
-                parameters + 1
-            ),
+        let message = format!(
+            "{calibration_poses} of {} poses calibrate, expected at least {enough}, which leave {degrees} residuals to judge \
+             the fit by, beside the {parameters} parameters of variant `{variant}`",
+            self.tcp_poses.len(),
+        );
+        Err(
+            InputError::whole(fit::TOO_FEW_POSES, self.tcp_poses_name(), message)
+                .help("measure more poses, or let more of them calibrate with `--split`"),
         )
-        .help("measure more poses, or let more of them calibrate with `--split`"))
     }
 
     /// Checks that the links of the robot, with the values of its file, reach from the cart at its

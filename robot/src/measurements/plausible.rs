@@ -298,17 +298,18 @@ pub(crate) fn temperatures(table: &Table<'_>, column: &Column, mistakes: &mut Mi
 /// Directions are the sign of the last move.
 pub fn directions(table: &Table<'_>, column: &Column, mistakes: &mut Mistakes<'_>) {
     for (row, value) in column.values.iter().enumerate() {
-        if !value.is_nan() && ![-1.0, 1.0].contains(value) {
-            mistakes.push(
-                files::OUT_OF_BOUNDS,
-                table.place(row, column.index),
-                format!(
-                    "found direction {}, expected 1 or -1, the sign of the drive's last move",
-                    table.text(row, column.index)
-                ),
-            );
+        if let Some(message) = no_direction(*value) {
+            let place = table.place(row, column.index);
+            mistakes.push(files::OUT_OF_BOUNDS, place, message);
         }
     }
+}
+
+/// What is wrong with a direction; one that is not a number is not known.
+pub fn no_direction(value: f64) -> Option<String> {
+    (!value.is_nan() && value.abs() != 1.0).then(|| {
+        format!("found direction {value}, expected 1 or -1, the sign of the drive's last move")
+    })
 }
 
 /// Carts are counted from 1.

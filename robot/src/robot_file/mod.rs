@@ -17,7 +17,7 @@ mod written;
 use std::collections::BTreeMap;
 
 use crate::fingerprint::of_description;
-use crate::input_error::quoted;
+use crate::input_error::{InputError, quoted};
 use crate::robot::{ResidualKind, Robot, TrackShape, Variant};
 pub use covariance::{Covariance, TRACK_SCALE};
 pub(crate) use described::PLACEHOLDER;
@@ -100,6 +100,14 @@ impl RobotFile {
         }
         let written = written::in_robot_file(robot, &commands, &position, &angles);
         format!("add {written} to the robot file")
+    }
+
+    /// Checks values in memory as those of a file are: places of mistakes are those in the text that [`Self::to_toml`] writes.
+    ///
+    /// # Errors
+    /// As [`RobotFile::parse_for`].
+    pub fn check(&self, robot: &Robot) -> Result<(), InputError> {
+        Self::parse_for(&self.to_toml(), &self.source.0, robot).map(|_| ())
     }
 
     /// A remark where the file is for another robot than a description.

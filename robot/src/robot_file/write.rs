@@ -126,17 +126,19 @@ pub(super) fn inline(value: &Value) -> String {
         .map(|sigma| format!(", sigma = {}", components(sigma)))
         .unwrap_or_default();
     format!(
-        "{{ value = {}, tol = {:?}{sigma} }}",
+        "{{ value = {}, tol = {}{sigma} }}",
         components(&value.value),
-        value.tol
+        components(&[value.tol])
     )
 }
 
+/// TOML spells what is not a number otherwise than Rust does.
 fn components(components: &[f64]) -> String {
-    match components {
+    let text = match components {
         [scalar] => format!("{scalar:?}"),
         vector => format!("{vector:?}"),
-    }
+    };
+    text.replace("NaN", "nan")
 }
 
 pub(super) fn key(name: &str) -> String {

@@ -5,22 +5,90 @@ use std::marker::PhantomData;
 use std::ops::Deref;
 
 use tau_estimation::calibration::{Calibration, ParameterEstimate};
+use tau_estimation::trust::Verdict;
+use tau_estimation::unknown_poses::UnknownPoses;
+use tau_estimation::unknown_poses::errors_in_variables::ErrorsInVariables;
 use tau_robot::InputError;
+use tau_robot::robot_file::RobotFile;
 
 use super::Described;
 use super::key::ParameterKey;
 
-/// A calibrated variant of the robot `R`: a [`Calibration`], the estimates of which go by handle.
+/// A calibrated variant of the robot `R`: a [`Calibration`], the estimates of which go by handle, with the verdict on it.
+///
+/// Its robot file is complete: `calibrated.file.to_toml()` is what `tau calibrate` writes, with the record of what was
+/// calibrated, on which poses, and how far to trust it.
 pub struct Calibrated<R = Described> {
-    calibration: Calibration,
+    fit: Fit,
+    verdict: Option<Verdict>,
     declared: PhantomData<fn() -> R>,
 }
 
+/// The fit of a calibration.
+#[derive(Debug, Clone)]
+#[expect(clippy::large_enum_variant, reason = "there is one a calibration")]
+pub(super) enum Fit {
+    Poses(Calibration),
+    ErrorsInVariables(ErrorsInVariables),
+    UnknownPoses(UnknownPoses),
+}
+
+impl Fit {
+    pub(super) fn calibration(&self) -> &Calibration {
+        match self {
+            Self::Poses(found) => found,
+            Self::ErrorsInVariables(found) => &found.calibration,
+            Self::UnknownPoses(found) => &found.calibration,
+        }
+    }
+
+    pub(super) fn file_mut(&mut self) -> &mut RobotFile {
+        match self {
+            Self::Poses(found) => &mut found.file,
+            Self::ErrorsInVariables(found) => &mut found.calibration.file,
+            Self::UnknownPoses(found) => &mut found.calibration.file,
+        }
+    }
+}
+
 impl<R> Calibrated<R> {
-    pub(super) fn new(calibration: Calibration) -> Self {
+    pub(super) fn new(fit: Fit, verdict: Option<Verdict>) -> Self {
         Self {
-            calibration,
+            fit,
+            verdict,
             declared: PhantomData,
+        }
+    }
+
+    pub(super) fn of_unknown_poses(found: UnknownPoses) -> Self {
+        let verdict = found.verdict();
+        Self::new(Fit::UnknownPoses(found), Some(verdict))
+    }
+
+    /// The verdict on it: consistent with stated noise and tolerances or not. `None` for what a search found and could not
+    /// calibrate, or was fitted to more poses than the verdict is on.
+    pub fn verdict(&self) -> Option<&Verdict> {
+        self.verdict.as_ref()
+    }
+
+    /// Factor by which its standard deviations are too small, as its robot file states it.
+    pub fn widening(&self) -> f64 {
+        self.file.widening()
+    }
+
+    /// The fit where the session [has unknown poses](super::Session::has_unknown_poses).
+    pub fn unknown_poses(&self) -> Option<&UnknownPoses> {
+        match &self.fit {
+            Fit::UnknownPoses(found) => Some(found),
+            _ => None,
+        }
+    }
+
+    /// The fit with errors in variables, if it is one.
+    pub fn errors_in_variables(&self) -> Option<&ErrorsInVariables> {
+        match &self.fit {
+            Fit::ErrorsInVariables(found) => Some(found),
+            _ => None,
         }
     }
 
@@ -33,25 +101,19 @@ impl<R> Calibrated<R> {
         &self,
         parameter: impl ParameterKey<R>,
     ) -> Result<&ParameterEstimate, InputError> {
-        parameter.estimate_in(&self.calibration)
+        parameter.estimate_in(self)
     }
 }
 
 impl<R> Clone for Calibrated<R> {
     fn clone(&self) -> Self {
-        Self::new(self.calibration.clone())
+        Self::new(self.fit.clone(), self.verdict.clone())
     }
 }
 
 impl<R> fmt::Debug for Calibrated<R> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.calibration.fmt(f)
-    }
-}
-
-impl<R> From<Calibrated<R>> for Calibration {
-    fn from(calibrated: Calibrated<R>) -> Self {
-        calibrated.calibration
+        self.fit.calibration().fmt(f)
     }
 }
 
@@ -59,6 +121,6 @@ impl<R> Deref for Calibrated<R> {
     type Target = Calibration;
 
     fn deref(&self) -> &Calibration {
-        &self.calibration
+        self.fit.calibration()
     }
 }

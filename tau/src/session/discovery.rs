@@ -5,15 +5,16 @@ use std::path::Path;
 use tau_codes::Remark;
 use tau_discovery::{Options, Outcome, UNNAMED, reserved};
 use tau_estimation::calibration::Error;
-use tau_estimation::unknown_poses::UnknownPoses;
+use tau_estimation::trust::Verdict;
 use tau_model_dsl::model::Effect;
 use tau_model_dsl::{self as language, Model};
 use tau_robot::effects::{CATALOGUE, places};
 use tau_robot::input_error::{self, InputError, Source, both};
+use tau_robot::measurements::Split;
 use tau_robot::robot::{Robot, Variant};
-use tau_robot::robot_file::RobotFile;
 
-use super::{Calibrated, Described, Session, Stamp, VariantKey};
+use super::calibrated::{Calibrated, Fit};
+use super::{Session, VariantKey};
 
 /// Effects to search for.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -73,50 +74,46 @@ impl<R> Session<R> {
         tau_discovery::discover(robot, &base.name, robot_file, folder, &options, progress)
     }
 
-    /// The variant that was found, calibrated. It goes by name, since no handle was declared for it.
+    /// The variant that was found, calibrated: with its standard deviations as the search left them, or where poses are
+    /// unknown and it could be, calibrated anew. It goes by name, since no handle was declared for it.
     ///
     /// # Errors
     /// As [`Self::calibrate`].
     pub fn state_found(&self, found: &Outcome) -> Result<Calibrated, Error> {
+        self.stated(found, found.discovery.fit.clone())
+    }
+
+    fn stated(&self, found: &Outcome, verdict: Option<Verdict>) -> Result<Calibrated, Error> {
         let unknown = found.unknown.as_ref();
+        if let Some(fitted) = unknown.and_then(|unknown| unknown.fitted.as_ref()) {
+            let fitted = self.recorded(fitted.clone());
+            return Ok(Calibrated::of_unknown_poses(fitted));
+        }
         let folder = unknown.map_or(&self.folder, |unknown| &unknown.folder);
-        let calibration = found.calibration(&found.robot(), &self.robot_file, folder)?;
-        Ok(Calibrated::<Described>::new(calibration))
+        let mut calibration = found.calibration(&found.robot(), &self.robot_file, folder)?;
+        // Its covariance holds the noise that was found already.
+        let record = self.provenance(&calibration, folder, &found.poses, 1.0);
+        calibration.file.calibration = Some(record);
+        Ok(Calibrated::new(Fit::Poses(calibration), verdict))
     }
 
-    /// The robot file of the variant as the search left it, and its calibration: where poses are unknown and what was found
-    /// could not be calibrated anew, this is what there is.
+    /// The same fitted to all poses, also those that showed the gap. What could not be calibrated anew stays as the search
+    /// left it.
     ///
     /// # Errors
-    /// As [`Self::state_found`].
-    pub fn file_of_search(
-        &self,
-        found: &Outcome,
-        stamp: &Stamp,
-    ) -> Result<(RobotFile, Calibrated), Error>
-    where
-        Self: Clone,
-    {
-        let calibrated = self.state_found(found)?;
-        let mut placed = self.clone();
-        if let Some(unknown) = &found.unknown {
-            placed.folder = unknown.folder.clone();
+    /// As [`Self::calibrate`].
+    pub fn refit_found(&self, found: &Outcome) -> Result<Calibrated, Error> {
+        let all = self.clone().split(Split::All);
+        let Some(unknown) = &found.unknown else {
+            let refitted = found.refitted_to_all(&self.robot_file, &self.folder)?;
+            return all.stated(&refitted, None);
+        };
+        if unknown.fitted.is_none() {
+            return self.state_found(found);
         }
-        let mut file = placed.calibrated_file(&calibrated, &found.poses, 1.0, stamp);
-        if let Some(record) = &mut file.calibration {
-            // Where poses stand is estimated; which rows calibrated is as ever.
-            record.rows = self.calibrating_rows();
-        }
-        Ok((file, calibrated))
-    }
-
-    /// The variant that was found fitted to all rows of a folder whose poses are unknown that the session's split has
-    /// calibrate.
-    ///
-    /// # Errors
-    /// As [`Self::calibrate_unknown_poses`].
-    pub fn refitted_of_unknown_poses(&self, found: &Outcome) -> Result<UnknownPoses, Error> {
-        found.calibration_of_unknown_poses(&self.robot_file, &self.folder, &self.row_division())
+        let (file, rows) = (&self.robot_file, all.row_division());
+        let fitted = found.calibration_of_unknown_poses(file, &self.folder, &rows)?;
+        Ok(Calibrated::of_unknown_poses(all.recorded(fitted)))
     }
 
     /// The effects of files, then those of the catalogue that ships; mistakes of all files are reported together.

@@ -6,34 +6,42 @@ mod discovery;
 mod files;
 mod key;
 mod provenance;
+mod stamp;
+mod tables;
 mod trust;
 mod unknown_poses;
 
 use std::fmt;
 use std::marker::PhantomData;
+use std::sync::OnceLock;
 
 use tau_codes::{Remark, fit};
 use tau_estimation::Setup;
 use tau_estimation::calibration::{self, Error, Prepared};
 use tau_estimation::evaluation::{self, Evaluation};
 use tau_estimation::expected::Expected;
+use tau_estimation::numerics::parallel;
 use tau_estimation::sensitivity::{self, Sensitivity};
 use tau_estimation::uncertainty::Uncertainty;
-use tau_estimation::unknown_poses::errors_in_variables::{self, ErrorsInVariables};
+use tau_estimation::unknown_poses::{UnknownPoses, errors_in_variables};
 use tau_estimation::weighing::Treatment;
 use tau_kinematics::Machine;
+use tau_robot::input_error::both;
 use tau_robot::measurements::{Folder, Poses, Shape, Split};
-use tau_robot::robot::Variant;
-use tau_robot::robot_file::RobotFile;
+use tau_robot::robot::{self, ResidualKind, Variant};
+use tau_robot::robot_file::{Provenance, RobotFile};
 use tau_robot::{InputError, Robot};
 use tau_runtime::DeclaredRobot;
 
 pub use calibrated::Calibrated;
+use calibrated::Fit;
 #[cfg(feature = "discovery")]
 pub use discovery::Catalogues;
 pub use files::{Files, Input};
 pub use key::{ParameterKey, VariantKey};
-pub use provenance::{Basis, Record, Stamp};
+pub use provenance::{Basis, Record};
+pub use stamp::Stamp;
+pub use tables::{CALIBRATION_FILES, csv};
 
 /// Stands in for a declared robot where the description is compiled at run time, so that variants and parameters
 /// go by name: see [`Session::open_with_robot`].
@@ -71,6 +79,8 @@ pub struct Session<R = Described> {
     split: Split,
     treatment: Treatment,
     inputs: Vec<Input>,
+    /// Set once values in memory are known to be such as a file may hold.
+    is_sound: OnceLock<()>,
     declared: PhantomData<fn() -> R>,
 }
 
@@ -122,6 +132,7 @@ impl<R> Session<R> {
             split: Split::default(),
             treatment: Treatment::default(),
             inputs: vec![],
+            is_sound: OnceLock::new(),
             declared: PhantomData,
         }
     }
@@ -171,40 +182,12 @@ impl<R> Session<R> {
         Poses::select(&self.robot, &self.robot_file, &self.folder, self.split)
     }
 
-    /// Refuses poses in memory that no file could hold.
+    /// Refuses measurements and values in memory that no file could hold; those of files were looked at as they were read.
     fn sound(&self) -> Result<(), InputError> {
-        let (commands, noise) = (self.robot.commands, self.robot_file.noise);
-        let refused = |what: String| {
-            Err(InputError::whole(
-                fit::BAD_OBSERVATION,
-                &self.folder.name,
-                what,
-            ))
-        };
-        for pose in &self.folder.tcp_poses {
-            let (number, found) = (pose.pose, pose.commands_m.len());
-            if found != commands {
-                return refused(format!(
-                    "pose {number} has {found} commands, expected {commands}"
-                ));
-            }
-            let numbers = pose.position_m.iter().chain(&pose.angles_rad);
-            if !numbers
-                .chain(&pose.commands_m)
-                .all(|number| number.is_finite())
-            {
-                return refused(format!("pose {number} has a number that is not finite"));
-            }
-        }
-        if [noise.position_m, noise.rotation_rad]
-            .iter()
-            .any(|&sigma| sigma < 0.0)
-        {
-            return Err(InputError::whole(
-                tau_codes::files::OUT_OF_BOUNDS,
-                &self.robot_file.source,
-                "found a negative noise",
-            ));
+        if self.inputs.is_empty() && self.is_sound.get().is_none() {
+            let (robot, file, folder) = (&self.robot, &self.robot_file, &self.folder);
+            both(file.check(robot), folder.check(robot.commands))?;
+            self.is_sound.get_or_init(|| ());
         }
         Ok(())
     }
@@ -230,6 +213,37 @@ impl<R> Session<R> {
         let variant = variant.variant_of(&self.robot)?;
         let mut remarks = self.remarks();
         remarks.extend(self.robot_file.unused_effects(variant));
+        Ok(remarks)
+    }
+
+    /// The same of a calibration: also on what it takes for known, or leaves out.
+    ///
+    /// # Errors
+    /// It is of a variant that the robot does not have.
+    pub fn remarks_on(&self, found: &Calibrated<R>) -> Result<Vec<Remark>, InputError> {
+        let own = &found.machine.variant;
+        let mut remarks = self.remarks_for(own.name.as_str())?;
+        let mut closures = own.instances_of(ResidualKind::Closure);
+        let reads_tension = closures.any(|closure| {
+            let mut inputs = closure.inputs.iter();
+            inputs.any(|input| matches!(input, robot::Input::Tension(_)))
+        });
+        if reads_tension && self.folder.has_measured_tensions() {
+            let message = "the noise of measured tensions (`force1_N`, …) is taken for zero: what there is draws \
+                           compliances towards zero, by its share of the variance of the tensions";
+            remarks.push(Remark::new(fit::NOISE_TAKEN_FOR_ZERO, message));
+        }
+        let are_measured =
+            !self.folder.cart_poses.is_empty() || !self.folder.cart_positions.is_empty();
+        let is_of_plate = |found: &UnknownPoses| {
+            let mut kinds = found.kinds.iter();
+            !kinds.any(|kind| kind.kind.is_of_carts())
+        };
+        if are_measured && found.unknown_poses().is_some_and(is_of_plate) {
+            let message =
+                "the plate alone was fitted, without cart_poses.csv and cart_positions.csv";
+            remarks.push(Remark::new(fit::PLATE_ALONE, message));
+        }
         Ok(remarks)
     }
 
@@ -323,8 +337,7 @@ impl<R> Session<R> {
     }
 
     /// Calibrates a variant on the poses for it: see [`calibrate`](calibration::calibrate). Where the session
-    /// [has unknown poses](Self::has_unknown_poses), on all measurements, of which
-    /// [`Self::calibrate_unknown_poses`] says more, the verdict included.
+    /// [has unknown poses](Self::has_unknown_poses), on all measurements: see [`Self::calibrate_unknown_poses`].
     ///
     /// # Errors
     /// [`Error::Input`] where these measurements can't calibrate it; [`Error::NotConverged`].
@@ -335,7 +348,7 @@ impl<R> Session<R> {
     /// The same with options.
     ///
     /// # Errors
-    /// As [`Self::calibrate`]; a start of the wrong length.
+    /// As [`Self::calibrate`]; a start of the wrong length; a scale to free that poses determine.
     pub fn calibrate_with(
         &self,
         variant: impl VariantKey<R>,
@@ -345,10 +358,11 @@ impl<R> Session<R> {
         self.sound()?;
         if self.has_unknown_poses() {
             let found = self.calibrate_unknown_poses(variant.name.as_str(), options)?;
-            return Ok(Calibrated::new(found.calibration));
+            return Ok(Calibrated::of_unknown_poses(found));
         }
         let poses = self.poses()?.division.calibration;
-        calibration::calibrate(self.setup(variant), &poses, options).map(Calibrated::new)
+        let found = calibration::calibrate(self.setup(variant), &poses, options)?;
+        self.judged(Fit::Poses(found), &poses)
     }
 
     /// Calibrates a variant on all sets with errors in variables: the true pose behind each measured one is
@@ -360,19 +374,44 @@ impl<R> Session<R> {
     pub fn calibrate_with_errors_in_variables(
         &self,
         variant: impl VariantKey<R>,
-    ) -> Result<ErrorsInVariables, Error> {
+        options: &calibration::Options,
+    ) -> Result<Calibrated<R>, Error> {
         let variant = variant.variant_of(&self.robot)?;
+        self.sound()?;
         if self.has_unknown_poses() {
-            let message = "drives have noise, or tell more than the pose, or something was measured that tells less";
+            let message = "found drives with noise, or more of them than freedoms, or measurements that tell less than \
+                           the pose, expected measured poses alone: every calibration of others has errors in variables";
+            let help = "leave `--errors-in-variables` out, or ask for a plain calibration";
+            let source = "--errors-in-variables";
             return Err(
-                InputError::whole(fit::NEEDS_MEASURED_POSES, &self.folder.name, message)
-                    .help("every calibration of these has errors in variables: ask for a plain one")
+                InputError::whole(fit::NEEDS_MEASURED_POSES, source, message)
+                    .help(help)
                     .into(),
             );
         }
         let poses = self.poses()?.division.calibration;
-        let options = self.options();
-        errors_in_variables::calibrate(self.setup(variant), &poses, &options)
+        let found = errors_in_variables::calibrate(self.setup(variant), &poses, options)?;
+        self.judged(Fit::ErrorsInVariables(found), &poses)
+    }
+
+    /// A fit to poses, given by index, with the verdict on it and the record of it.
+    fn judged(&self, mut fit: Fit, poses: &[usize]) -> Result<Calibrated<R>, Error> {
+        let found = fit.calibration();
+        let fitted: Vec<usize> = found.weighing.taking_part(poses).collect();
+        // The verdict, and how far predictions are known, take about as long.
+        let (verdict, record) = parallel::both(
+            || self.verdict(found),
+            || self.provenance(found, &self.folder, &fitted, 1.0),
+        );
+        let mut verdict = verdict?;
+        if let Fit::ErrorsInVariables(found) = &fit {
+            verdict = verdict.with_groups(&found.groups, &self.robot_file);
+        }
+        fit.file_mut().calibration = Some(Provenance {
+            widening: verdict.widening(),
+            ..record
+        });
+        Ok(Calibrated::new(fit, Some(verdict)))
     }
 
     /// Predicts the poses that validate, and compares: see [`evaluate`](evaluation::evaluate). The machine is that of a
@@ -412,6 +451,7 @@ impl<R> Clone for Session<R> {
             robot_file: self.robot_file.clone(),
             folder: self.folder.clone(),
             inputs: self.inputs.clone(),
+            is_sound: self.is_sound.clone(),
             ..*self
         }
     }

@@ -6,24 +6,14 @@ use tau_codes::fit;
 use tau_estimation::calibration::{Calibration, Prepared};
 use tau_estimation::numerics::order::extent;
 use tau_estimation::uncertainty::Uncertainty;
-use tau_estimation::unknown_poses::{JudgedRows, RowDivision};
+use tau_estimation::unknown_poses::{EstimatedPoses, JudgedRows, RowDivision, UnknownPoses};
 use tau_kinematics::Machine;
 use tau_robot::fingerprint;
 use tau_robot::measurements::{Distance, Folder, PoseCounts, Poses, Shape, Split, TcpPose};
-use tau_robot::robot::Variant;
-use tau_robot::robot_file::{Provenance, RobotFile};
+use tau_robot::robot_file::Provenance;
 use tau_robot::{InputError, Robot, prototype};
 
-use super::{Input, Session};
-
-/// The program that writes a file, and the day.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Stamp {
-    /// Program and version.
-    pub program: String,
-    /// Day, `YYYY-MM-DD` in UTC.
-    pub date: String,
-}
+use super::{Input, Session, Stamp};
 
 /// Origin of an answer: the program, the day, the split of the poses, and the files that were read.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -52,25 +42,28 @@ pub enum Basis {
 }
 
 impl<R> Session<R> {
-    /// The record of a calibration of a variant on some poses of this session, given by index; `robot` has the variant.
-    pub fn provenance(
+    /// The record of a calibration on some poses of a folder, given by index, and how far its predictions are known;
+    /// `widening` is that of the [verdict](tau_estimation::trust::Verdict::widening).
+    pub(super) fn provenance(
         &self,
-        robot: &Robot,
-        variant: &str,
+        calibration: &Calibration,
+        folder: &Folder,
         poses: &[usize],
-        stamp: &Stamp,
+        widening: f64,
     ) -> Provenance {
-        let poses: Vec<&TcpPose> = (poses.iter())
-            .filter_map(|&pose| self.folder.tcp_poses.get(pose))
+        let Machine { robot, variant, .. } = &calibration.machine;
+        let placed: Vec<&TcpPose> = (poses.iter())
+            .filter_map(|&pose| folder.tcp_poses.get(pose))
             .collect();
-        let range = |of: &dyn Fn(&TcpPose) -> f64| extent(poses.iter().map(|pose| of(pose))).into();
-        let tracker_effects = robot.variant(variant).map(Variant::tracker_effects);
+        let range =
+            |of: &dyn Fn(&TcpPose) -> f64| extent(placed.iter().map(|pose| of(pose))).into();
+        let Stamp { program, date } = Stamp::today();
         Provenance {
-            program: stamp.program.clone(),
-            date: stamp.date.clone(),
-            variant: variant.to_owned(),
+            program,
+            date,
+            variant: variant.name.clone(),
             split: self.split,
-            poses: poses.len(),
+            poses: placed.len(),
             rows: self.calibrating_rows(),
             folder: self.folder.fingerprint.clone(),
             description: fingerprint::of_description(&robot.description),
@@ -78,32 +71,32 @@ impl<R> Session<R> {
                 .map(|k| range(&|pose| pose.commands_m[k]))
                 .collect(),
             position_m: (0..3).map(|k| range(&|pose| pose.position_m[k])).collect(),
-            widening: 1.0,
-            position_sigma_m: None,
+            widening,
+            position_sigma_m: largest_sigma_m(calibration, folder, poses),
             length_noise: None,
-            tracker_effects: tracker_effects.unwrap_or_default(),
+            tracker_effects: variant.tracker_effects(),
         }
     }
 
-    /// The robot file of a calibration on some poses of this session, given by index, with the record of it and how far
-    /// its predictions are known; `widening` is that of the [verdict](tau_estimation::trust::Verdict::widening).
-    pub fn calibrated_file(
-        &self,
-        calibration: &Calibration,
-        poses: &[usize],
-        widening: f64,
-        stamp: &Stamp,
-    ) -> RobotFile {
-        let machine = &calibration.machine;
-        let largest = largest_sigma_m(calibration, &self.folder, poses);
-        let record = self.provenance(&machine.robot, &machine.variant.name, poses, stamp);
-        RobotFile {
-            calibration: Some(Provenance {
-                widening,
-                position_sigma_m: largest,
-                ..record
-            }),
-            ..calibration.file.clone()
+    /// The same of measurements whose poses are unknown.
+    pub(super) fn provenance_of_rows(&self, found: &UnknownPoses) -> Provenance {
+        let division = self.row_division();
+        let placed = EstimatedPoses::of(found, &self.robot_file, &self.folder, &division);
+        let placed = placed.map_or_else(|_| Default::default(), |placed| placed.folder());
+        let (folder, division) = (&placed.0, &placed.1.calibration);
+        let estimated = found.kinds.iter().map(|fit| &fit.kind);
+        let mut estimated = estimated.filter(|kind| kind.is_estimated() && kind.is_of_lengths());
+        Provenance {
+            poses: found.poses,
+            length_noise: estimated.next().map(|kind| kind.sigma),
+            commands_m: found.commands_m.clone(),
+            position_m: found.position_m.clone(),
+            ..self.provenance(
+                &found.calibration,
+                folder,
+                division,
+                found.verdict().widening(),
+            )
         }
     }
 
@@ -155,14 +148,14 @@ impl<R> Session<R> {
 
     /// The origin of what this session computes. Of a description only the text is known: the argument for its file is
     /// `F.tau`.
-    pub fn record(&self, stamp: &Stamp) -> Record {
+    pub fn record(&self) -> Record {
         let Robot {
             name, description, ..
         } = &self.robot;
         let text = Input::new(&format!("description of {name}"), description.as_bytes());
         let inputs = std::iter::once(text).chain(self.inputs.iter().cloned());
         Record {
-            stamp: stamp.clone(),
+            stamp: Stamp::today(),
             split: self.split.to_string(),
             inputs: inputs.collect(),
             arguments: self.arguments(),
@@ -327,11 +320,7 @@ impl<R> Session<R> {
 
 /// Largest standard deviation of the position (m) at poses of a folder, given by index, of the machine without effects of
 /// the tracker, as kinematics predicts it; `None` where nothing is uncertain, or a pose can't be predicted.
-pub(super) fn largest_sigma_m(
-    calibration: &Calibration,
-    folder: &Folder,
-    poses: &[usize],
-) -> Option<f64> {
+fn largest_sigma_m(calibration: &Calibration, folder: &Folder, poses: &[usize]) -> Option<f64> {
     let Machine { robot, variant, .. } = &calibration.machine;
     let (own, left_out) = robot.of_machine_alone(variant).ok()?;
     let alone;

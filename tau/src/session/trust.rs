@@ -33,7 +33,7 @@ impl<R> Session<R> {
                 "poses are unknown, so that more was fitted than the verdict on poses judges";
             return Err(
                 InputError::whole(fit::NEEDS_MEASURED_POSES, &self.folder.name, message)
-                    .help("`calibrate_unknown_poses` gives a calibration with its verdict")
+                    .help("`calibrate` gives a calibration with its verdict")
                     .into(),
             );
         }

@@ -3,15 +3,12 @@
 use tau_codes::fit;
 use tau_estimation::calibration::{Error, Options};
 use tau_estimation::trust::Status;
-use tau_estimation::unknown_poses::{
-    self, EstimatedPoses, HeldErrors, JudgedRows, RowDivision, UnknownPoses,
-};
+use tau_estimation::unknown_poses::{self, HeldErrors, JudgedRows, RowDivision, UnknownPoses};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Division, PlateKind};
-use tau_robot::robot_file::{Provenance, RobotFile, StatedNoise};
+use tau_robot::robot_file::StatedNoise;
 
-use super::provenance::largest_sigma_m;
-use super::{Session, Stamp, VariantKey};
+use super::{Session, VariantKey};
 
 impl<R> Session<R> {
     /// True if the folder holds measurements that tell less than the plate's pose, drives are not exact, or there are
@@ -131,7 +128,14 @@ impl<R> Session<R> {
             recognises_mistakes: true,
             ..options.clone()
         };
-        unknown_poses::calibrate(self.setup(variant), &division, &options)
+        let found = unknown_poses::calibrate(self.setup(variant), &division, &options)?;
+        Ok(self.recorded(found))
+    }
+
+    /// The same with the record of it in the robot file.
+    pub(super) fn recorded(&self, mut found: UnknownPoses) -> UnknownPoses {
+        found.calibration.file.calibration = Some(self.provenance_of_rows(&found));
+        found
     }
 
     /// Errors of measurements with the parameters of the session's robot file, the true pose of each being unknown: see
@@ -152,31 +156,5 @@ impl<R> Session<R> {
             held.mistakes = unknown_poses::mistakes(setup, &division)?;
         }
         Ok(held)
-    }
-
-    /// The robot file of such a calibration, with the record of it.
-    pub fn file_of_unknown_poses(&self, found: &UnknownPoses, stamp: &Stamp) -> RobotFile {
-        let machine = &found.calibration.machine;
-        let record = self.provenance(&machine.robot, &machine.variant.name, &[], stamp);
-        let (file, division) = (&self.robot_file, self.row_division());
-        let placed = EstimatedPoses::of(found, file, &self.folder, &division);
-        let largest = placed.ok().and_then(|placed| {
-            let (folder, division) = placed.folder();
-            largest_sigma_m(&found.calibration, &folder, &division.calibration)
-        });
-        let estimated = found.kinds.iter().map(|fit| &fit.kind);
-        let mut estimated = estimated.filter(|kind| kind.is_estimated() && kind.is_of_lengths());
-        RobotFile {
-            calibration: Some(Provenance {
-                poses: found.poses,
-                length_noise: estimated.next().map(|kind| kind.sigma),
-                commands_m: found.commands_m.clone(),
-                position_m: found.position_m.clone(),
-                widening: found.verdict().widening(),
-                position_sigma_m: largest,
-                ..record
-            }),
-            ..found.calibration.file.clone()
-        }
     }
 }

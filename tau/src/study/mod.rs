@@ -20,7 +20,7 @@ use tau_kinematics::{Layout, Pose};
 use tau_robot::measurements::{Division, Folder, PoseCounts, Poses};
 use tau_robot::robot::{Arm, Owner, ResidualKind, Robot, TrackShape, Variant};
 
-use crate::session::Session;
+use crate::session::{self, Session};
 use results::Study;
 
 /// Progress of a study.
@@ -347,6 +347,26 @@ fn chosen_variants<'a>(
         remarks.push(Remark::new(fit::VARIANT_LEFT_OUT, text));
     }
     chosen
+}
+
+/// What a session calibrated from measured poses, evaluated on those that validate, with the verdict on it.
+///
+/// # Errors
+/// No pose can be predicted.
+pub fn result_of<R>(
+    session: &Session<R>,
+    found: &session::Calibrated<R>,
+) -> Result<VariantResult, Error> {
+    let division = session.poses()?.division;
+    let (result, outliers) = parallel::both(
+        || result(found, session.folder(), &division),
+        || session.validation_outliers_of(found, &division),
+    );
+    Ok(VariantResult {
+        fit: found.verdict().cloned(),
+        validation_outliers: outliers?,
+        ..result?
+    })
 }
 
 /// One calibrated variant, evaluated on the validation poses of a division by which it was calibrated.

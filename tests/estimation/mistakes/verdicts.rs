@@ -147,7 +147,7 @@ fn a_check_says_what_is_there_and_what_is_missing() {
     let work = Work::simulated(MACHINES[1]);
     work.edit(POSES, |table| table.keep(|row| row <= 2));
     let ran = work.run("check MEASURED --json -");
-    assert!(ran.code == 1 && ran.says("T339"), "{}", ran.err);
+    assert!(ran.code == 1 && ran.says("T330"), "{}", ran.err);
     assert_eq!(ran.printed()["meaningful"], false);
     let found = Work::simulated(MACHINES[0]).run("check MEASURED --json -");
     let found = found.json();

@@ -180,3 +180,27 @@ fn printers_that_can_not_be_are_not_exported() {
     }
     insta::assert_snapshot!(answers.shown());
 }
+
+/// The firmware's towers are upright: with one that leans, its printer is not the calibrated one.
+#[test]
+fn a_machine_that_the_firmware_does_not_have_is_exported_by_force_alone() {
+    let work = calibrated();
+    let upright = work.run(EXPORT);
+    assert_eq!(
+        (upright.code, upright.codes().concat().as_str()),
+        (0, "T279")
+    );
+    let description = work.read("measured/printer.tau");
+    let (old, leaning) = ("(0, 0, -1) exact", "(0.01, 0, -1) exact");
+    work.write(
+        "measured/printer.tau",
+        description.replacen(old, leaning, 1),
+    );
+    let ran = work.run(&format!("{EXPORT} --out DIR/new.cfg"));
+    assert_eq!(ran.code, 1);
+    ran.shows("T279");
+    assert!(!work.listing("").contains(&"new.cfg".to_owned()));
+    let forced = work.run(&format!("{EXPORT} --force"));
+    assert_eq!((forced.code, forced.says("T279")), (0, true));
+    assert_eq!(forced.out, upright.out);
+}

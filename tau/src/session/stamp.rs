@@ -3,19 +3,28 @@
 use std::env;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use tau::session::Stamp;
-
 /// Seconds since 1970 that stand for the clock, so that outputs can be reproduced
 /// (<https://reproducible-builds.org/specs/source-date-epoch/>).
 const OVERRIDE: &str = "SOURCE_DATE_EPOCH";
 
-/// This program, today.
-pub(super) fn stamp() -> Stamp {
-    let since = SystemTime::now().duration_since(UNIX_EPOCH);
-    let now = since.map_or(0, |since| since.as_secs());
-    Stamp {
-        program: format!("tau {}", env!("CARGO_PKG_VERSION")),
-        date: date(stated(env::var(OVERRIDE).ok().as_deref()).unwrap_or(now)),
+/// The program that writes a file, and the day.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Stamp {
+    /// Program and version.
+    pub program: String,
+    /// Day, `YYYY-MM-DD` in UTC.
+    pub date: String,
+}
+
+impl Stamp {
+    /// This program, today.
+    pub(super) fn today() -> Self {
+        let since = SystemTime::now().duration_since(UNIX_EPOCH);
+        let now = since.map_or(0, |since| since.as_secs());
+        Self {
+            program: format!("tau {}", env!("CARGO_PKG_VERSION")),
+            date: date(stated(env::var(OVERRIDE).ok().as_deref()).unwrap_or(now)),
+        }
     }
 }
 
