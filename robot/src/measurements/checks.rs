@@ -385,14 +385,11 @@ mod tests {
     }
 
     #[test]
-    fn one_pose_more_than_parameters_suffices() {
+    fn as_many_poses_as_leave_residuals_suffice() {
         let folder = prototype::folder().unwrap();
-        folder.check_pose_count(11, 10, "link `l1`").unwrap();
-        let error = folder.check_pose_count(10, 10, "link `l1`").unwrap_err();
-        assert!(
-            error
-                .to_string()
-                .contains("10 of 176 poses calibrate, expected at least 11")
-        );
+        let counted = |poses| folder.check_pose_count(poses, (11, 6), (60, "Full"));
+        counted(11).unwrap();
+        let error = counted(10).unwrap_err();
+        assert_eq!(error.problems()[0].code, fit::TOO_FEW_POSES);
     }
 }
