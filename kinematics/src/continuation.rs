@@ -104,7 +104,7 @@ impl Machine {
             commands_m: from.to_vec(),
         };
         let goal = Goal::Commands(to.commands_m);
-        match self.follow(to, start, goal, self.pose_unknowns()) {
+        match self.follow(to, start, goal, self.pose_unknowns(), false) {
             Ok(end) => self.forward_within_noise(&to.at(end.pose)),
             // An error at the end of the way says more than its being blocked.
             Err(error) => {
@@ -155,8 +155,11 @@ impl Machine {
                 self.inverse(to, near)
             }
         };
-        let end = self.follow(&like, start.clone(), goal, &unknowns);
-        let Standing { pose, commands_m } = end.as_ref().unwrap_or(&start).clone();
+        let led = self.follow(&like, start.clone(), goal, &unknowns, true);
+        let end = led
+            .clone()
+            .or_else(|_| self.follow(&like, start.clone(), goal, &unknowns, false));
+        let Standing { pose, commands_m } = end.unwrap_or(start);
         let found = finish(&near(pose, commands_m))?;
         let sense = |of: &Reached| {
             let closures = self.closures(&options.sample(of.pose, &of.commands_m))?;
@@ -165,8 +168,8 @@ impl Machine {
         if sense(&found)? != sense(from)? {
             return Err(Error::Behind);
         }
-        if let Err(error) = end {
-            // Where the straight way of the plate is blocked, that of the commands may not be.
+        if let Err(error) = led {
+            // Where commands do not lead the plate along the straight way, they may by their own.
             let to = options.sample(from.pose, &found.commands_m);
             let there = self.forward_along(&from.commands_m, &to);
             let is_there = |there: &Reached| {
@@ -197,6 +200,7 @@ impl Machine {
         start: Standing,
         goal: Goal<'_>,
         unknowns: &[usize],
+        is_led: bool,
     ) -> Result<Standing, Error> {
         let mut here = start;
         let (mut done, mut step) = (0.0, 1.0_f64);
@@ -208,7 +212,7 @@ impl Machine {
         for _ in 0..MOST_STEPS {
             let rest = 1.0 - done;
             let share = (step / rest).min(1.0);
-            match self.step(like, &here, &goal.between(&here, share), unknowns) {
+            match self.step(like, &here, &goal.between(&here, share), unknowns, is_led) {
                 Ok(next) => {
                     here = next;
                     if share >= 1.0 {
@@ -225,14 +229,15 @@ impl Machine {
         Err(Error::Way { share: done })
     }
 
-    /// One step of the way: along the tangent, then by Newton's method. The plate has to follow the commands as the tangent
-    /// foretells, whichever of the two the step prescribes: only then do these commands lead it there.
+    /// One step of the way: along the tangent, then by Newton's method. Where it `is_led`, the plate has to follow the
+    /// commands as the tangent foretells, whichever of the two the step prescribes: only then do these lead it there.
     fn step(
         &self,
         like: &Sample<'_>,
         here: &Standing,
         next: &Standing,
         unknowns: &[usize],
+        is_led: bool,
     ) -> Result<Standing, Error> {
         let too_long = Error::Way { share: 0.0 };
         let closures = self.closures(&here.sample(like))?;
@@ -256,10 +261,10 @@ impl Machine {
             let before = sense(&closures, unknowns);
             before.is_none() || sense(&moved, unknowns) == before
         };
-        if !(keeps_sense(unknowns) && keeps_sense(held)) {
+        if !keeps_sense(unknowns) || (is_led && !keeps_sense(held)) {
             return Err(too_long);
         }
-        if unknowns != held && sense(&closures, held).is_some() {
+        if is_led && unknowns != held && sense(&closures, held).is_some() {
             let driven = Standing {
                 pose: here.pose,
                 ..found.clone()

@@ -17,6 +17,12 @@ const STEPS: usize = 10;
 /// Length of a step, in standard deviations, that is none.
 const ARRIVED: f64 = 1e-3;
 
+/// Rounds in which the share of the noise that residuals have and the bias that it gives the score follow each other; of
+/// exact poses, which have none, half a dozen.
+const ROUNDS: usize = 10;
+/// Change of that share that is none: the bias is known to as much.
+const SAME_SHARE: f64 = 0.01;
+
 /// Values that fit weighed poses best, and what is known of them.
 pub(super) struct Minimum {
     /// Value of each unknown of the fit.
@@ -63,8 +69,13 @@ impl Minimum {
             None => exact::descent(prepared, start, own, noise, (roots(&weighing.fit), 0))?,
         }
         .arrived()?;
-        let share = share_of_noise(&descent);
-        if share < 1.0 || !weighing.is_even() {
+        let (mut share, mut is_weighed) = (1.0, weighing.is_even());
+        for _ in 0..ROUNDS {
+            let now = share_of_noise(&descent);
+            if is_weighed && (now - share).abs() <= SAME_SHARE * share {
+                break;
+            }
+            (share, is_weighed) = (now, true);
             let Descent {
                 joint,
                 fitted,
