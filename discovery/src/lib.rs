@@ -488,13 +488,13 @@ fn begun<'a>(
         },
     );
     let beforehand = Beforehand {
-        ambiguous,
-        misfit,
-        serial,
+        linear,
         detectable,
         cannot_see,
         too_few,
-        linear,
+        ambiguous,
+        misfit,
+        serial,
     };
     let at = (index, own_effects);
     let search = Search::new(input, set, at, fit, table, likelihood)?;

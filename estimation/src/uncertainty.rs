@@ -314,7 +314,7 @@ impl Uncertainty {
         }
         let not_finite = || Error::NotFinite {
             closure: machine.variant.name.clone(),
-            effects: Vec::new(),
+            effects: Box::default(),
         };
         let response = closures.response(unknowns).ok_or_else(not_finite)?;
         let by_paths = self.by_paths(machine, sample, &closures);

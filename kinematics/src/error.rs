@@ -17,14 +17,14 @@ pub enum Error {
         /// The missing quantity.
         what: Missing,
         /// The effects that read it, with their terms, where [`Machine::explained`](super::Machine::explained) has named them.
-        effects: Vec<String>,
+        effects: Box<[String]>,
     },
     /// A closure, or a derivative of it, is infinite or not a number.
     NotFinite {
         /// Name of the link or cluster.
         closure: String,
         /// The effects at fault with their terms, where [`Machine::explained`](super::Machine::explained) has named them.
-        effects: Vec<String>,
+        effects: Box<[String]>,
     },
     /// Number of commands other than the robot has.
     Commands {
@@ -133,7 +133,7 @@ impl fmt::Display for Error {
                 effects,
             } => {
                 write!(f, "the closure of `{closure}` needs {what}")?;
-                match effects.as_slice() {
+                match &**effects {
                     [] => Ok(()),
                     effects => write!(f, ", for {}", effects.join(" and ")),
                 }
@@ -144,7 +144,7 @@ impl fmt::Display for Error {
                     "the closure of `{closure}`, or a derivative of it, is not a finite number: \
                      a parameter or a measured quantity takes a value that its formula can't"
                 )?;
-                match effects.as_slice() {
+                match &**effects {
                     [] => Ok(()),
                     effects => write!(f, ", in {}", effects.join(" and ")),
                 }

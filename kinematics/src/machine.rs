@@ -215,7 +215,7 @@ impl Machine {
         filled.map_err(|what| Error::Missing {
             closure: self.closure_name(closure).to_owned(),
             what,
-            effects: vec![],
+            effects: Box::default(),
         })
     }
 
@@ -325,17 +325,20 @@ impl Machine {
 
     /// An error at a sample, with the effects that are at fault where a number is not finite or a quantity is missing.
     #[must_use]
-    pub fn explained(&self, error: Error, sample: &Sample<'_>) -> Error {
-        let mut explained = error.clone();
-        if let Error::NotFinite { effects, .. } | Error::Missing { effects, .. } = &mut explained {
-            *effects = self.effects_at_fault(&error, sample);
+    pub fn explained(&self, mut error: Error, sample: &Sample<'_>) -> Error {
+        let found = self.effects_at_fault(&error, sample);
+        if let Error::NotFinite { effects, .. } | Error::Missing { effects, .. } = &mut error {
+            *effects = found.into();
         }
-        explained
+        error
     }
 
     /// The effects without which the closures at a sample are finite numbers, or do not lack the same, with their terms.
     fn effects_at_fault(&self, error: &Error, sample: &Sample<'_>) -> Vec<String> {
         let is_missing = matches!(error, Error::Missing { .. });
+        if !is_missing && !matches!(error, Error::NotFinite { .. }) {
+            return vec![];
+        }
         let lacks = |machine: &Self| machine.closures(sample).err().as_ref() == Some(error);
         if is_missing && !lacks(self) {
             return vec![];
@@ -470,7 +473,7 @@ impl Scratch {
         if !residual.iter().chain(&self.jacobian).all(|v| v.is_finite()) {
             return Err(Error::NotFinite {
                 closure: machine.closure_name(instance).to_owned(),
-                effects: Vec::new(),
+                effects: Box::default(),
             });
         }
         Ok(residual[0])

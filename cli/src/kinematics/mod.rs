@@ -56,7 +56,7 @@ pub(super) fn forward(arguments: &arguments::Forward) -> Result<Outcome, Failure
     }
     setup.remarks.extend(setup.half_turns(&rows));
     setup.remarks.extend(misfits(&rows, &reached));
-    setup.outcome(&rows, &reached, Asked::Poses)
+    Ok(setup.outcome(&rows, &reached, Asked::Poses))
 }
 
 pub(super) fn inverse(arguments: &arguments::Inverse) -> Result<Outcome, Failure> {
@@ -80,7 +80,7 @@ pub(super) fn inverse(arguments: &arguments::Inverse) -> Result<Outcome, Failure
     setup
         .remarks
         .extend(misses(&setup.machine, &rows, &reached));
-    setup.outcome(&rows, &reached, Asked::Commands)
+    Ok(setup.outcome(&rows, &reached, Asked::Commands))
 }
 
 /// A way and a turn (m, rad) off what was asked for, below which a pose is that one.
@@ -389,12 +389,7 @@ impl<'a> Setup<'a> {
         Some(Remark::new(codes::BEYOND_KNOWLEDGE, text))
     }
 
-    fn outcome(
-        mut self,
-        rows: &[Row],
-        reached: &[Reached],
-        asked: Asked,
-    ) -> Result<Outcome, Failure> {
+    fn outcome(mut self, rows: &[Row], reached: &[Reached], asked: Asked) -> Outcome {
         let with_commands = asked == Asked::Commands;
         let (machine, certainty) = (&self.machine, &self.certainty);
         let known = certainty.of(machine, rows, reached, with_commands);
@@ -466,7 +461,7 @@ impl<'a> Setup<'a> {
         let json = self
             .json
             .map(|target| (report::json::document(value), target));
-        Ok(match self.out {
+        match self.out {
             Some(path) => Outcome {
                 summary: format!("written: {}\n", path.display()),
                 files: vec![(path.to_owned(), table)],
@@ -480,7 +475,7 @@ impl<'a> Setup<'a> {
                 remarks,
                 ..Outcome::default()
             },
-        })
+        }
     }
 }
 

@@ -162,7 +162,7 @@ mod tests {
         let lacks = kinematics::Error::Missing {
             closure: "bl".to_owned(),
             what: kinematics::Missing::Temperature,
-            effects: vec![],
+            effects: Box::default(),
         };
         let file = PlateKind::Reading.file();
         let code = lacks.code();

@@ -252,19 +252,17 @@ fn predicted(judged: Judged, of: &Parameters<'_>, samples: &[Sample]) -> Misfit 
     let mut absorbed = 0.0;
     if samples.iter().any(|own| of.fitted.contains(&own.number)) {
         // The trace of (1 + S·Sᵀ)⁻¹·X·Xᵀ, of the rows that count.
-        let trace = |mut x: DMatrix<f64>| {
-            for (index, row) in joint.rows.iter().enumerate() {
-                if counted < rows && row.component == Component::Exact {
-                    x.row_mut(index).fill(0.0);
-                }
+        let mut held = by_parameters;
+        for (index, row) in joint.rows.iter().enumerate() {
+            if counted < rows && row.component == Component::Exact {
+                held.row_mut(index).fill(0.0);
             }
-            let along = spread.tr_mul(&x);
-            let shared = gram
-                .as_ref()
-                .map_or(0.0, |gram| along.dot(&gram.solve(&along)));
-            x.norm_squared() - shared
-        };
-        absorbed = trace(by_parameters);
+        }
+        let along = spread.tr_mul(&held);
+        let shared = gram
+            .as_ref()
+            .map_or(0.0, |gram| along.dot(&gram.solve(&along)));
+        absorbed = held.norm_squared() - shared;
     }
     Misfit {
         chi2: chi2 + moved.norm_squared(),

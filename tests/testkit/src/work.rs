@@ -94,6 +94,7 @@ impl Work {
     /// # Panics
     /// The simulation is refused.
     #[track_caller]
+    #[must_use]
     pub fn with_measured(self, arguments: &str) -> Self {
         self.run(&format!("simulate {OWN} {arguments} --out MEASURED -q"))
             .done();
