@@ -66,7 +66,9 @@ impl Serial {
         let each = joint.rows.len() / block.len();
         let residuals = linear.residuals.rows(0, joint.rows.len()).into_owned();
         let p_value = chance(residuals.as_slice(), each);
-        if p_value >= SIGNIFICANT {
+        let count = residuals.len() as f64;
+        let likeness = likeness(residuals.as_slice(), each);
+        if p_value >= SIGNIFICANT || !is_noise(residuals.norm_squared() / count, likeness, count) {
             return Ok(None);
         }
         let rows = Rows {
@@ -86,12 +88,26 @@ impl Serial {
         let Some(rho) = rows.likeliest() else {
             return Ok(None);
         };
-        let share = rho.powi(2);
-        let count = rows.residuals.len() as f64 * (1.0 - share) / (1.0 + share);
-        let is_noise = (rows.at(rho))
-            .is_some_and(|(_, variance)| chi2_survival(variance * count, count) >= SIGNIFICANT);
-        Ok(is_noise.then_some(Self { rho, p_value }))
+        let is_noise = |variance| is_noise(variance, links(&block, rho)[1], count);
+        let found = rows.at(rho).filter(|(_, variance)| is_noise(*variance));
+        Ok(found.map(|_| Self { rho, p_value }))
     }
+}
+
+/// True if a variance over the stated one is that of so many numbers by chance, whose neighbours have a correlation: squares
+/// are as sure as those of fewer numbers without (M. S. Bartlett, *Nature* 158, 1946).
+fn is_noise(variance: f64, correlation: f64, count: f64) -> bool {
+    let share = correlation.powi(2);
+    let count = count * (1.0 - share) / (1.0 + share);
+    chi2_survival(variance * count, count) >= SIGNIFICANT
+}
+
+/// Correlation of residuals of neighbours, so many each.
+fn likeness(residuals: &[f64], each: usize) -> f64 {
+    let products: f64 = (residuals.iter().zip(&residuals[each..]))
+        .map(|(a, b)| a * b)
+        .sum();
+    products / residuals.iter().map(|own| own * own).sum::<f64>()
 }
 
 /// Chance that residuals of neighbours, so many each, are as alike: their products are a sum of independent ones.
