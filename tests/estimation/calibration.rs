@@ -9,15 +9,6 @@ use tau::robot_file::RobotFile;
 use tau::{Robot, Setup};
 use tau_testkit::{Random, robots, symmetric};
 
-/// The paper's variants.
-const VARIANTS: [&str; 5] = [
-    "Nominal",
-    "Piecewise",
-    "Full",
-    "FullPiecewise",
-    "BestPerLink",
-];
-
 struct Case {
     robot: Robot,
     folder: Folder,
@@ -184,7 +175,7 @@ fn the_minimum_is_that_of_closures_by_hand() {
 #[test]
 fn a_file_predicts_as_the_calibration_did() {
     let case = Case::prototype();
-    for name in VARIANTS {
+    for name in robots::GANTRY_VARIANTS {
         let found = case.calibrate(name);
         let before = case.validate(&found.machine);
         let file = RobotFile::parse_for(&found.file.to_toml(), "robot.toml", &case.robot).unwrap();
