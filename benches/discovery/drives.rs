@@ -8,10 +8,10 @@ use tau::measurements::{PlateKind, Split};
 use tau::simulation::{Measure, Noise, Tails};
 use tau_solver::parallel;
 
-use crate::answer::groups;
 use crate::hidden::UNLISTED_OF_DRIVES;
 use crate::machines::PLAIN;
 use crate::plan::Section;
+use crate::record::groups;
 use crate::scoring::{Share, Verdict};
 use crate::stand::{Kind, Places, Record, Stand, Subject, Trial};
 use crate::table::{answer, listed, table, written};

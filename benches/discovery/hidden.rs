@@ -11,7 +11,9 @@ use tau_codegen::language::Model;
 use tau_codegen::language::model::{self, Place};
 use tau_robot::effects::places;
 
+use crate::answer::True;
 use crate::random::Random;
+use crate::trials::Sized;
 
 /// Physics at a size.
 type OfSize = Box<dyn Fn(f64) -> Physics>;
@@ -30,6 +32,36 @@ pub(crate) struct Hidden {
 }
 
 impl Hidden {
+    /// An effect of one amplitude that no catalogue has, by its physics at so many times its usual size.
+    fn of_one_amplitude(
+        robot: &Robot,
+        name: &str,
+        place: Place,
+        physics: impl Fn(f64) -> Physics + 'static,
+    ) -> Self {
+        let owned = name.to_owned();
+        Self {
+            name: name.to_owned(),
+            place: place_text(robot, place),
+            amplitudes: 1,
+            period_m: None,
+            of_size: Box::new(move |size| Effect::unlisted(&owned, place, physics(size))),
+        }
+    }
+
+    /// The truth of a trial that hides it.
+    pub(crate) fn truth(&self, sized: &Sized) -> True {
+        True {
+            name: self.name.clone(),
+            place: self.place.clone(),
+            noncentrality: sized.noncentrality,
+            amplitudes: self.amplitudes,
+            tolerances: sized.tolerances,
+            period_m: self.period_m,
+            p_value: None,
+        }
+    }
+
     /// The effect at so many times the tolerance of its amplitudes.
     pub(crate) fn of_size(&self, tolerances: f64) -> Effect {
         (self.of_size)(tolerances)
@@ -169,14 +201,7 @@ impl Hidden {
                 }),
             ),
         };
-        let owned = name.to_owned();
-        Self {
-            name: name.to_owned(),
-            place: place_text(robot, place),
-            amplitudes: 1,
-            period_m: None,
-            of_size: Box::new(move |size| Effect::unlisted(&owned, place, physics(size))),
-        }
+        Self::of_one_amplitude(robot, name, place, physics)
     }
 }
 
@@ -247,14 +272,7 @@ impl Hidden {
                 (place, Box::new(physics))
             }
         };
-        let owned = name.to_owned();
-        Self {
-            name: name.to_owned(),
-            place: place_text(robot, place),
-            amplitudes: 1,
-            period_m: None,
-            of_size: Box::new(move |size| Effect::unlisted(&owned, place, physics(size))),
-        }
+        Self::of_one_amplitude(robot, name, place, physics)
     }
 }
 

@@ -11,6 +11,7 @@ mod machines;
 mod noncentrality;
 mod plan;
 mod random;
+mod record;
 mod scoring;
 mod stand;
 mod table;

@@ -23,7 +23,7 @@ use tau_codegen::language::{Model, check_text, effects_from_text};
 use tau_estimation::trust::{self, Verdict as Fit};
 use tau_robot::effects::places;
 
-use crate::answer::{Found, True};
+use crate::answer::Found;
 use crate::hidden::{Hidden, UNLISTED_OF_DRIVES};
 use crate::plan::Section;
 use crate::random::Random;
@@ -105,7 +105,7 @@ pub(crate) struct OnMachine {
     pub(crate) look_alike: bool,
 }
 
-pub(crate) type Record = crate::answer::Record<OnMachine>;
+pub(crate) type Record = crate::record::Record<OnMachine>;
 
 /// A machine on the test stand.
 pub(crate) struct Stand<'a> {
@@ -224,15 +224,7 @@ impl<'a> Stand<'a> {
             if trial.subject == Subject::Withheld {
                 catalogue = catalogue_without(&catalogue, &hidden.name);
             }
-            record.truth = vec![True {
-                name: hidden.name.clone(),
-                place: hidden.place.clone(),
-                noncentrality: sized.noncentrality,
-                amplitudes: hidden.amplitudes,
-                tolerances: sized.tolerances,
-                period_m: hidden.period_m,
-                p_value: None,
-            }];
+            record.truth = vec![hidden.truth(&sized)];
             simulation.effects = vec![sized.effect];
         }
         simulation.noise = trial.noise.1.clone();

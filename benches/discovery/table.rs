@@ -2,8 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use crate::answer::{Found, True, groups};
+use crate::answer::{Found, True};
 use crate::plan::Section;
+use crate::record::groups;
 use crate::scoring::{Share, Verdict, micro_f1, quartile};
 use crate::trials::Record;
 

@@ -55,7 +55,7 @@ pub(crate) struct InSection {
     pub(crate) warming_k: f64,
 }
 
-pub(crate) type Record = crate::answer::Record<InSection>;
+pub(crate) type Record = crate::record::Record<InSection>;
 
 /// Context of all trials.
 pub(crate) struct Laboratory {
@@ -158,18 +158,8 @@ impl Laboratory {
             record.tried.visible = false;
             return Ok(());
         };
-        record.truth = hidden
-            .iter()
-            .map(|(hidden, sized)| True {
-                name: hidden.name.clone(),
-                place: hidden.place.clone(),
-                noncentrality: sized.noncentrality,
-                amplitudes: hidden.amplitudes,
-                tolerances: sized.tolerances,
-                period_m: hidden.period_m,
-                p_value: None,
-            })
-            .collect();
+        let truth = hidden.iter().map(|(hidden, sized)| hidden.truth(sized));
+        record.truth = truth.collect();
         simulation.effects = hidden
             .iter()
             .map(|(_, sized)| sized.effect.clone())

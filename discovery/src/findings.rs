@@ -20,12 +20,12 @@ use super::few::TooFew;
 use super::held_out::{self, HeldOut};
 use super::linear_model::LinearModel;
 use super::results::{
-    Considered, Discovery, ErrorOf, Estimate, FoundEffect, Gap, LeftOut, Order, Place, Pull, Rival,
+    Considered, Discovery, ErrorOf, Estimate, FoundEffect, LeftOut, Order, Place, Pull, Rival,
     SerialCorrelation, Status, Step, Unseen, Validation, Verdict, Whiteness,
 };
 use super::search::{Contradicted, Found, Search};
 use super::waves::waves;
-use super::{Error, Input, Outcome, floor, misfit, results, structural, structure, text};
+use super::{Error, Input, Outcome, misfit, results, structural, structure, text};
 
 /// Chance below which one of all dimensions is said to lie far from the robot file.
 const UNLIKELY: f64 = 0.01;
@@ -102,8 +102,8 @@ pub(super) fn finish(
         base: base.to_owned(),
         status,
         noise_floor_um: floor.mean_m * 1e6,
-        ceiling_um: removable_um(before, &held_out.floor_of_base),
-        remaining_um: removable_um(after, floor),
+        ceiling_um: held_out.floor_of_base.removable_um(before),
+        remaining_um: floor.removable_um(after),
         validation: Validation {
             before,
             after,
@@ -263,12 +263,6 @@ fn left_out(fit: &Fit, set: &CandidateSet, robot: &Robot) -> Vec<LeftOut> {
             number: sample.number,
         })
         .collect()
-}
-
-/// Root of what the mean squared error exceeds that of the noise by (µm).
-pub(super) fn removable_um(gap: Gap, floor: &floor::Floor) -> f64 {
-    let excess = (gap.rms_um * 1e-6).powi(2) - floor.square_m2;
-    excess.max(0.0).sqrt() * 1e6
 }
 
 /// Serial correlation of the residuals of the base and of what is left in the end.

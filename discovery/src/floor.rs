@@ -10,12 +10,21 @@ use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot_file::Noise;
 
 use super::Error;
+use super::results::Gap;
 
 /// Expected mean and mean square (m, m²) of the position error.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Floor {
     pub(super) mean_m: f64,
     pub(super) square_m2: f64,
+}
+
+impl Floor {
+    /// Root of the mean squared error in excess of that of the noise (µm).
+    pub(super) fn removable_um(&self, gap: Gap) -> f64 {
+        let excess = (gap.rms_um * 1e-6).powi(2) - self.square_m2;
+        excess.max(0.0).sqrt() * 1e6
+    }
 }
 
 /// What a fit leaves of its parameters, by `B` of their covariance `B·Bᵀ`.

@@ -84,7 +84,7 @@ impl Expected {
         }
     }
 
-    /// The same where poses of a folder, given by index, calibrated a machine.
+    /// Errors where poses of a folder, given by index, calibrated a machine.
     #[must_use]
     pub fn of_fitted(self, machine: &Machine, folder: &Folder, poses: &[usize]) -> Self {
         let poses = poses.iter().filter_map(|&pose| folder.tcp_poses.get(pose));

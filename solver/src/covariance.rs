@@ -4,7 +4,7 @@ use faer::Mat;
 
 use crate::fused::Fused;
 use crate::jacobian::Jacobian;
-use crate::linear::qr::{RowReduction, triangle};
+use crate::linear::qr::triangle;
 use crate::linear::svd::svd;
 use crate::linear::{Method, SchurCholesky, SparseCholesky, pays};
 use crate::partition::{Part, partition};
@@ -46,7 +46,7 @@ pub fn covariance(problem: &Problem, parameters: &[f64]) -> Result<Covariance, E
     check_at(problem, parameters)?;
     let mut covariance = Covariance::of_none(problem);
     for part in &partition(problem).parts {
-        covariance.add(problem, parameters, part, None)?;
+        covariance.add(problem, parameters, part)?;
     }
     Ok(covariance)
 }
@@ -149,41 +149,6 @@ impl PartCovariance {
         dense_covariance(system, &factors, &factors).map(Self::Dense)
     }
 
-    /// Of data that were reduced, and priors.
-    fn of_data(problem: &Problem, part: &Part, data: &Data) -> Result<Self, Error> {
-        let count = data.factors.len();
-        let mut rows = RowReduction::new(2 * count, count);
-        let weight = |column: usize| {
-            let prior = problem.parameters[part.parameters[column]].prior;
-            prior.map_or(0.0, |prior| prior.sigma.recip())
-        };
-        let known = |column: usize| {
-            let is_nothing = (0..count).all(|row| data.triangle[(row, column)] == 0.0);
-            let norm = if is_nothing {
-                0.0
-            } else {
-                data.factors[column].recip()
-            };
-            norm.hypot(weight(column))
-        };
-        let factors: Vec<f64> = (0..count)
-            .map(|column| match known(column) {
-                0.0 => 1.0,
-                known => known.recip(),
-            })
-            .collect();
-        for row in 0..count {
-            let entry = |column: usize| data.triangle[(row, column)] / data.factors[column];
-            rows.push((row..count).map(|column| (column, entry(column) * factors[column])));
-        }
-        for (column, factor) in factors.iter().enumerate() {
-            rows.push([(column, weight(column) * factor)].into_iter());
-        }
-        let reduced = rows.reduce();
-        let triangle = Mat::from_fn(count, count, |row, column| reduced[(row, column)]);
-        of_triangle(&triangle, &factors).map(Self::Dense)
-    }
-
     fn entry(&self, i: usize, j: usize) -> f64 {
         match self {
             Self::Dense(matrix) => matrix[(i, j)],
@@ -258,13 +223,12 @@ impl Covariance {
         }
     }
 
-    /// Adds a part, of which the data may have been reduced already.
+    /// Adds a part.
     pub(crate) fn add(
         &mut self,
         problem: &Problem,
         parameters: &[f64],
         part: &Part,
-        data: Option<&Data>,
     ) -> Result<(), Error> {
         for (column, &p) in part.parameters.iter().enumerate() {
             self.place[p] = Place::In {
@@ -272,15 +236,8 @@ impl Covariance {
                 column,
             };
         }
-        let own = match data {
-            Some(data) if data.factors.len() <= DENSE_COVARIANCE_COLUMNS => {
-                PartCovariance::of_data(problem, part, data)?
-            }
-            _ => {
-                let content = Content::Information;
-                PartCovariance::new(&mut linearized(problem, part, parameters, content)?)?
-            }
-        };
+        let system = &mut linearized(problem, part, parameters, Content::Information)?;
+        let own = PartCovariance::new(system)?;
         self.parts.push(own);
         Ok(())
     }

@@ -2,7 +2,7 @@
 
 use faer::Mat;
 
-use crate::covariance::{Covariance, Data, check_at, rank_tolerance};
+use crate::covariance::{Data, check_at, rank_tolerance};
 use crate::linear::qr::PivotedQr;
 use crate::linear::svd::svd;
 use crate::partition::{Part, partition};
@@ -44,29 +44,6 @@ pub struct Undetermined {
 /// # Errors
 /// As [`covariance`](crate::covariance).
 pub fn identifiability(problem: &Problem, parameters: &[f64]) -> Result<Identifiability, Error> {
-    analysed(problem, parameters, |_, _| Ok(()))
-}
-
-/// The same beside the [`covariance`](crate::covariance()), for which residuals are not evaluated and reduced again.
-///
-/// # Errors
-/// As [`covariance`](crate::covariance()).
-pub fn covariance_and_identifiability(
-    problem: &Problem,
-    parameters: &[f64],
-) -> Result<(Covariance, Identifiability), Error> {
-    let mut covariance = Covariance::of_none(problem);
-    let found = analysed(problem, parameters, |part, data| {
-        covariance.add(problem, parameters, part, Some(data))
-    })?;
-    Ok((covariance, found))
-}
-
-fn analysed(
-    problem: &Problem,
-    parameters: &[f64],
-    mut visit: impl FnMut(&Part, &Data) -> Result<(), Error>,
-) -> Result<Identifiability, Error> {
     check_at(problem, parameters)?;
     let mut result = Identifiability {
         free: 0,
@@ -79,7 +56,6 @@ fn analysed(
         part.parameters.iter().for_each(|&p| known[p] = true);
         result.free += part.parameters.len();
         analyse(problem, part, &data, &mut result)?;
-        visit(part, &data)?;
     }
     for (p, parameter) in problem.parameters.iter().enumerate() {
         if parameter.is_free() && !known[p] {

@@ -78,9 +78,7 @@ mod vector;
 
 pub use covariance::{Covariance, covariance};
 pub use error::Error;
-pub use identifiability::{
-    Identifiability, Undetermined, covariance_and_identifiability, identifiability,
-};
+pub use identifiability::{Identifiability, Undetermined, identifiability};
 pub use levenberg_marquardt::{solve, solve_observed};
 pub use linear::Method;
 pub use loss::Loss;

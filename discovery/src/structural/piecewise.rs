@@ -16,7 +16,6 @@ use nalgebra::Vector3;
 
 use super::super::candidates::{self, Entry};
 use super::super::constants::count;
-use super::super::findings::removable_um;
 use super::super::linear_model::LinearModel;
 use super::super::p_value::PValue;
 use super::super::probes::TARGETS_OF_CART;
@@ -377,7 +376,7 @@ impl TrackTest {
                 heldout_drop_um: gap.mean_um - before.mean_um,
             },
         );
-        found.ceiling_um = removable_um(gap, &floor);
+        found.ceiling_um = floor.removable_um(gap);
         found.status = found.status.with_unnamed();
         found.unnamed.splice(0..0, self.unnamed.iter().cloned());
         Ok(())

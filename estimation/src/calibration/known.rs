@@ -1,4 +1,4 @@
-//! What measured poses say of the parameters of a fit, poses and points of measured paths being unknown.
+//! Information of measured poses about the parameters of a fit; poses and points of measured paths are unknowns.
 
 use nalgebra::{DMatrix, DVector};
 use tau_robot::robot::Variant;
@@ -12,9 +12,7 @@ use crate::numerics::posterior::Posterior;
 use crate::numerics::triangle::root;
 use crate::problem;
 use crate::samples::Sample;
-
-/// Poses whose derivatives are held at once.
-const AT_ONCE: usize = 1000;
+use crate::weighing::MOST_POSES;
 
 /// Knowledge of parameters.
 pub(crate) struct Known {
@@ -47,8 +45,8 @@ impl Known {
         weights: &[f64],
         share: f64,
     ) -> Result<Self, Error> {
-        let chunks: Vec<_> = (samples.chunks(AT_ONCE))
-            .zip(weights.chunks(AT_ONCE))
+        let chunks: Vec<_> = (samples.chunks(MOST_POSES))
+            .zip(weights.chunks(MOST_POSES))
             .collect();
         let of_chunks = parallel::map(&chunks, |(samples, weights)| {
             let machine = prepared.machine.clone();
@@ -104,7 +102,7 @@ impl Known {
         Some((step, length.max(0.0).sqrt()))
     }
 
-    /// The same of the parameters alone, whatever points of measured paths are.
+    /// Information about the parameters alone: points of measured paths are eliminated.
     pub(crate) fn of_parameters(mut self) -> Self {
         let points = self.priors.split_off(self.used.len());
         let weights = points
@@ -120,7 +118,7 @@ impl Known {
         self.priors.iter().map(Nominal::scale).collect()
     }
 
-    /// The same with the priors.
+    /// Posterior of the parameters, by the information and the priors.
     pub(crate) fn posterior(&self) -> Posterior {
         let has_prior: Vec<bool> = (self.priors.iter())
             .map(|prior| prior.sigma().is_some())

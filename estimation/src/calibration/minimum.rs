@@ -12,11 +12,10 @@ use crate::samples::Sample;
 use crate::trust::judged::Judged;
 use crate::weighing::{Weighing, few};
 
-/// Steps of a fit to all poses from that to some of them; two or three are usual.
+/// Most steps of a fit to all poses from that to some of them; two or three are usual.
 const STEPS: usize = 10;
 /// Length of a step, in standard deviations, that is none.
 const ARRIVED: f64 = 1e-3;
-
 /// Rounds in which the share of the noise that residuals have and the bias that it gives the score follow each other; of
 /// exact poses, which have none, half a dozen.
 const ROUNDS: usize = 10;
@@ -138,16 +137,21 @@ impl Minimum {
             |fitted: &[f64], weights| Known::at(prepared, Some(fitted), measured, weights, share);
         let mut known = at(&fitted, &weighing.fit)?;
         let mut iterations = near.iterations;
-        for _ in 0..STEPS {
+        loop {
             let Some((step, length)) = known.step(&fitted) else {
                 return Err(not_converged(&prepared.machine, not_finite("derivatives")));
             };
             fitted = near.stepped(&fitted, &step, 1.0);
             iterations += 1;
-            known = at(&fitted, &weighing.fit)?;
+            // Sums stay as they are along a step that is none.
             if length < ARRIVED {
                 break;
             }
+            if iterations == near.iterations + STEPS {
+                let why = ended(Termination::MaxIterations);
+                return Err(not_converged(&prepared.machine, why));
+            }
+            known = at(&fitted, &weighing.fit)?;
         }
         let cost = known.cost(&fitted);
         if weighing.information != weighing.fit {

@@ -2,7 +2,7 @@
 //!
 //! A tracker that follows a moving plate is off by much the same at neighbouring poses. The noise of each coordinate then is
 //! an autoregressive process: with rows Δ lines apart it has the correlation ρ^Δ and everywhere the stated variance. Rows less
-//! what those before let expect of them are uncorrelated (G. E. P. Box and G. M. Jenkins, *Time Series Analysis*, 1970), in
+//! the share that rows before predict are uncorrelated (G. E. P. Box and G. M. Jenkins, *Time Series Analysis*, 1970), in
 //! measured coordinates, which are the same at all poses. ρ is where the likelihood is largest that parameters do not enter
 //! (H. D. Patterson and R. Thompson, *Biometrika* 58, 1971).
 //!
@@ -14,8 +14,9 @@ use tau_robot::robot_file::Noise;
 
 use super::{Error, Prepared};
 use crate::joint::{Joint, filtered, links};
-use crate::numerics::distribution::chi2_survival;
+use crate::numerics::distribution::{SIGNIFICANT, chi2_survival};
 use crate::samples::Sample;
+use crate::weighing::MOST_POSES;
 
 /// Correlation of neighbours.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,10 +27,6 @@ pub struct Serial {
     pub p_value: f64,
 }
 
-/// Poses that tell the correlation: it is known to a few percent.
-const ENOUGH: usize = 1000;
-/// Chance of residuals as alike, or as large, from which on they are taken for chance.
-const SIGNIFICANT: f64 = 1e-3;
 /// Strongest correlation of neighbours: beyond it noise drifts, as time does.
 const STRONGEST: f64 = 0.999;
 /// Halvings of the range of the correlation, each by the golden ratio.
@@ -38,7 +35,7 @@ const STEPS: usize = 24;
 const ROUNDS: usize = 3;
 
 impl Serial {
-    /// That of poses at a fit to them, by a value of each of its unknowns; `None` where neighbours are no more alike than chance
+    /// Correlation of poses at a fit to them, by a value of each of its unknowns; `None` where neighbours are no more alike than chance
     /// makes them, residuals are beyond the noise, or closures are not as many as the freedoms of the plate.
     ///
     /// # Errors
@@ -50,7 +47,7 @@ impl Serial {
         weights: &[f64],
     ) -> Result<Option<Self>, Error> {
         let kept = samples.iter().zip(weights).filter(|own| *own.1 > 0.0);
-        let block: Vec<Sample> = kept.take(ENOUGH).map(|own| own.0.clone()).collect();
+        let block: Vec<Sample> = kept.take(MOST_POSES).map(|own| own.0.clone()).collect();
         let mut machine = prepared.machine.clone();
         if machine.closure_instances().count() != machine.pose_unknowns().len()
             || machine.surroundings.length_noise.is_any()
@@ -197,7 +194,11 @@ impl Rows<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calibration::{Options, calibrate};
     use crate::numerics::distribution::Random;
+    use crate::problem::times_noise;
+    use crate::setup::Setup;
+    use tau_robot::robot::Robot;
 
     /// Of white noise one in a thousand is significant; of serial noise nearly all.
     #[test]
@@ -219,5 +220,55 @@ mod tests {
         };
         assert!(significant(0.0) <= 10);
         assert!(significant(0.5) > 1900);
+    }
+
+    /// Machines drawn from their tolerances, measured in the order of the prototype's grid with noise that follows itself: the
+    /// sum of squared errors in units of the stated covariance is χ².
+    #[test]
+    fn covariances_hold_where_noise_follows_itself() {
+        const RHO: f64 = 0.95;
+        const RUNS: usize = 8;
+        let robot = Robot::from(&tau_generated::gantry_tau::ROBOT);
+        let file = tau_robot::prototype::robot_file().unwrap();
+        let mut folder = tau_robot::prototype::folder().unwrap();
+        let variant = robot.variant("Full").unwrap();
+        let poses: Vec<usize> = (0..folder.tcp_poses.len()).collect();
+        let prepared = Prepared::from_file(&robot, variant, &file, None, &[]).unwrap();
+        let mut random = Random(5);
+        let (mut chi2, mut count) = (0.0, 0);
+        for _ in 0..RUNS {
+            let drawn = prepared.nominal.iter();
+            let drawn = drawn.map(|own| own.value + own.sigma().unwrap_or(0.0) * random.normal());
+            let machine = prepared.machine.with_values(drawn.collect());
+            let mut noise = [0.0; 6];
+            for pose in &mut folder.tcp_poses {
+                for own in &mut noise {
+                    *own = RHO * *own + (1.0 - RHO * RHO).sqrt() * random.normal();
+                }
+                let exact = machine.forward(&(&*pose).into()).unwrap();
+                let [x, y, z, a, b, c] = times_noise(noise, file.noise);
+                let measured = exact.moved([x, y, z].into(), [a, b, c].into());
+                (pose.position_m, pose.angles_rad) = (measured.position_m(), measured.angles_rad());
+            }
+            let setup = Setup::new(&robot, variant, &file, &folder);
+            let found = calibrate(setup, &poses, &Options::default()).unwrap();
+            let rho = found.serial.unwrap().rho;
+            assert!((rho - RHO).abs() < 0.05, "{rho}");
+            let off = found.used.iter().zip(&found.parameters);
+            let off = off.map(|(&index, own)| own.value - machine.values[index]);
+            let off = DVector::from_iterator(found.used.len(), off);
+            let covariance = DMatrix::from_fn(off.len(), off.len(), |i, j| found.covariance[i][j]);
+            chi2 += off.dot(&covariance.cholesky().unwrap().solve(&off));
+            count += off.len();
+        }
+        // By Wilson and Hilferty, once in ten thousand runs beyond.
+        let bound = |sign: f64| {
+            let share = 2.0 / (9.0 * count as f64);
+            count as f64 * (1.0 - share + sign * 3.89 * share.sqrt()).powi(3)
+        };
+        assert!(
+            (bound(-1.0)..bound(1.0)).contains(&chi2),
+            "{chi2} of {count}"
+        );
     }
 }

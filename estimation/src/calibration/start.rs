@@ -1,4 +1,4 @@
-//! Where the fit of measured poses starts: each closure for itself, which hardly bends and comes near from afar.
+//! Start of the fit of measured poses: a fit of each closure for itself, which is nearly linear and converges from afar.
 
 use tau_robot::robot_file::Noise;
 use tau_solver::{Options, Problem};

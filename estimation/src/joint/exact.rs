@@ -11,10 +11,26 @@ use super::descent::Descent;
 use super::{Component, Joint};
 use crate::calibration::error::Error;
 use crate::calibration::prepared::Prepared;
-use crate::problem::CLOSURE_SHARE;
+use crate::problem::{CLOSURE_SHARE, Part};
 use crate::samples::Sample;
 
 impl Joint {
+    /// The whitening of each pose of set 1, by rows, in order.
+    pub fn closure_factors(&self) -> impl Iterator<Item = &[f64]> {
+        self.closure_data().map(|(_, factor)| factor)
+    }
+
+    /// The same, with the data that all closures take of the pose before it.
+    pub(crate) fn closure_data(&self) -> impl Iterator<Item = (&[f64], &[f64])> {
+        let is_of_closures = |part: &&Part| part.components.first() == Some(&Component::Closure);
+        let parts = self.parts.iter().map(|rows| &rows.part);
+        parts.filter(is_of_closures).flat_map(|part| {
+            let (rows, width) = (part.components.len(), part.family.shape().data);
+            let samples = part.data.chunks_exact(width);
+            samples.map(move |data| data.split_at(width - rows * rows))
+        })
+    }
+
     /// True if there are such closures, and they are taken for exact.
     pub fn has_exact(&self) -> bool {
         (self.rows.iter()).any(|row| row.component == Component::Exact)

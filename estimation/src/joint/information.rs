@@ -1,4 +1,4 @@
-//! What the rows of a fit say of its unknowns, priors aside: sums over rows, which need no room for these.
+//! Information of the rows of a fit about its unknowns, without priors: sums, which need no room for the rows.
 
 use std::ops::AddAssign;
 
@@ -66,7 +66,7 @@ impl Information {
         }
     }
 
-    /// The same whatever the last unknowns are, of which the information by priors is given.
+    /// Information about the first unknowns: the last ones, with the information of their priors, are eliminated.
     pub(crate) fn without_points(self, priors: &[f64]) -> Self {
         let kept = self.gradient.len() - priors.len();
         if priors.is_empty() {

@@ -329,22 +329,6 @@ impl Joint {
         }
     }
 
-    /// The whitening of each pose of set 1, by rows, in order.
-    pub fn closure_factors(&self) -> impl Iterator<Item = &[f64]> {
-        self.closure_data().map(|(_, factor)| factor)
-    }
-
-    /// The same, with the data that all closures take of the pose before it.
-    pub(crate) fn closure_data(&self) -> impl Iterator<Item = (&[f64], &[f64])> {
-        let is_of_closures = |part: &&Part| part.components.first() == Some(&Component::Closure);
-        let parts = self.parts.iter().map(|rows| &rows.part);
-        parts.filter(is_of_closures).flat_map(|part| {
-            let (rows, width) = (part.components.len(), part.family.shape().data);
-            let samples = part.data.chunks_exact(width);
-            samples.map(move |data| data.split_at(width - rows * rows))
-        })
-    }
-
     /// Residuals at a point, in units of the noise times `factors`, priors last.
     pub fn residuals(&self, fitted: &[f64], factors: &[f64]) -> DVector<f64> {
         let rows = self.rows.len();

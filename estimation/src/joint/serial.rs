@@ -1,4 +1,4 @@
-//! Rows of poses whose noise follows itself, less what those before let expect of them: see
+//! Rows of poses whose noise follows itself, less the share that rows before predict: see
 //! [`Serial`](crate::calibration::Serial). Of the points of measured paths, a row depends on those beside its own command.
 
 use super::{Component, Joint, Rows};
@@ -21,7 +21,8 @@ pub(crate) fn links(samples: &[Sample], rho: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Takes from the numbers of each sample, so many each, what those of the one before let expect, so that they vary as before.
+/// Takes from the numbers of each sample the share that the sample before predicts, and scales the rest to the variance that
+/// they had; each sample has `each` numbers.
 pub(crate) fn filtered(numbers: &mut [f64], each: usize, links: &[f64]) {
     for (sample, link) in links
         .iter()
@@ -39,7 +40,7 @@ pub(crate) fn filtered(numbers: &mut [f64], each: usize, links: &[f64]) {
 }
 
 impl Joint {
-    /// The same of the rows of a part, if they are closures.
+    /// Filters the numbers of a part's rows, if these are closures.
     pub(super) fn filter(&self, rows: &Rows, numbers: &mut [f64]) {
         let is_of_closures = rows.part.components.first() == Some(&Component::Closure);
         if is_of_closures && !self.links.is_empty() {

@@ -37,6 +37,7 @@ pub(crate) mod wide;
 pub(crate) mod words;
 
 use crate::numerics::count;
+pub(crate) use crate::numerics::distribution::SIGNIFICANT as LEVEL;
 pub use check::{Check, Checked, FileFacts, Range, check};
 pub use facts::Fact;
 pub use mistake::{Mistake, MistakeKind};
@@ -53,10 +54,6 @@ pub use verdict::{FileFit, PoseFit, Verdict, of_calibration};
 /// Worst poses or rows and largest pulls that are listed.
 pub(crate) const LISTED: usize = 5;
 
-/// Chance that a test calls consistent input inconsistent, the same as that at which errors in variables begin to
-/// estimate noise. Two tests decide, of residuals and of parameters, so that at most one clean folder in five hundred
-/// is called so.
-pub(crate) const LEVEL: f64 = 1e-3;
 /// A factor of a thousand, or other measurements, are believed in where they bring residuals nearer to the stated noise by
 /// so many times.
 pub(crate) const NEARER: f64 = 3.0;
