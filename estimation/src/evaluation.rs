@@ -8,9 +8,10 @@ use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Folder, TCP_POSES, TcpPose};
 use tau_robot::robot::Arm;
 
-use crate::calibration::{Combination, Error, LinkResult, ParameterEstimate};
+use crate::calibration::{Combination, LinkResult, ParameterEstimate};
 pub use crate::expected::ErrorSigma;
 use crate::expected::Expected;
+use crate::machine::Error;
 use crate::numerics::parallel;
 use crate::trust::Verdict;
 use crate::unknown_poses::HeldErrors;

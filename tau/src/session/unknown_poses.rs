@@ -11,13 +11,10 @@ use tau_robot::robot_file::StatedNoise;
 use super::{Session, VariantKey};
 
 impl<R> Session<R> {
-    /// True if the folder holds measurements that tell less than the plate's pose, drives are not exact, or there are
-    /// more of them than freedoms, so that they measure each other: then [`Self::calibrate_unknown_poses`] is the
+    /// True if true poses are unknown: see [`unknown_poses::are_unknown`]. Then [`Self::calibrate_unknown_poses`] is the
     /// calibration that uses all that is known.
     pub fn has_unknown_poses(&self) -> bool {
-        self.folder.has_partial_poses()
-            || !self.robot_file.measuring.drives.is_empty()
-            || self.robot.is_redundant()
+        unknown_poses::are_unknown(&self.robot, &self.robot_file, &self.folder)
     }
 
     /// True if something was measured of the plate, but none of its poses, so that measurements are compared, not poses.

@@ -7,12 +7,13 @@ use tau_codes::{Remark, fit};
 use tau_discovery as discovery;
 use tau_estimation::assumptions::{self, Assumptions};
 use tau_estimation::calibration::{Calibration, Error, calibrate};
+use tau_estimation::check::{self, Check};
 use tau_estimation::evaluation::{VariantResult, evaluate_knowing};
 use tau_estimation::expected::Expected;
 use tau_estimation::numerics::order::extent;
 use tau_estimation::numerics::parallel;
 use tau_estimation::sensitivity;
-use tau_estimation::trust::{self, Check, Mistake, Reason, Status, of_calibration};
+use tau_estimation::trust::{Mistake, Reason, Status, of_calibration};
 use tau_estimation::uncertainty::Uncertainty;
 use tau_estimation::unknown_poses::{HeldErrors, RowDivision, UnknownPoses};
 use tau_estimation::weighing::Treatment;
@@ -76,7 +77,7 @@ pub fn run<R>(
     next("calibrating the variants");
     let checks = || {
         let rows = rows.as_ref();
-        let check = trust::check(robot, &variants, file, folder, &division, rows);
+        let check = check::check(robot, &variants, file, folder, &division, rows);
         (check, assumptions::check(robot, file, folder))
     };
     let calibrated = || {

@@ -3,9 +3,10 @@
 use tau_codes::Remark;
 use tau_discovery::Discovery;
 use tau_estimation::assumptions::Assumptions;
+use tau_estimation::check::Check;
 use tau_estimation::evaluation::VariantResult;
 use tau_estimation::sensitivity::Sensitivity;
-use tau_estimation::trust::{Check, Status, Verdict};
+use tau_estimation::trust::{Status, Verdict};
 use tau_estimation::unknown_poses::RowDivision;
 use tau_kinematics::Layout;
 use tau_robot::measurements::PoseCounts;

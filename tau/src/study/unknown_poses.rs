@@ -2,8 +2,9 @@
 //! judged by the others, which it has to foretell.
 
 use tau_estimation::calibration::{Error, LinkResult};
+use tau_estimation::check;
 use tau_estimation::evaluation::{Summary, VariantResult};
-use tau_estimation::trust::{self, Mistake, Reason, Status, Verdict};
+use tau_estimation::trust::{Mistake, Reason, Status, Verdict};
 use tau_estimation::unknown_poses::{self, EstimatedPoses, HeldErrors, RowDivision, UnknownPoses};
 use tau_robot::measurements::Division;
 use tau_robot::robot::Variant;
@@ -33,7 +34,7 @@ pub(super) fn run<R>(
     };
     next("checking the measurements");
     let (none, rows) = (Division::default(), Some(&division));
-    let check = trust::check(robot, &variants, file, folder, &none, rows)?;
+    let check = check::check(robot, &variants, file, folder, &none, rows)?;
     let mut results: Vec<VariantResult> = vec![];
     let mut fitted = vec![];
     let outcomes = variants.into_iter().map(|variant| {
