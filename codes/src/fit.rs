@@ -84,4 +84,5 @@ codes! {
     SCALE_MEASURED = 394: "measured poses determine the scale, which therefore cannot be freed";
     SERIAL = 395: "noise of measurements follows itself in their order";
     NO_RHO = 396: "a correlation of noise is stated that cannot be taken into account";
+    SERIAL_APART = 397: "noise of measurements follows itself, which no standard deviation holds";
 }

@@ -34,6 +34,14 @@ pub struct Serial {
 const STEPS: usize = 24;
 
 impl Serial {
+    /// By products of standardised residuals of neighbours, and the sum of the squares of all; `None` where chance makes them as
+    /// alike.
+    pub(crate) fn of_products(products: &[f64], squares: f64) -> Option<Self> {
+        let p_value = chance(products);
+        let rho = products.iter().sum::<f64>() / squares;
+        (p_value < SIGNIFICANT).then_some(Self { rho, p_value })
+    }
+
     /// Correlation of poses at a fit to them, by a value of each of its unknowns: as a robot file states it, or else estimated.
     /// `None` where neighbours are no more alike than chance makes them, residuals are beyond the noise, or closures are not as
     /// many as the freedoms of the plate.
@@ -65,12 +73,13 @@ impl Serial {
         let linear = joint.linearize(fitted, &vec![1.0; joint.rows.len()]);
         let each = joint.rows.len() / block.len();
         let residuals = linear.residuals.rows(0, joint.rows.len()).into_owned();
-        let p_value = chance(residuals.as_slice(), each);
+        let products = products(residuals.as_slice(), each);
+        let p_value = chance(&products);
         if let Some(rho) = stated {
             return Ok(Some(Self { rho, p_value }));
         }
         let count = residuals.len() as f64;
-        let likeness = likeness(residuals.as_slice(), each);
+        let likeness = products.iter().sum::<f64>() / residuals.norm_squared();
         if p_value >= SIGNIFICANT || !is_noise(residuals.norm_squared() / count, likeness, count) {
             return Ok(None);
         }
@@ -119,19 +128,16 @@ fn is_noise(variance: f64, correlation: f64, count: f64) -> bool {
     chi2_survival(variance * count, count) >= SIGNIFICANT
 }
 
-/// Correlation of residuals of neighbours, so many each.
-fn likeness(residuals: &[f64], each: usize) -> f64 {
-    let products: f64 = (residuals.iter().zip(&residuals[each..]))
-        .map(|(a, b)| a * b)
-        .sum();
-    products / residuals.iter().map(|own| own * own).sum::<f64>()
+/// Products of residuals of neighbours, so many each.
+fn products(residuals: &[f64], each: usize) -> Vec<f64> {
+    let pairs = residuals.iter().zip(&residuals[each..]);
+    pairs.map(|(a, b)| a * b).collect()
 }
 
-/// Chance that residuals of neighbours, so many each, are as alike: their products are a sum of independent ones.
-fn chance(residuals: &[f64], each: usize) -> f64 {
-    let products = residuals.iter().zip(&residuals[each..]);
-    let sum: f64 = products.clone().map(|(a, b)| a * b).sum();
-    let squares: f64 = products.map(|(a, b)| (a * b).powi(2)).sum();
+/// Chance that residuals of neighbours are as alike as their products say, which are independent of each other.
+fn chance(products: &[f64]) -> f64 {
+    let sum: f64 = products.iter().sum();
+    let squares: f64 = products.iter().map(|own| own * own).sum();
     if sum <= 0.0 {
         return 1.0;
     }
@@ -227,7 +233,7 @@ mod tests {
                         residuals.push(*own);
                     }
                 }
-                chance(&residuals, 3) < SIGNIFICANT
+                chance(&products(&residuals, 3)) < SIGNIFICANT
             });
             count.count()
         };

@@ -127,6 +127,7 @@ impl Reason {
             Self::OrDrives => fit::DRIVES_NOT_REPEATING,
             Self::Widened(_) => fit::WIDENED,
             Self::Serial(_) => fit::SERIAL,
+            Self::SerialApart(..) => fit::SERIAL_APART,
             Self::OneLeft => fit::ONE_LEFT,
             Self::Estimated(_, estimate, _) => match estimate {
                 Estimate::Unknown => fit::NOISE_UNKNOWN,
@@ -258,6 +259,9 @@ impl Reason {
                 Subject::of_all(of.iter().cloned()).with([("widening", *widening)])
             }
             Self::Widened(times) => none().with([("noise_factor", *times)]),
+            Self::SerialApart(of, own) => {
+                Subject::of(of).with([("rho", own.rho), ("p_value", own.p_value)])
+            }
             Self::Serial(own) => none().with([("rho", own.rho), ("p_value", own.p_value)]),
             Self::Estimated(of, estimate, unit) => match estimate {
                 Estimate::Unknown => Subject::of(of),

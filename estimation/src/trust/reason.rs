@@ -114,6 +114,8 @@ pub enum Reason {
     Widened(f64),
     /// Noise of poses that follows itself in the order of measurement.
     Serial(Serial),
+    /// Noise of measurements that follows itself in their order, which no standard deviation holds.
+    SerialApart(String, Serial),
     /// One residual is left beyond what measurements can determine.
     OneLeft,
     /// Noise of measurements that was estimated, with its unit.

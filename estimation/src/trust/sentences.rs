@@ -224,6 +224,11 @@ fn sentence(reason: &Reason) -> String {
             "Noise of poses that follow each other has a correlation of {}.",
             general(own.rho, 3)
         ),
+        Reason::SerialApart(of, own) => format!(
+            "Noise of {of} follows itself: rows that follow each other have a correlation of {}. Where poses are unknown, \
+             standard deviations do not take that into account, and are too small.",
+            general(own.rho, 2)
+        ),
         Reason::OneLeft => {
             "One residual is left beyond the factors: every effect would explain it as well as any other; measure more poses \
              to tell what the model lacks."

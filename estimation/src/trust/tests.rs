@@ -146,6 +146,13 @@ fn reasons() -> Vec<Reason> {
         Reason::DrivesContradict,
         Reason::OrDrives,
         Reason::Widened(3.0),
+        Reason::SerialApart(
+            "heights.csv".to_owned(),
+            Serial {
+                rho: 0.6,
+                p_value: 1e-6,
+            },
+        ),
         Reason::Serial(Serial {
             rho: 0.97,
             p_value: 1e-9,

@@ -518,6 +518,7 @@ impl<'a> Elimination<'a> {
             squares: 0.0,
             of_most: 1.0,
             repeats: None,
+            serial: None,
         };
         let none: Vec<KindFit> = self.kinds.iter().zip(noise).map(none).collect();
         let parts = self.of_chunks(|clusters, dense| {

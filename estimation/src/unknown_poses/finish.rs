@@ -46,6 +46,9 @@ impl Fit<'_> {
         for (kind, repeats) in kinds.iter_mut().zip(self.repeats(values, reduced)) {
             kind.repeats = repeats;
         }
+        for (kind, serial) in kinds.iter_mut().zip(self.serial(reduced, leverages)) {
+            kind.serial = serial;
+        }
         let machine = self.machine_at(values);
         let fitted = self.fitted(settled, &covariance, &second_order)?;
         let objects: Vec<ObjectEstimate> = (self.assembly.object_unknowns().enumerate())

@@ -426,6 +426,7 @@ impl<'a> Fit<'a> {
                 squares: 0.0,
                 of_most: 1.0,
                 repeats: None,
+                serial: None,
             })
             .collect();
         // Under a loss, gross residuals count as little in the noise as in the fit (P. J. Huber, 1964, proposal 2).

@@ -43,6 +43,7 @@ mod refusals;
 mod repeats;
 pub mod rounds;
 mod rows;
+mod serial;
 mod starts;
 mod stated_noise;
 #[cfg(test)]

@@ -13,6 +13,7 @@ use super::coupled::Coupled;
 use super::measurand::Measurand;
 use super::quantity::Measured;
 use super::tracker::{TrackerErrors, WithErrors};
+use crate::calibration::Serial;
 use crate::machine::error::Error;
 use crate::numerics::order::place;
 use crate::problem::{Component, POSE_UNKNOWNS, Part};
@@ -141,6 +142,8 @@ pub struct KindFit {
     pub of_most: f64,
     /// Repeated readings, if there are any; of a calibration.
     pub repeats: Option<KindRepeats>,
+    /// Correlation of rows that follow each other, if there is any; of a calibration.
+    pub serial: Option<Serial>,
 }
 
 impl KindFit {

@@ -223,6 +223,12 @@ impl UnknownPoses {
             let pulled = Reason::Pulled(pull, deviation.freed);
             verdict.say(Status::Inconsistent, pulled);
         }
+        for fit in &self.kinds {
+            if let Some(own) = fit.serial {
+                let why = Reason::SerialApart(fit.kind.words(), own);
+                verdict.say(Status::Inconsistent, why);
+            }
+        }
         let estimated = self.kinds.iter().filter(|fit| fit.kind.is_estimated());
         verdict.why.extend(estimated.map(estimated_noise));
         verdict.why.extend(self.misses_of_carts());
