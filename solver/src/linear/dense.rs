@@ -1,16 +1,14 @@
 //! A dense triangle: once per Jacobian, and from it another for each damping.
 //!
 //! With `[J r] = Q [R c]`, the small problem `½‖R y + c‖²` is the same function of the step as `½‖J y + r‖²`, but for
-//! a constant. Where there are many rows, R is the Cholesky factor of the normal equations, which takes a fraction of the
-//! time of a QR factorisation. Products square the condition number, so this factor is used only while rounding can't have
+//! a constant. R is the Cholesky factor of the normal equations, which takes a fraction of the time of a QR
+//! factorisation. Products square the condition number, so this factor is used only while rounding can't have
 //! touched more than a tiny share of any pivot; on the first pivot for which that fails, the part goes over to QR.
 
 use crate::jacobian::Jacobian;
 use crate::linear::LinearSolver;
 use crate::parallel;
 
-/// Rows per parameter from which on normal equations are tried.
-const TALL: usize = 4;
 /// Largest share of a pivot that may be rounding. What is lost of the pivots is lost of the last steps, and
 /// the iteration goes on until these are all rounding.
 const PIVOT_ERROR: f64 = 1e-10;
@@ -36,7 +34,7 @@ impl Dense {
         let n = jacobian.column_count;
         Self {
             triangle: vec![0.0; (n + 1) * (n + 1)],
-            is_by_qr: jacobian.row_count() < TALL * n,
+            is_by_qr: false,
             damped: vec![0.0; n * (n + 1)],
             below: Vec::new(),
             work: vec![0.0; n + 1],
@@ -243,18 +241,14 @@ mod tests {
             [-2.0, 0.5, 0.0, 1.0],
         ];
         let square = |a: usize, b: usize| -> f64 { rows.map(|row| row[a] * row[b]).iter().sum() };
-        // Three times the rows are enough for normal equations.
-        for times in [1, 3] {
+        for is_by_qr in [false, true] {
             let mut jacobian = Jacobian::new(3);
-            (0..4 * times).for_each(|_| jacobian.push_rows(&[0, 1, 2], &[3]));
-            let scale = f64::from(times).sqrt();
-            let all = (0..times).flat_map(|_| rows);
-            let residuals: Vec<f64> = all.clone().map(|row| row[3] / scale).collect();
-            let values = all.flat_map(|row| [row[0], row[1], row[2]]);
-            jacobian.values = values.map(|value| value / scale).collect();
+            (0..4).for_each(|_| jacobian.push_rows(&[0, 1, 2], &[3]));
+            jacobian.values = rows.iter().flat_map(|row| &row[..3]).copied().collect();
             let mut dense = Dense::new(&jacobian);
-            dense.load(&jacobian, &residuals);
-            assert_eq!(dense.is_by_qr, times == 1);
+            dense.is_by_qr = is_by_qr;
+            dense.load(&jacobian, &rows.map(|row| row[3]));
+            assert_eq!(dense.is_by_qr, is_by_qr);
             for damping in [0.0, 1e-6, 0.3, 40.0] {
                 for held in 0..4 {
                     let mut step = [0.7; 3];
@@ -263,10 +257,7 @@ mod tests {
                     for i in (0..3).filter(|&i| i != held) {
                         let by_step: f64 = (0..3).map(|j| square(i, j) * step[j]).sum();
                         let gradient = by_step + damping * step[i] + square(i, 3);
-                        assert!(
-                            gradient.abs() < 1e-11,
-                            "{times} {damping} {held} {i}: {gradient}"
-                        );
+                        assert!(gradient.abs() < 1e-11, "{is_by_qr} {damping} {held} {i}");
                     }
                 }
             }

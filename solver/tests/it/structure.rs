@@ -242,7 +242,9 @@ fn trial_steps_that_are_not_finite_are_only_rejected() {
     let mut problem = problem(&family, &[0.0], &[100.0]);
     let sum = Family::new(Linear(2));
     problem.parameters.push(Parameter::new("other", 1e6));
-    problem.blocks.push(Block::new("sum", &sum, vec![0, 1], &[1e6, 0.0, 1.0]));
+    problem
+        .blocks
+        .push(Block::new("sum", &sum, vec![0, 1], &[1e6, 0.0, 1.0]));
     let solution = solve(&problem, &Options::default()).unwrap();
     assert!(family.not_finite.load(Ordering::Relaxed) > 0);
     assert!((solution.parameters[0] - 1.0).abs() < 1e-14);
