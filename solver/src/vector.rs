@@ -30,3 +30,21 @@ pub(crate) fn sum_of(x: &[f64], y: &[f64], of: impl Fn(f64, f64) -> f64) -> f64 
 pub(crate) fn sum(x: &[f64]) -> f64 {
     sum_of(x, x, |x, _| x)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sums_are_those_of_all_numbers() {
+        // Small whole numbers add up without rounding, in whatever order.
+        for length in [0, 3, 8, 21] {
+            let x: Vec<f64> = (0..length).map(f64::from).collect();
+            let y: Vec<f64> = x.iter().map(|x| 2.0 * x - 1.0).collect();
+            let product: f64 = x.iter().zip(&y).map(|(x, y)| x * y).sum();
+            assert_eq!(dot(&x, &y), product);
+            assert_eq!(sum(&x), x.iter().sum::<f64>());
+            assert_eq!(norm(&x), dot(&x, &x).sqrt());
+        }
+    }
+}

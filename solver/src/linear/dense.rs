@@ -5,6 +5,8 @@
 //! factorisation. Products square the condition number, so this factor is used only while rounding can't have
 //! touched more than a tiny share of any pivot; on the first pivot for which that fails, the part goes over to QR.
 
+use faer::Mat;
+
 use crate::jacobian::Jacobian;
 use crate::linear::LinearSolver;
 use crate::parallel;
@@ -14,8 +16,8 @@ use crate::parallel;
 const PIVOT_ERROR: f64 = 1e-10;
 /// Rows that are summed up apart; the sums are added in their order, so that they do not depend on the number of threads.
 const CHUNK: usize = 1 << 12;
-/// Rows that are reflected at a time, at least.
-const REFLECTED: usize = 64;
+/// Rows that QR takes at a time, at least.
+const AT_ONCE: usize = 512;
 
 /// Solves by `[J r] = Q [R c]` and then, for each damping, by a QR of `[R; √damping I]`.
 pub(super) struct Dense {
@@ -68,24 +70,35 @@ impl Dense {
         }
     }
 
-    /// Makes the triangle by reflections, of some rows at a time.
-    fn reflect_rows(&mut self, jacobian: &Jacobian, residuals: &[f64]) {
+    /// Makes the triangle by QR, of some rows at a time.
+    fn factor_rows(&mut self, jacobian: &Jacobian, residuals: &[f64]) {
         let width = jacobian.column_count + 1;
-        self.triangle.fill(0.0);
-        let rows = REFLECTED.max(2 * width);
-        for first in (0..residuals.len()).step_by(rows) {
-            let rows = first..residuals.len().min(first + rows);
-            self.below.clear();
-            self.below.resize(rows.len() * width, 0.0);
-            for (row, own) in rows.zip(self.below.chunks_exact_mut(width)) {
-                let (columns, values) = jacobian.row(row);
+        let at_once = AT_ONCE.max(4 * width).min(residuals.len()).max(1);
+        let mut stack = Mat::<f64>::zeros(width + at_once, width);
+        for first in (0..residuals.len()).step_by(at_once) {
+            let count = at_once.min(residuals.len() - first);
+            stack.subrows_mut(width, at_once).fill(0.0);
+            for k in 0..count {
+                let (columns, values) = jacobian.row(first + k);
                 for (&column, value) in columns.iter().zip(values) {
-                    own[column as usize] = *value;
+                    stack[(width + k, column as usize)] = *value;
                 }
-                own[width - 1] = residuals[row];
+                stack[(width + k, width - 1)] = residuals[first + k];
             }
-            for (column, pivot_row) in self.triangle.chunks_exact_mut(width).enumerate() {
-                reflect(pivot_row, &mut self.below, column, &mut self.work);
+            let factor = stack.subrows(0, width + count).qr();
+            for column in 0..width {
+                for row in 0..=column {
+                    stack[(row, column)] = factor.R()[(row, column)];
+                }
+            }
+        }
+        for (row, own) in self.triangle.chunks_exact_mut(width).enumerate() {
+            for (column, own) in own.iter_mut().enumerate() {
+                *own = if row <= column {
+                    stack[(row, column)]
+                } else {
+                    0.0
+                };
             }
         }
     }
@@ -98,7 +111,7 @@ impl LinearSolver for Dense {
             self.is_by_qr = !factor(&mut self.triangle, jacobian.column_count);
         }
         if self.is_by_qr {
-            self.reflect_rows(jacobian, residuals);
+            self.factor_rows(jacobian, residuals);
         }
     }
 

@@ -80,13 +80,13 @@ fn fit(method: Method, from: f64, to: f64, samples: u32, noise: f64) -> Solution
 
 #[test]
 fn normal_equations_lead_where_qr_leads() {
-    // Of few samples QR makes the triangle; over the short time normal equations do not serve.
+    // Over the short time normal equations do not serve.
     for (to, samples) in [(2.0, 15), (2.0, 37), (2.0, 5000), (-1.95, 500)] {
         for noise in [0.0, 1e-3] {
             let fit = |method| fit(method, -2.0, to, samples, noise);
             let (dense, sparse) = (fit(Method::Dense), fit(Method::Sparse));
             assert!(dense.converged() && sparse.converged());
-            assert!(dense.iterations <= sparse.iterations + 2);
+            assert!(dense.iterations <= sparse.iterations + 5);
             assert!((dense.cost - sparse.cost).abs() < 1e-12 * sparse.cost.max(1.0));
             for (a, b) in dense.parameters.iter().zip(&sparse.parameters) {
                 assert!((a - b).abs() < 1e-8, "{a} and {b}");
