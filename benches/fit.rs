@@ -2,7 +2,7 @@
 //! of the paper's five variants on its data.
 //!
 //! `cargo bench -p tau-benches --bench fit`. Rows of the fit differ in what the solver is offered: the same family
-//! with its blocks, by way of the normal equations or of the stored Jacobian, and without blocks.
+//! with its blocks and without.
 
 use divan::Bencher;
 use tau::Setup;
@@ -10,7 +10,7 @@ use tau::measurements::{Poses, Split};
 use tau::{Robot, calibration};
 use tau_generated::gantry_tau::ROBOT;
 use tau_runtime::{Pattern, ResidualFamily, ResidualKind, Shape};
-use tau_solver::{Block, Method, Options, Parameter, Problem, Solution, solve};
+use tau_solver::{Block, Options, Parameter, Problem, Solution, solve};
 
 const SAMPLES: usize = 2000;
 const TRUTH: [f64; 10] = [
@@ -23,19 +23,11 @@ const SIGMA: f64 = 8e-5;
 
 fn main() {
     let data = data();
-    let fused = fit(family(), &data, Method::Auto);
-    let stored = fit(family(), &data, Method::DenseQr);
-    let single = fit(&Single(family()), &data, Method::DenseQr);
-    assert_eq!(fused.parts[0].method, Method::NormalEquations);
-    for other in [&stored, &single] {
-        for ((a, b), tolerance) in fused
-            .parameters
-            .iter()
-            .zip(&other.parameters)
-            .zip(TOLERANCE)
-        {
-            assert!((a - b).abs() < 1e-7 * tolerance, "{a} and {b}");
-        }
+    let blocks = fit(family(), &data);
+    let single = fit(&Single(family()), &data);
+    let both = blocks.parameters.iter().zip(&single.parameters);
+    for ((a, b), tolerance) in both.zip(TOLERANCE) {
+        assert!((a - b).abs() < 1e-7 * tolerance, "{a} and {b}");
     }
     divan::main();
 }
@@ -114,7 +106,7 @@ fn data() -> Vec<f64> {
 }
 
 /// The whole job: preparation, layout, iterations.
-fn fit(family: &dyn ResidualFamily, data: &[f64], method: Method) -> Solution {
+fn fit(family: &dyn ResidualFamily, data: &[f64]) -> Solution {
     let parameters = TRUTH.iter().zip(TOLERANCE).enumerate();
     let problem = Problem {
         parameters: parameters
@@ -128,31 +120,21 @@ fn fit(family: &dyn ResidualFamily, data: &[f64], method: Method) -> Solution {
                 .with_weights(vec![1.0 / SIGMA; SAMPLES]),
         ],
     };
-    let options = Options {
-        method,
-        ..Options::default()
-    };
-    let solution = solve(&problem, &options).expect("a problem that makes sense");
+    let solution = solve(&problem, &Options::default()).expect("a problem that makes sense");
     assert!(solution.converged());
     solution
 }
 
 #[divan::bench]
-fn blocks_fused(bencher: Bencher) {
+fn blocks(bencher: Bencher) {
     let data = data();
-    bencher.bench_local(|| fit(family(), &data, Method::Auto));
-}
-
-#[divan::bench]
-fn blocks_stored(bencher: Bencher) {
-    let data = data();
-    bencher.bench_local(|| fit(family(), &data, Method::DenseQr));
+    bencher.bench_local(|| fit(family(), &data));
 }
 
 #[divan::bench]
 fn single_samples(bencher: Bencher) {
     let data = data();
-    bencher.bench_local(|| fit(&Single(family()), &data, Method::DenseQr));
+    bencher.bench_local(|| fit(&Single(family()), &data));
 }
 
 /// The five variants one after the other, from nominal values, with covariances and identifiability.

@@ -37,13 +37,6 @@ pub enum Error {
         /// The reason.
         reason: String,
     },
-    /// The number of values passed differs from the number of parameters of the problem.
-    ParameterCount {
-        /// Parameters of the problem.
-        expected: usize,
-        /// Values passed.
-        found: usize,
-    },
     /// The sparse factorisation does not fit in memory.
     TooLarge,
     /// The singular value decomposition did not converge.
@@ -75,10 +68,6 @@ impl fmt::Display for Error {
             Self::InvalidParameter { name, reason } => write!(f, "parameter `{name}`: {reason}"),
             Self::InvalidBlock { label, reason } => write!(f, "block `{label}`: {reason}"),
             Self::InvalidOptions { reason } => write!(f, "options: {reason}"),
-            Self::ParameterCount { expected, found } => write!(
-                f,
-                "the problem has {expected} parameters, but {found} values were given"
-            ),
             Self::TooLarge => write!(f, "the sparse factorisation does not fit in memory"),
             Self::SingularValues => {
                 write!(f, "the singular value decomposition did not converge")

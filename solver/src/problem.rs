@@ -28,10 +28,14 @@ pub struct Prior {
 }
 
 impl Prior {
+    /// Residual of a parameter at `x`.
+    pub(crate) fn residual(&self, x: f64) -> f64 {
+        (x - self.mean) / self.sigma
+    }
+
     /// Cost of a parameter at `x`.
     pub(crate) fn cost(&self, x: f64) -> f64 {
-        let r = (x - self.mean) / self.sigma;
-        0.5 * r * r
+        0.5 * self.residual(x).powi(2)
     }
 }
 
@@ -91,6 +95,15 @@ impl Parameter {
         !self.fixed && self.lower < self.upper
     }
 
+    /// The start, moved into the bounds.
+    pub(crate) fn first(&self) -> f64 {
+        if self.fixed {
+            self.start
+        } else {
+            self.start.clamp(self.lower, self.upper)
+        }
+    }
+
     fn check(&self) -> Result<(), Error> {
         let reason = if !self.start.is_finite() {
             format!("the start {} is not a finite number", self.start)
@@ -108,6 +121,10 @@ impl Parameter {
                 "a prior needs a finite mean and a positive standard deviation, not {} and {}",
                 prior.mean, prior.sigma
             )
+        } else if let Some(prior) = self.prior
+            && prior.cost(self.first()).is_infinite()
+        {
+            "it starts too many standard deviations from its prior's mean".to_owned()
         } else {
             return Ok(());
         };
@@ -208,11 +225,6 @@ impl<'a> Block<'a> {
     pub fn with_sample_names(mut self, names: Vec<u32>) -> Self {
         self.sample_names = names;
         self
-    }
-
-    /// Number of samples.
-    pub fn samples(&self) -> usize {
-        self.samples
     }
 
     /// True if samples have parameters of their own.
@@ -331,19 +343,5 @@ impl Problem<'_> {
         self.blocks
             .iter()
             .try_for_each(|block| block.check(self.parameters.len()))
-    }
-
-    /// The starts, moved into the bounds.
-    pub(crate) fn start(&self) -> Vec<f64> {
-        self.parameters
-            .iter()
-            .map(|p| {
-                if p.fixed {
-                    p.start
-                } else {
-                    p.start.clamp(p.lower, p.upper)
-                }
-            })
-            .collect()
     }
 }

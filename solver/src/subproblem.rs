@@ -1,19 +1,21 @@
-//! The trust-region subproblem: the best step of the linear model within radius and bounds.
+//! One step: damping for the trust radius, active set for the bounds.
 
 use crate::jacobian::Jacobian;
 use crate::linear::LinearSolver;
-use crate::vector::{at_once, dot, norm, on_each, zeros};
+use crate::vector::{dot, norm};
 
 /// Share of the radius by which a step's length may miss it.
 const RADIUS_ACCURACY: f64 = 0.1;
 /// Most changes of damping in the search for a step of the radius' length.
 const MAX_DAMPINGS: usize = 12;
+/// Damping tried first, as a share of the most that can be needed.
+const FIRST_DAMPING: f64 = 1e-2;
 
 /// Minimises `½‖J y + r‖²` subject to `‖y‖ ≤ radius` and `lower ≤ y ≤ upper`.
 ///
-/// The damping that keeps the step within the radius is found by Newton's method on the secular
-/// equation (J. J. Moré, "The Levenberg-Marquardt algorithm: implementation and theory", 1978); the
-/// bounds by the primal active-set method for convex quadratic programs.
+/// The damping that keeps the step within the radius is found by secants of its reciprocal length, which is nearly linear in
+/// the damping (J. J. Moré, "The Levenberg-Marquardt algorithm: implementation and theory", 1978); the bounds by the primal
+/// active-set method for convex quadratic programs.
 pub(crate) struct Subproblem {
     /// Distance to the bounds, in scaled parameters; infinite where there is none.
     pub(crate) lower: Vec<f64>,
@@ -29,23 +31,21 @@ pub(crate) struct Subproblem {
     pub(crate) damping: f64,
     /// Decrease of the cost that the linear model predicts for the step.
     pub(crate) predicted: f64,
+    /// Step for other residuals, damped like the last one; what a bound held stays.
+    pub(crate) correction: Vec<f64>,
     target: Vec<f64>,
+    /// The step's image by the Jacobian.
     image: Vec<f64>,
-    /// True if the image is that of the step by the Jacobian, and if the step is the undamped one.
-    has_image: bool,
-    is_newton: bool,
-    multipliers: Vec<f64>,
-    newton: Newton,
+    /// The undamped step, and what it promises.
+    newton: Vec<f64>,
+    newton_predicted: f64,
 }
 
-/// The undamped step.
-struct Newton {
-    step: Vec<f64>,
-    predicted: f64,
-    /// True if its rank is full.
-    is_full_rank: bool,
-    /// Lower limit of the damping per relative excess of its length, zero if unknown; `None` until it is asked for.
-    inverse_form: Option<f64>,
+/// A linear model with its solver.
+pub(crate) struct Model<'a> {
+    pub(crate) jacobian: &'a Jacobian,
+    pub(crate) residuals: &'a [f64],
+    pub(crate) linear: &'a mut dyn LinearSolver,
 }
 
 impl Subproblem {
@@ -55,225 +55,119 @@ impl Subproblem {
             upper: vec![f64::INFINITY; columns],
             bounded,
             held: vec![false; columns],
-            gradient: zeros(columns),
-            step: zeros(columns),
+            gradient: vec![0.0; columns],
+            step: vec![0.0; columns],
             damping: 0.0,
             predicted: 0.0,
-            target: zeros(columns),
-            image: zeros(rows),
-            has_image: false,
-            is_newton: false,
-            multipliers: zeros(columns),
-            newton: Newton {
-                step: zeros(columns),
-                predicted: 0.0,
-                is_full_rank: false,
-                inverse_form: None,
-            },
+            correction: vec![0.0; columns],
+            target: vec![0.0; columns],
+            image: vec![0.0; rows],
+            newton: vec![0.0; columns],
+            newton_predicted: 0.0,
         }
     }
 
     /// Takes a new linear model; [`Self::lower`], [`Self::upper`] and [`Self::gradient`] are set by the caller. Afterwards
     /// [`Self::step`] is the undamped step.
-    pub(crate) fn load(
-        &mut self,
-        jacobian: &Jacobian,
-        residuals: &[f64],
-        linear: &mut dyn LinearSolver,
-    ) {
-        linear.load(jacobian, residuals);
-        self.newton.is_full_rank = self.solve_damped(0.0, jacobian, residuals, linear);
-        self.predict(self.is_at_minimum(), jacobian, residuals);
-        self.newton.step.copy_from_slice(&self.step);
-        self.newton.predicted = self.predicted;
-        self.newton.inverse_form = None;
-        self.is_newton = true;
-    }
-
-    /// [`Newton::inverse_form`] of the undamped step, which `linear` solved for last if it was not asked for before.
-    fn newton_form(&mut self, linear: &mut dyn LinearSolver) -> f64 {
-        if let Some(known) = self.newton.inverse_form {
-            return known;
-        }
-        // Without full rank or with bounds the length is no convex function of the damping.
-        let form = if self.newton.is_full_rank && !self.bounded {
-            self.direction_form(linear)
-        } else {
-            0.0
-        };
-        self.newton.inverse_form = Some(form);
-        form
+    pub(crate) fn load(&mut self, model: &mut Model) {
+        model.linear.load(model.jacobian, model.residuals);
+        self.solve_damped(0.0, model);
+        self.predict(self.is_at_minimum(), model);
+        self.newton.copy_from_slice(&self.step);
+        self.newton_predicted = self.predicted;
     }
 
     /// Length of the gradient, without what pushes against bounds.
     pub(crate) fn gradient_norm(&self) -> f64 {
-        if !self.bounded {
-            return norm(&self.gradient);
-        }
-        (0..self.step.len())
-            .filter(|&j| !self.is_blocked(j))
-            .map(|j| self.gradient[j] * self.gradient[j])
-            .sum::<f64>()
-            .sqrt()
+        let own = (0..self.step.len()).filter(|&j| !self.is_blocked(j));
+        own.map(|j| self.gradient[j].powi(2)).sum::<f64>().sqrt()
     }
 
     /// Finds the step for `radius`. `damping` is where the search starts, zero if unknown.
-    pub(crate) fn solve(
-        &mut self,
-        radius: f64,
-        damping: f64,
-        jacobian: &Jacobian,
-        residuals: &[f64],
-        linear: &mut dyn LinearSolver,
-    ) {
-        if !self.is_newton {
-            self.step.copy_from_slice(&self.newton.step);
-            (self.is_newton, self.has_image) = (true, false);
-        }
-        self.predicted = self.newton.predicted;
-        self.damping = 0.0;
-        let mut excess = norm(&self.step) - radius;
-        if excess <= RADIUS_ACCURACY * radius {
+    pub(crate) fn solve(&mut self, radius: f64, mut damping: f64, model: &mut Model) {
+        let is_near = |length: f64| (length - radius).abs() <= RADIUS_ACCURACY * radius;
+        let newton_length = norm(&self.newton);
+        if newton_length <= radius || is_near(newton_length) {
+            if self.damping != 0.0 {
+                self.step.copy_from_slice(&self.newton);
+                self.damping = 0.0;
+                self.image_of_step(model);
+            }
+            self.predicted = self.newton_predicted;
             return;
         }
-        let form = self.newton_form(linear);
-        let mut least = if form > 0.0 {
-            excess / radius / form
-        } else {
-            0.0
-        };
-        let mut most = norm(&self.gradient) / radius;
-        if most <= 0.0 {
+        // Dampings of steps that are too long and too short, with their reciprocal lengths.
+        let mut below = (0.0, newton_length.recip());
+        let mut above = (norm(&self.gradient) / radius, f64::INFINITY);
+        if !(above.0 > 0.0) {
             return;
         }
-        let mut damping = damping.clamp(least.min(most), most);
-        if damping <= 0.0 {
-            damping = norm(&self.gradient) / norm(&self.step);
+        if damping <= 0.0 || damping >= above.0 {
+            damping = FIRST_DAMPING * above.0;
         }
         for _ in 0..MAX_DAMPINGS {
-            if damping <= 0.0 {
-                damping = f64::max(1e-3 * most, (least * most).sqrt());
+            self.solve_damped(damping, model);
+            let length = norm(&self.step);
+            if is_near(length) {
+                return self.predict(self.is_at_minimum(), model);
             }
-            self.solve_damped(damping, jacobian, residuals, linear);
-            excess = norm(&self.step) - radius;
-            if excess.abs() <= RADIUS_ACCURACY * radius {
-                self.predict(self.is_at_minimum(), jacobian, residuals);
-                return;
-            }
-            if excess > 0.0 {
-                least = least.max(damping);
+            let own = (damping, length.recip());
+            let is_between = length > radius && above.1.is_finite();
+            let other = if is_between { above } else { below };
+            damping += (radius.recip() - own.1) * (own.0 - other.0) / (own.1 - other.1);
+            if length > radius {
+                below = own;
             } else {
-                most = most.min(damping);
+                above = own;
             }
-            let form = self.direction_form(linear);
-            let change = if form > 0.0 {
-                excess / radius / form
-            } else {
-                0.0
-            };
-            damping = f64::max(least, damping + change);
-            if damping >= most {
-                damping = (least * most).sqrt();
+            if !(damping > below.0 && damping < above.0) {
+                damping = f64::max(1e-3 * above.0, (below.0 * above.0).sqrt());
             }
         }
-        let is_too_long = excess > 0.0;
+        let length = norm(&self.step);
+        let is_too_long = length > radius;
         if is_too_long {
-            let shrink = radius / (radius + excess);
-            self.step.iter_mut().for_each(|y| *y *= shrink);
-            self.has_image = false;
+            self.step.iter_mut().for_each(|y| *y *= radius / length);
         }
-        let at_minimum = !is_too_long && self.is_at_minimum();
-        self.predict(at_minimum, jacobian, residuals);
+        self.predict(!is_too_long && self.is_at_minimum(), model);
     }
 
     /// Takes the residuals of the linear model at the step from those that are there.
-    pub(crate) fn subtract_model(
-        &mut self,
-        jacobian: &Jacobian,
-        residuals: &[f64],
-        there: &mut [f64],
-    ) {
-        self.make_image(jacobian);
-        let length = at_once(there.len());
-        let known = self.image.chunks(length).zip(residuals.chunks(length));
-        let rows = there.len();
-        on_each(
-            rows,
-            there.chunks_mut(length).zip(known),
-            |(there, (image, residuals))| {
-                for ((there, image), r) in there.iter_mut().zip(image).zip(residuals) {
-                    *there -= image + r;
-                }
-            },
-        );
-    }
-
-    /// The step for other residuals, damped like the last one; what a bound held stays. `linear` is left with these.
-    pub(crate) fn correction(
-        &mut self,
-        jacobian: &Jacobian,
-        residuals: &[f64],
-        linear: &mut dyn LinearSolver,
-    ) -> &[f64] {
-        self.target.fill(0.0);
-        let target = &mut self.target;
-        linear.solve_again(jacobian, residuals, self.damping, &self.held, target);
-        &self.target
-    }
-
-    /// `vᵀ (JᵀJ + damping I)⁻¹ v` for the step's direction v among the parameters not held: the
-    /// relative change of the step's length per change of the damping.
-    fn direction_form(&mut self, linear: &mut dyn LinearSolver) -> f64 {
-        let length = norm(&self.step);
-        let chunk = at_once(self.step.len());
-        let own = self.step.chunks(chunk).zip(self.held.chunks(chunk));
-        let parts = self.target.chunks_mut(chunk).zip(own);
-        on_each(self.step.len(), parts, |(target, (step, held))| {
-            for ((target, step), held) in target.iter_mut().zip(step).zip(held) {
-                *target = if !held && length > 0.0 {
-                    step / length
-                } else {
-                    0.0
-                };
-            }
-        });
-        linear.inverse_form(&self.target)
-    }
-
-    /// Minimises the damped model within the bounds. Returns whether its rank is full.
-    fn solve_damped(
-        &mut self,
-        damping: f64,
-        jacobian: &Jacobian,
-        residuals: &[f64],
-        linear: &mut dyn LinearSolver,
-    ) -> bool {
-        self.damping = damping;
-        (self.is_newton, self.has_image) = (false, false);
-        if !self.bounded {
-            self.target.fill(0.0);
-            let full_rank = linear.solve(damping, &self.held, &mut self.target);
-            std::mem::swap(&mut self.step, &mut self.target);
-            return full_rank;
+    pub(crate) fn subtract_model(&self, residuals: &[f64], there: &mut [f64]) {
+        for ((there, image), r) in there.iter_mut().zip(&self.image).zip(residuals) {
+            *there -= image + r;
         }
+    }
+
+    /// Makes the [correction](Self::correction) for other residuals. The solver is left with these.
+    pub(crate) fn correct(&mut self, residuals: &[f64], model: &mut Model) {
+        self.correction.fill(0.0);
+        let (damping, own) = (self.damping, &mut self.correction);
+        (model.linear).solve_again(model.jacobian, residuals, damping, &self.held, own);
+    }
+
+    /// Minimises the damped model within the bounds.
+    fn solve_damped(&mut self, damping: f64, model: &mut Model) {
+        self.damping = damping;
         self.step.fill(0.0);
         for j in 0..self.step.len() {
             self.held[j] = self.is_blocked(j);
         }
-        let mut full_rank = true;
         for _ in 0..3 * self.step.len() + 3 {
             self.target.copy_from_slice(&self.step);
-            full_rank = linear.solve(damping, &self.held, &mut self.target);
+            model.linear.solve(damping, &self.held, &mut self.target);
+            if !self.bounded {
+                std::mem::swap(&mut self.step, &mut self.target);
+                return;
+            }
             if self.advance() {
                 continue;
             }
-            self.model_gradient(jacobian, residuals);
-            let Some(worst) = self.worst_multiplier() else {
+            let Some(worst) = self.worst_multiplier(model) else {
                 break;
             };
             self.held[worst] = false;
         }
-        full_rank
     }
 
     /// True if no bound keeps the step of [`Self::solve_damped`] off the minimum of the damped model.
@@ -285,7 +179,7 @@ impl Subproblem {
     fn advance(&mut self) -> bool {
         let mut share = 1.0;
         let mut stopped = None;
-        for j in 0..self.step.len() {
+        for j in (0..self.step.len()).filter(|&j| !self.held[j]) {
             let change = self.target[j] - self.step[j];
             let bound = if change < 0.0 {
                 self.lower[j]
@@ -293,16 +187,14 @@ impl Subproblem {
                 self.upper[j]
             };
             let room = bound - self.step[j];
-            if !self.held[j] && change.abs() > room.abs() && room / change < share {
+            if change.abs() > room.abs() && room / change < share {
                 share = room / change;
                 stopped = Some((j, bound));
             }
         }
-        for j in 0..self.step.len() {
-            if !self.held[j] {
-                let y = self.step[j] + share * (self.target[j] - self.step[j]);
-                self.step[j] = y.clamp(self.lower[j], self.upper[j]);
-            }
+        for j in (0..self.step.len()).filter(|&j| !self.held[j]) {
+            let y = self.step[j] + share * (self.target[j] - self.step[j]);
+            self.step[j] = y.clamp(self.lower[j], self.upper[j]);
         }
         if let Some((j, bound)) = stopped {
             self.step[j] = bound;
@@ -312,49 +204,37 @@ impl Subproblem {
     }
 
     /// The held parameter that most wants to leave its bound.
-    fn worst_multiplier(&self) -> Option<usize> {
-        let mut worst = None;
-        let mut most = 0.0;
-        for j in 0..self.step.len() {
-            if self.held[j] {
-                let at_lower = self.step[j] <= self.lower[j];
-                let at_upper = self.step[j] >= self.upper[j];
-                let pull = self.multipliers[j];
-                if (at_lower && -pull > most) || (at_upper && pull > most) {
-                    (worst, most) = (Some(j), pull.abs());
-                }
-            }
-        }
-        worst
+    fn worst_multiplier(&mut self, model: &Model) -> Option<usize> {
+        self.image_of_step(model);
+        let residuals = self.image.iter().zip(model.residuals);
+        let residuals: Vec<f64> = residuals.map(|(image, r)| image + r).collect();
+        model.jacobian.transpose_times(&residuals, &mut self.target);
+        let pull = |j: &usize| {
+            let pull = self.target[*j] + self.damping * self.step[*j];
+            let at_lower = self.step[*j] <= self.lower[*j];
+            let at_upper = self.step[*j] >= self.upper[*j];
+            f64::max(
+                if at_lower { -pull } else { 0.0 },
+                if at_upper { pull } else { 0.0 },
+            )
+        };
+        let held = (0..self.step.len()).filter(|&j| self.held[j]);
+        let worst = held.max_by(|a, b| pull(a).total_cmp(&pull(b)));
+        worst.filter(|j| pull(j) > 0.0)
     }
 
-    fn model_gradient(&mut self, jacobian: &Jacobian, residuals: &[f64]) {
-        jacobian.times(&self.step, &mut self.image);
-        self.has_image = false;
-        for (image, r) in self.image.iter_mut().zip(residuals) {
-            *image += r;
-        }
-        jacobian.transpose_times(&self.image, &mut self.multipliers);
-        for (multiplier, y) in self.multipliers.iter_mut().zip(&self.step) {
-            *multiplier += self.damping * y;
-        }
+    fn image_of_step(&mut self, model: &Model) {
+        model.jacobian.times(&self.step, &mut self.image);
     }
 
-    fn make_image(&mut self, jacobian: &Jacobian) {
-        if !self.has_image {
-            jacobian.times(&self.step, &mut self.image);
-            self.has_image = true;
-        }
-    }
-
-    fn predict(&mut self, at_minimum: bool, jacobian: &Jacobian, residuals: &[f64]) {
-        self.make_image(jacobian);
+    fn predict(&mut self, at_minimum: bool, model: &Model) {
+        self.image_of_step(model);
         let image = dot(&self.image, &self.image);
         self.predicted = if at_minimum {
             // equal to the general form at the minimum of the damped model, and free of cancellation
             0.5 * image + self.damping * dot(&self.step, &self.step)
         } else {
-            -dot(&self.image, residuals) - 0.5 * image
+            -dot(&self.image, model.residuals) - 0.5 * image
         };
     }
 
@@ -363,50 +243,5 @@ impl Subproblem {
         let is_below = || self.lower[j] >= 0.0 && self.gradient[j] >= 0.0;
         let is_above = || self.upper[j] <= 0.0 && self.gradient[j] <= 0.0;
         self.bounded && (is_below() || is_above())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::jacobian::JacobianPattern;
-    use crate::linear::{Method, new_solver};
-
-    #[test]
-    fn a_step_depends_on_its_radius_and_not_on_those_before() {
-        let mut pattern = JacobianPattern::new(2);
-        (0..3).for_each(|_| pattern.push_rows(&[0, 1], &[2]));
-        let mut jacobian = pattern.into_jacobian();
-        jacobian
-            .values
-            .copy_from_slice(&[3.0, 1.0, 0.5, 2.0, -1.0, 1.0]);
-        let residuals = [1.0, -2.0, 0.3];
-        let fresh = |radii: &[f64]| {
-            let (_, mut linear) = new_solver(Method::DenseQr, &jacobian).expect("a small matrix");
-            let mut subproblem = Subproblem::new(3, 2, false);
-            jacobian.transpose_times(&residuals, &mut subproblem.gradient);
-            subproblem.load(&jacobian, &residuals, &mut *linear);
-            for &radius in radii {
-                subproblem.solve(radius, 0.0, &jacobian, &residuals, &mut *linear);
-            }
-            // What residuals that are those of the model miss of it is nothing.
-            let mut there = [0.0; 3];
-            jacobian.times(&subproblem.step, &mut there);
-            there
-                .iter_mut()
-                .zip(residuals)
-                .for_each(|(own, r)| *own += r);
-            subproblem.subtract_model(&jacobian, &residuals, &mut there);
-            assert!(there.iter().all(|missed| missed.abs() < 1e-14), "{there:?}");
-            subproblem.step
-        };
-        let length = norm(&fresh(&[1e3]));
-        for radius in [0.2 * length, 0.6 * length, 2.0 * length] {
-            let alone = fresh(&[radius]);
-            assert!(norm(&alone) <= (1.0 + RADIUS_ACCURACY) * radius);
-            for before in [0.1 * length, 0.5 * length, 3.0 * length] {
-                assert_eq!(fresh(&[before, radius]), alone);
-            }
-        }
     }
 }

@@ -3,14 +3,13 @@
 use rayon::prelude::*;
 use tau_runtime::Lanes;
 
-use crate::jacobian::{Jacobian, JacobianPattern};
+use crate::jacobian::Jacobian;
 use crate::partition::Part;
 use crate::problem::{Block, Prepared, Prior, Problem};
-use crate::vector::zeros;
 use crate::{Error, Loss};
 
 /// Position in a row of an entry that belongs to no free parameter.
-pub(crate) const DROPPED: usize = usize::MAX;
+const DROPPED: usize = usize::MAX;
 /// Samples that a family is asked for at once.
 const BATCH: usize = 64;
 /// From so many batches on, threads share them. Each writes to places of its own, so that nothing depends
@@ -39,17 +38,6 @@ impl NonFinite {
     }
 }
 
-/// Purpose of an evaluation of the residuals.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Content {
-    /// Data and priors, losses as squares of equal gradient and, where safe, equal curvature.
-    Minimize,
-    /// Data and priors, losses as weights: for covariances.
-    Information,
-    /// Data without priors, losses as weights: for identifiability.
-    DataOnly,
-}
-
 /// Successive samples of a block whose entries stand alike in the part's Jacobian.
 struct Piece {
     block: usize,
@@ -59,22 +47,14 @@ struct Piece {
     /// First residual.
     row: usize,
     layout: SampleLayout,
-    /// For one thread.
-    scratch: Scratch,
 }
 
 /// Places of the entries of a sample.
-#[derive(PartialEq, Eq)]
 struct SampleLayout {
     /// For each residual, the end of its entries among those of the sample.
     row_ends: Vec<usize>,
     /// For each entry of the family's pattern, its place among the entries of the sample.
     slots: Vec<usize>,
-    /// Entries of the pattern that have a place, with it, and the end of each residual's among them.
-    kept: Vec<(usize, usize)>,
-    kept_ends: Vec<usize>,
-    /// True if the entries of the sample are those of the pattern, in its order.
-    is_pattern: bool,
 }
 
 /// Part of a piece that a thread writes: some samples' rows.
@@ -102,11 +82,10 @@ struct Scratch {
 pub(crate) struct System<'p> {
     problem: &'p Problem<'p>,
     /// Problem indices of the free parameters.
-    pub(crate) parameters: Vec<usize>,
-    content: Content,
+    parameters: Vec<usize>,
     pieces: Vec<Piece>,
     /// Column, parameter's prior.
-    pub(crate) priors: Vec<(usize, Prior)>,
+    priors: Vec<(usize, Prior)>,
     /// All parameters of the problem; those of other parts do not matter here.
     all: Vec<f64>,
     pub(crate) jacobian: Jacobian,
@@ -115,68 +94,55 @@ pub(crate) struct System<'p> {
 
 impl<'p> System<'p> {
     /// Lays out a part of a checked problem. `all` gives the fixed parameters.
-    pub(crate) fn new(
-        problem: &'p Problem<'p>,
-        part: &Part,
-        all: &[f64],
-        content: Content,
-    ) -> Self {
+    pub(crate) fn new(problem: &'p Problem<'p>, part: &Part, all: &[f64]) -> Self {
         let mut column_of = vec![DROPPED; problem.parameters.len()];
         for (column, &p) in part.parameters.iter().enumerate() {
             column_of[p] = column;
         }
-        let mut pattern = JacobianPattern::new(part.parameters.len());
+        let mut jacobian = Jacobian::new(part.parameters.len());
         let priors: Vec<(usize, Prior)> = (part.parameters.iter().enumerate())
-            .filter(|_| content != Content::DataOnly)
             .filter_map(|(column, &p)| Some((column, problem.parameters[p].prior?)))
             .collect();
-        // Where it has to grow it is copied.
-        pattern.reserve(priors.len(), priors.len());
-        for block in part.blocks.iter().map(|&b| &problem.blocks[b]) {
-            let (rows, entries) = (block.family.shape().residuals, block.family.pattern().len());
-            pattern.reserve(block.samples * rows, block.samples * entries);
-        }
+        jacobian.reserve(priors.len(), priors.len());
         let mut pieces: Vec<Piece> = Vec::with_capacity(part.blocks.len());
         for &b in &part.blocks {
             let block = &problem.blocks[b];
+            let (rows, entries) = (block.family.shape().residuals, block.family.pattern().len());
+            jacobian.reserve(block.samples * rows, block.samples * entries);
             let mut columns = Vec::new();
             for sample in 0..block.samples {
-                let row = pattern.row_count();
-                let as_before = sample > 0
-                    && pieces.last().is_some_and(|piece| {
-                        !block.has_sample_parameters()
-                            || piece
-                                .layout
-                                .columns_at(block, sample, &column_of, &mut columns)
-                    });
-                if let (true, Some(piece)) = (as_before, pieces.last_mut()) {
-                    piece.samples += 1;
-                } else {
+                let row = jacobian.row_count();
+                let is_as_before = |piece: &mut Piece| {
+                    let is_same = !block.has_sample_parameters()
+                        || (piece.layout).columns_at(block, sample, &column_of, &mut columns);
+                    piece.samples += usize::from(is_same);
+                    is_same
+                };
+                let last = pieces.last_mut().filter(|_| sample > 0);
+                if !last.is_some_and(is_as_before) {
                     let layout;
-                    (layout, columns) = sample_layout(block, sample, &column_of);
+                    (layout, columns) = SampleLayout::new(block, sample, &column_of);
                     pieces.push(Piece {
                         block: b,
                         first: sample,
                         samples: 1,
                         row,
                         layout,
-                        scratch: Scratch::default(),
                     });
                 }
                 if let Some(piece) = pieces.last() {
-                    pattern.push_rows(&columns, &piece.layout.row_ends);
+                    jacobian.push_rows(&columns, &piece.layout.row_ends);
                 }
             }
         }
         for &(column, _) in &priors {
-            pattern.push_rows(&[column], &[1]);
+            jacobian.push_rows(&[column], &[1]);
         }
-        let jacobian = pattern.into_jacobian();
+        jacobian.values = vec![0.0; jacobian.columns.len()];
         Self {
-            residuals: zeros(jacobian.row_count()),
+            residuals: vec![0.0; jacobian.row_count()],
             problem,
             parameters: part.parameters.clone(),
-            content,
             pieces,
             priors,
             all: all.to_vec(),
@@ -186,12 +152,7 @@ impl<'p> System<'p> {
 
     /// Writes the cost of each residual, `½ρ`, at the free parameters `x`.
     pub(crate) fn costs(&mut self, x: &[f64], costs: &mut [f64]) -> Result<(), NonFinite> {
-        self.each(x, costs, |loss, whitened| loss.at(whitened).cost)?;
-        let first_prior = costs.len() - self.priors.len();
-        for ((column, prior), cost) in self.priors.iter().zip(&mut costs[first_prior..]) {
-            *cost = prior.cost(x[*column]);
-        }
-        Ok(())
+        self.each(x, costs, |loss, whitened| loss.at(whitened).0, Prior::cost)
     }
 
     /// Writes the residuals, weighted, at the free parameters `x`.
@@ -200,47 +161,39 @@ impl<'p> System<'p> {
         x: &[f64],
         residuals: &mut [f64],
     ) -> Result<(), NonFinite> {
-        self.each(x, residuals, |_, whitened| whitened)?;
-        let first_prior = residuals.len() - self.priors.len();
-        for ((column, prior), own) in self.priors.iter().zip(&mut residuals[first_prior..]) {
-            *own = (x[*column] - prior.mean) / prior.sigma;
-        }
-        Ok(())
+        self.each(x, residuals, |_, whitened| whitened, Prior::residual)
     }
 
-    /// Writes a number for each weighted residual but those of priors.
+    /// Writes a number for each weighted residual, and for each prior. Numbers so large that their sum may overflow are not
+    /// finite.
     fn each(
         &mut self,
         x: &[f64],
         numbers: &mut [f64],
         number: impl Fn(&Loss, f64) -> f64 + Sync,
+        of_prior: impl Fn(&Prior, f64) -> f64,
     ) -> Result<(), NonFinite> {
         self.scatter(x);
-        for piece in &mut self.pieces {
-            let mut scratch = std::mem::take(&mut piece.scratch);
+        let most = f64::MAX / numbers.len() as f64;
+        for piece in &self.pieces {
             let block = &self.problem.blocks[piece.block];
-            let shape = block.family.shape();
-            let evaluate = |scratch: &mut Scratch, batch: &mut Batch| {
+            let rows = block.family.shape().residuals;
+            let numbers = &mut numbers[piece.row..piece.row + piece.samples * rows];
+            in_batches(piece, block, numbers, &mut [], |scratch, batch| {
                 scratch.evaluate(block, &self.all, batch, false);
                 for (i, own) in batch.residuals.iter_mut().enumerate() {
-                    let index = batch.first * shape.residuals + i;
-                    let whitened = scratch.residuals[i] * weight(block, index);
-                    if !whitened.is_finite() {
-                        return Some(NonFinite {
-                            block: piece.block,
-                            sample: index / shape.residuals,
-                            residual: index % shape.residuals,
-                            parameter: None,
-                        });
+                    let index = batch.first * rows + i;
+                    *own = number(&block.loss, scratch.residuals[i] * weight(block, index));
+                    if !(own.abs() <= most) {
+                        return Some(piece.fault(index / rows, index % rows, None));
                     }
-                    *own = number(&block.loss, whitened);
                 }
                 None
-            };
-            let rows = piece.samples * shape.residuals;
-            let numbers = &mut numbers[piece.row..piece.row + rows];
-            in_batches(piece, block, &mut scratch, numbers, &mut [], evaluate)?;
-            piece.scratch = scratch;
+            })?;
+        }
+        let first_prior = numbers.len() - self.priors.len();
+        for ((column, prior), own) in self.priors.iter().zip(&mut numbers[first_prior..]) {
+            *own = of_prior(prior, x[*column]);
         }
         Ok(())
     }
@@ -248,29 +201,21 @@ impl<'p> System<'p> {
     /// Fills [`Self::residuals`] and [`Self::jacobian`] at the free parameters `x`, weighted.
     pub(crate) fn linearize(&mut self, x: &[f64]) -> Result<(), NonFinite> {
         self.scatter(x);
-        for piece in &mut self.pieces {
-            let mut scratch = std::mem::take(&mut piece.scratch);
+        for piece in &self.pieces {
             let block = &self.problem.blocks[piece.block];
-            let rows = piece.samples * block.family.shape().residuals;
-            let first_entry = self.jacobian.row_starts[piece.row];
-            let end = self.jacobian.row_starts[piece.row + rows];
-            in_batches(
-                piece,
-                block,
-                &mut scratch,
-                &mut self.residuals[piece.row..piece.row + rows],
-                &mut self.jacobian.values[first_entry..end],
-                |scratch, batch| {
-                    scratch.evaluate(block, &self.all, batch, true);
-                    piece.whiten(block, self.content, scratch, batch)
-                },
-            )?;
-            piece.scratch = scratch;
+            let rows = piece.row..piece.row + piece.samples * block.family.shape().residuals;
+            let starts = &self.jacobian.row_starts;
+            let entries = &mut self.jacobian.values[starts[rows.start]..starts[rows.end]];
+            let residuals = &mut self.residuals[rows];
+            in_batches(piece, block, residuals, entries, |scratch, batch| {
+                scratch.evaluate(block, &self.all, batch, true);
+                piece.whiten(block, scratch, batch)
+            })?;
         }
         let first_row = self.residuals.len() - self.priors.len();
         let first_entry = self.jacobian.values.len() - self.priors.len();
         for (i, (column, prior)) in self.priors.iter().enumerate() {
-            self.residuals[first_row + i] = (x[*column] - prior.mean) / prior.sigma;
+            self.residuals[first_row + i] = prior.residual(x[*column]);
             self.jacobian.values[first_entry + i] = 1.0 / prior.sigma;
         }
         Ok(())
@@ -278,11 +223,11 @@ impl<'p> System<'p> {
 
     /// True if all costs are squares of residuals.
     pub(crate) fn is_of_squares(&self) -> bool {
-        let mut losses = self
+        let mut blocks = self
             .pieces
             .iter()
-            .map(|piece| self.problem.blocks[piece.block].loss);
-        losses.all(|loss| loss == Loss::Squared)
+            .map(|piece| &self.problem.blocks[piece.block]);
+        blocks.all(|block| block.loss == Loss::Squared)
     }
 
     fn scatter(&mut self, x: &[f64]) {
@@ -293,6 +238,36 @@ impl<'p> System<'p> {
 }
 
 impl SampleLayout {
+    /// That of one sample over a part's columns, and the columns of its entries. Family parameters that are the same unknown
+    /// share a place.
+    fn new(block: &Block, sample: usize, column_of: &[usize]) -> (Self, Vec<usize>) {
+        let pattern = block.family.pattern();
+        let (mut columns, mut row_ends, mut slots) = (vec![], vec![], vec![]);
+        for row in pattern.row_starts.windows(2) {
+            let entries = &pattern.columns[row[0] as usize..row[1] as usize];
+            let column = |&entry: &u32| column_of[block.parameter(sample, entry as usize)];
+            let mut own: Vec<usize> = entries
+                .iter()
+                .map(column)
+                .filter(|&c| c != DROPPED)
+                .collect();
+            own.sort_unstable();
+            own.dedup();
+            let place = |column| {
+                own.binary_search(&column)
+                    .map(|place| columns.len() + place)
+            };
+            slots.extend(
+                entries
+                    .iter()
+                    .map(|entry| place(column(entry)).unwrap_or(DROPPED)),
+            );
+            columns.append(&mut own);
+            row_ends.push(columns.len());
+        }
+        (Self { row_ends, slots }, columns)
+    }
+
     /// Writes the columns of a sample's entries; false if they do not stand in this layout.
     fn columns_at(
         &self,
@@ -320,75 +295,45 @@ impl SampleLayout {
 }
 
 impl Piece {
-    /// Turns what a family wrote into whitened residuals and Jacobian entries.
-    fn whiten(
-        &self,
-        block: &Block,
-        content: Content,
-        scratch: &Scratch,
-        batch: &mut Batch,
-    ) -> Option<NonFinite> {
-        let shape = block.family.shape();
-        let pattern = block.family.pattern();
-        let width = self.layout.row_ends.last().copied().unwrap_or(0);
-        // Where no two parameters of the family are the same unknown, each entry is written once.
-        let is_once = self.layout.kept.len() == width;
-        if !is_once {
-            batch.entries.fill(0.0);
+    fn fault(&self, sample: usize, residual: usize, parameter: Option<usize>) -> NonFinite {
+        NonFinite {
+            block: self.block,
+            sample,
+            residual,
+            parameter,
         }
+    }
+
+    /// Turns what a family wrote into whitened residuals and Jacobian entries.
+    fn whiten(&self, block: &Block, scratch: &Scratch, batch: &mut Batch) -> Option<NonFinite> {
+        let pattern = block.family.pattern();
+        let rows = block.family.shape().residuals;
+        let width = self.layout.row_ends.last().copied().unwrap_or(0);
+        batch.entries.fill(0.0);
         for k in 0..batch.samples {
             let sample = batch.first + k;
             let derivatives = &scratch.derivatives[k * pattern.len()..][..pattern.len()];
             let entries = &mut batch.entries[k * width..(k + 1) * width];
-            let mut first = 0;
-            for (i, &end) in self.layout.kept_ends.iter().enumerate() {
-                let fault = |parameter| {
-                    Some(NonFinite {
-                        block: self.block,
-                        sample,
-                        residual: i,
-                        parameter,
-                    })
-                };
-                let weight = weight(block, sample * shape.residuals + i);
-                let whitened = scratch.residuals[k * shape.residuals + i] * weight;
+            for (i, ends) in pattern.row_starts.windows(2).enumerate() {
+                let weight = weight(block, sample * rows + i);
+                let whitened = scratch.residuals[k * rows + i] * weight;
                 if !whitened.is_finite() {
-                    return fault(None);
+                    return Some(self.fault(sample, i, None));
                 }
-                let (residual_factor, jacobian_factor) = match block.loss {
-                    Loss::Squared => (1.0, 1.0),
-                    loss if content == Content::Minimize => loss.at(whitened).factors(),
-                    loss => [loss.at(whitened).weight.sqrt(); 2].into(),
-                };
-                batch.residuals[k * shape.residuals + i] = residual_factor * whitened;
-                let factor = jacobian_factor * weight;
-                let own = first..end;
-                let kept = &self.layout.kept[own.clone()];
-                first = end;
-                let mut is_finite = true;
-                if self.layout.is_pattern {
-                    let derivatives = &derivatives[own.clone()];
-                    for (entry, derivative) in entries[own].iter_mut().zip(derivatives) {
-                        *entry = factor * derivative;
-                        is_finite &= entry.is_finite();
-                    }
-                } else {
-                    for &(entry, slot) in kept {
-                        let derivative = factor * derivatives[entry];
-                        entries[slot] = if is_once {
-                            derivative
-                        } else {
-                            entries[slot] + derivative
-                        };
-                        is_finite &= derivative.is_finite();
-                    }
-                }
-                if !is_finite {
-                    let is_wrong =
-                        |&&(entry, _): &&(usize, usize)| !(factor * derivatives[entry]).is_finite();
-                    if let Some(&(entry, _)) = kept.iter().find(is_wrong) {
-                        let column = pattern.columns[entry] as usize;
-                        return fault(Some(block.parameter(sample, column)));
+                // A square of equal gradient.
+                let root = block.loss.at(whitened).1.sqrt();
+                batch.residuals[k * rows + i] = root * whitened;
+                let own = ends[0] as usize..ends[1] as usize;
+                let slots = self.layout.slots[own.clone()].iter();
+                for (&slot, (derivative, column)) in
+                    slots.zip(derivatives[own.clone()].iter().zip(&pattern.columns[own]))
+                {
+                    if let Some(entry) = entries.get_mut(slot) {
+                        *entry += root * weight * derivative;
+                        if !entry.is_finite() {
+                            let parameter = block.parameter(sample, *column as usize);
+                            return Some(self.fault(sample, i, Some(parameter)));
+                        }
                     }
                 }
             }
@@ -402,7 +347,6 @@ impl Piece {
 fn in_batches(
     piece: &Piece,
     block: &Block,
-    scratch: &mut Scratch,
     mut residuals: &mut [f64],
     mut entries: &mut [f64],
     work: impl Fn(&mut Scratch, &mut Batch) -> Option<NonFinite> + Sync + Send,
@@ -423,8 +367,10 @@ fn in_batches(
         });
     }
     let fault = if batches.len() < SHARED_BATCHES {
-        let mut batches = batches.iter_mut();
-        batches.find_map(|batch| work(scratch, batch))
+        let mut scratch = Scratch::default();
+        batches
+            .iter_mut()
+            .find_map(|batch| work(&mut scratch, batch))
     } else {
         let faults = batches.par_iter_mut().map_init(Scratch::default, work);
         faults.find_map_first(|fault| fault)
@@ -437,8 +383,9 @@ impl Scratch {
     fn evaluate(&mut self, block: &Block, all: &[f64], batch: &Batch, derivatives: bool) {
         let shape = block.family.shape();
         let entries = block.family.pattern().len();
-        self.shared.resize(block.parameters.len(), 0.0);
-        gather(all, &block.parameters, &mut self.shared);
+        self.shared.clear();
+        self.shared
+            .extend(block.parameters.iter().map(|&index| all[index]));
         self.residuals.resize(BATCH * shape.residuals, 0.0);
         if derivatives {
             self.derivatives.resize(BATCH * entries, 0.0);
@@ -481,57 +428,6 @@ fn weight(block: &Block, index: usize) -> f64 {
     block.weights.get(index).copied().unwrap_or(1.0)
 }
 
-fn gather(all: &[f64], indices: &[usize], out: &mut [f64]) {
-    for (out, &index) in out.iter_mut().zip(indices) {
-        *out = all[index];
-    }
-}
-
-/// The Jacobian pattern of one sample over a part's columns, and the columns of its entries. Family
-/// parameters that are the same unknown share a place.
-fn sample_layout(block: &Block, sample: usize, column_of: &[usize]) -> (SampleLayout, Vec<usize>) {
-    let pattern = block.family.pattern();
-    let mut row_ends = Vec::with_capacity(pattern.row_starts.len());
-    let mut columns: Vec<usize> = Vec::with_capacity(pattern.len());
-    let mut slots = Vec::with_capacity(pattern.len());
-    let (mut kept, mut kept_ends) = (Vec::with_capacity(pattern.len()), Vec::new());
-    for row in pattern.row_starts.windows(2) {
-        let row_start = columns.len();
-        let entries = &pattern.columns[row[0] as usize..row[1] as usize];
-        let column = |&entry: &u32| column_of[block.parameter(sample, entry as usize)];
-        columns.extend(entries.iter().map(column).filter(|&c| c != DROPPED));
-        columns[row_start..].sort_unstable();
-        let mut distinct = row_start;
-        for i in row_start..columns.len() {
-            if i == row_start || columns[i] != columns[distinct - 1] {
-                columns[distinct] = columns[i];
-                distinct += 1;
-            }
-        }
-        columns.truncate(distinct);
-        slots.extend(entries.iter().map(column).map(|c| {
-            columns[row_start..]
-                .binary_search(&c)
-                .map_or(DROPPED, |place| row_start + place)
-        }));
-        row_ends.push(columns.len());
-        let first = row[0] as usize;
-        let places = slots[first..].iter().enumerate();
-        let places = places.filter(|(_, slot)| **slot != DROPPED);
-        kept.extend(places.map(|(entry, &slot)| (first + entry, slot)));
-        kept_ends.push(kept.len());
-    }
-    let is_in_place = |(place, own): (usize, &(usize, usize))| *own == (place, place);
-    let layout = SampleLayout {
-        is_pattern: kept.len() == pattern.len() && kept.iter().enumerate().all(is_in_place),
-        row_ends,
-        slots,
-        kept,
-        kept_ends,
-    };
-    (layout, columns)
-}
-
 /// Cost of what no free parameter changes: blocks without any, and priors of fixed parameters.
 pub(crate) fn constant_cost(
     problem: &Problem,
@@ -542,7 +438,7 @@ pub(crate) fn constant_cost(
         parameters: Vec::new(),
         blocks: blocks.to_vec(),
     };
-    let mut system = System::new(problem, &part, all, Content::Minimize);
+    let mut system = System::new(problem, &part, all);
     let mut costs = vec![0.0; system.residuals.len()];
     system
         .costs(&[], &mut costs)
@@ -552,49 +448,5 @@ pub(crate) fn constant_cost(
             costs.push(prior.cost(*x));
         }
     }
-    let cost = costs.iter().sum();
-    require_finite(cost, problem, &part, all)?;
-    Ok(cost)
-}
-
-/// Refuses a cost at the start that is infinite although its residuals are not: names the largest residual, or
-/// the parameter that starts farthest from its prior.
-pub(crate) fn require_finite(
-    cost: f64,
-    problem: &Problem,
-    part: &Part,
-    all: &[f64],
-) -> Result<(), Error> {
-    if cost.is_finite() {
-        return Ok(());
-    }
-    let mut system = System::new(problem, part, all, Content::DataOnly);
-    let x: Vec<f64> = part.parameters.iter().map(|&p| all[p]).collect();
-    let mut costs = vec![0.0; system.residuals.len()];
-    system
-        .costs(&x, &mut costs)
-        .map_err(|fault| fault.into_error(problem))?;
-    let largest = (0..costs.len()).max_by(|&a, &b| costs[a].total_cmp(&costs[b]));
-    let least = largest.map_or(0.0, |row| costs[row]);
-    let farthest = (problem.parameters.iter().zip(all))
-        .filter_map(|(parameter, &x)| Some((parameter, parameter.prior?.cost(x))))
-        .filter(|(_, cost)| *cost > least)
-        .max_by(|(_, a), (_, b)| a.total_cmp(b));
-    if let Some((parameter, _)) = farthest {
-        return Err(Error::InvalidParameter {
-            name: parameter.name.clone(),
-            reason: "it starts too many standard deviations from its prior's mean".to_owned(),
-        });
-    }
-    let fault = system.pieces.iter().find_map(|piece| {
-        let residuals = problem.blocks[piece.block].family.shape().residuals;
-        let index = largest?.checked_sub(piece.row)?;
-        (index < piece.samples * residuals).then_some(NonFinite {
-            block: piece.block,
-            sample: piece.first + index / residuals,
-            residual: index % residuals,
-            parameter: None,
-        })
-    });
-    fault.map_or(Ok(()), |fault| Err(fault.into_error(problem)))
+    Ok(costs.iter().sum())
 }

@@ -97,8 +97,7 @@ pub use tau_simulation as simulation;
 #[cfg(feature = "solver")]
 pub mod solver {
     pub use tau_solver::{
-        Block, Covariance, Error, Identifiability, Iteration, Loss, Method, Options, Parameter,
-        PartSummary, Prior, Problem, Solution, Termination, Undetermined, covariance,
-        identifiability, solve, solve_observed,
+        Block, Error, Identifiability, Loss, Method, Options, Parameter, Prior, Problem, Solution,
+        Termination, Undetermined, identifiability, solve,
     };
 }

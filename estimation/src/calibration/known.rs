@@ -136,9 +136,9 @@ impl Known {
         variant: &Variant,
         values: &[f64],
     ) -> Result<(usize, Vec<Combination>), tau_solver::Error> {
-        let at: Vec<f64> = self.used.iter().map(|&index| values[index]).collect();
-        let parameters = problem::parameters(variant, &self.used, &self.priors, at.iter().copied());
-        undetermined(parameters, &root(&self.information.matrix), &at)
+        let at = self.used.iter().map(|&index| values[index]);
+        let parameters = problem::parameters(variant, &self.used, &self.priors, at);
+        undetermined(&parameters, &root(&self.information.matrix))
     }
 
     /// Lower triangle F by rows of the covariance F·Fᵀ; `None` where nothing determines a parameter.

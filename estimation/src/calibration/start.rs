@@ -46,9 +46,8 @@ pub(super) fn near(
     if !solution.converged() || solution.parameters.iter().any(|value| !value.is_finite()) {
         return Err(not_converged(machine, ended(solution.termination)));
     }
-    let iterations = solution.parts.iter().map(|part| part.iterations).sum();
     Ok((
         problem::values(machine, &used, &solution.parameters),
-        iterations,
+        solution.iterations,
     ))
 }

@@ -191,8 +191,7 @@ impl Fit<'_> {
         if self.is_lead {
             return Ok(vec![]);
         }
-        let shared = &values[..self.shared()];
-        let found = undetermined(self.shared_parameters(values), triangle, shared);
+        let found = undetermined(&self.shared_parameters(values), triangle);
         found
             .map(|(_, found)| found)
             .map_err(|error| self.not_converged(unsolved(&error)))

@@ -60,7 +60,7 @@ impl Search {
             options.max_iterations = options.max_iterations.min(DESCENT);
             // A dense factor of all poses' columns would be most of the time.
             if options.method == Method::Auto && poses <= FEW {
-                options.method = Method::Schur;
+                options.method = Method::Elimination;
             }
         }
         options

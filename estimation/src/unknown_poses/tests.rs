@@ -119,11 +119,34 @@ fn elimination_gives_the_covariance_of_the_dense_normal_equations() {
 
     let eliminated = fit.posterior(&reduced.triangle, 1.0).covariance();
     let problem = fit.problem(&fit.start);
-    let dense = tau_solver::covariance(&problem, &fit.start).unwrap();
-    for i in 0..fit.shared() {
+    // All rows with their derivatives by all unknowns, then those of the priors.
+    let shared = fit.shared();
+    let count = problem.parameters.len();
+    let clusters = fit.elimination(&fit.start).raw_clusters();
+    let mut rows = DMatrix::zeros(0, count);
+    for raw in clusters {
+        let (first, added) = (rows.nrows(), raw.rows.len());
+        rows = rows.insert_rows(first, added, 0.0);
+        rows.view_mut((first, 0), (added, shared))
+            .copy_from(&raw.by_shared);
+        for (own, column) in raw.own.iter().zip(raw.by_own.column_iter()) {
+            rows.view_mut((first, shared + own), (added, 1))
+                .copy_from(&column);
+        }
+    }
+    for (column, parameter) in problem.parameters.iter().enumerate() {
+        if let Some(prior) = parameter.prior {
+            let last = rows.nrows();
+            rows = rows.insert_row(last, 0.0);
+            rows[(last, column)] = 1.0 / prior.sigma;
+        }
+    }
+    let inverse = rows.qr().r().try_inverse().unwrap();
+    let dense = &inverse * inverse.transpose();
+    for i in 0..shared {
         for j in 0..=i {
-            let scale = dense.sigma(i) * dense.sigma(j);
-            let off = (eliminated[(i, j)] - dense.covariance(i, j)).abs();
+            let scale = (dense[(i, i)] * dense[(j, j)]).sqrt();
+            let off = (eliminated[(i, j)] - dense[(i, j)]).abs();
             assert!(off < 1e-6 * scale, "{i} {j}: {off:e} of {scale:e}");
         }
     }

@@ -5,10 +5,7 @@
 use tau_runtime::{Kernel, LANES, Lanes, vectorized};
 
 use crate::jacobian::Jacobian;
-use crate::linear::schur::MAX_GROUP;
-
-/// Groups with more rows are kept: the work is quadratic in the rows.
-pub(super) const MOST_ROWS: usize = 48;
+use crate::linear::elimination::MAX_GROUP;
 
 /// The pattern of a block of groups.
 pub(super) struct Pattern {
@@ -148,12 +145,6 @@ impl Pattern {
         Factors { lower, w, z }
     }
 
-    /// Square roots of the pivots of a block; lanes past the end have ones.
-    pub(super) fn pivots<'a>(&self, factors: &'a [Lanes]) -> impl Iterator<Item = f64> + 'a {
-        let diagonal = factors[..self.own * self.own].iter().step_by(self.own + 1);
-        diagonal.flat_map(|pivots| pivots.0)
-    }
-
     /// The steps of the groups of a block, after back substitution.
     pub(super) fn steps<'a>(&self, factors: &'a [Lanes]) -> &'a [Lanes] {
         &factors[factors.len() - self.own..]
@@ -165,17 +156,11 @@ impl Pattern {
         self.products[outer] + 2 * self.kept_entries() + outer + 1
     }
 
-    /// The place of the steps, for other vectors of the groups.
-    pub(super) fn steps_mut<'a>(&self, factors: &'a mut [Lanes]) -> &'a mut [Lanes] {
-        let first = factors.len() - self.own;
-        &mut factors[first..]
-    }
-
     /// Takes the numbers of a block of groups, at most as many as there are lanes, out of the Jacobian; `rows` are those of
     /// one group after the other. Lanes past the end are groups of unit columns that touch nothing.
     pub(super) fn load(
         &self,
-        rows: &[usize],
+        rows: &[u32],
         jacobian: &Jacobian,
         residuals: &[f64],
         values: &mut [Lanes],
@@ -192,7 +177,7 @@ impl Pattern {
         for (lane, rows) in rows.chunks_exact(self.rows.len()).enumerate() {
             let mut places = self.places.iter();
             for &row in &rows[..outer] {
-                for (&value, &place) in jacobian.row(row).1.iter().zip(&mut places) {
+                for (&value, &place) in jacobian.row(row as usize).1.iter().zip(&mut places) {
                     values[place][lane] = value;
                 }
             }
@@ -204,7 +189,7 @@ impl Pattern {
         }
         for (lane, rows) in rows.chunks_exact(self.rows.len()).enumerate() {
             for (&row, entries) in rows.iter().zip(&self.rows).skip(outer) {
-                let numbers = jacobian.row(row).1;
+                let numbers = jacobian.row(row as usize).1;
                 let of_own = |(entry, &value): (&Entry, &f64)| match *entry {
                     Entry::Own(column) => Some((column, value)),
                     Entry::Kept(_) => None,
@@ -223,7 +208,7 @@ impl Pattern {
     /// Takes other residuals beside the numbers of the Jacobian.
     pub(super) fn load_residuals(
         &self,
-        rows: &[usize],
+        rows: &[u32],
         jacobian: &Jacobian,
         residuals: &[f64],
         values: &mut [Lanes],
@@ -234,37 +219,16 @@ impl Pattern {
         gradient.fill(Lanes::ZERO);
         for (lane, rows) in rows.chunks_exact(self.rows.len()).enumerate() {
             for (r, &row) in of_rows.iter_mut().zip(rows) {
-                r[lane] = residuals[row];
+                r[lane] = residuals[row as usize];
             }
             for (&row, entries) in rows.iter().zip(&self.rows).skip(outer) {
-                for (entry, &value) in entries.iter().zip(jacobian.row(row).1) {
+                for (entry, &value) in entries.iter().zip(jacobian.row(row as usize).1) {
                     if let Entry::Own(column) = *entry {
-                        gradient[column][lane] += value * residuals[row];
+                        gradient[column][lane] += value * residuals[row as usize];
                     }
                 }
             }
         }
-    }
-
-    /// Puts a unit column in the place of one that is held at `step`, in the numbers of a lane.
-    pub(super) fn hold(&self, values: &mut [Lanes], lane: usize, column: usize, step: f64) {
-        let (own, outer) = (self.own, self.outer.len());
-        let (e, rest) = values.split_at_mut(outer * own);
-        let (_, rest) = rest.split_at_mut(self.kept_entries());
-        let (r, rest) = rest.split_at_mut(outer);
-        let (normal, gradient) = rest.split_at_mut(own * own);
-        for (row, r) in r.iter_mut().enumerate() {
-            let entry = &mut e[row * own + column][lane];
-            r[lane] += *entry * step;
-            *entry = 0.0;
-        }
-        for (i, gradient) in gradient.iter_mut().enumerate() {
-            gradient[lane] += normal[i * own + column][lane] * step;
-            normal[i * own + column][lane] = 0.0;
-            normal[column * own + i][lane] = 0.0;
-        }
-        normal[column * own + column][lane] = 1.0;
-        gradient[column][lane] = 0.0;
     }
 
     /// Factors a block of groups, and adds to `sums` what their rows then say of the kept parameters: for each kept entry
@@ -291,15 +255,10 @@ impl Pattern {
         vectorized(BackSubstitute(self), values, kept, factors, &mut []);
     }
 
-    /// Replaces x, which stands where [`Self::steps_mut`] says, by `L⁻¹x`, and adds `FᵀWᵀL⁻¹x` to a sum for each kept entry.
-    pub(super) fn influence(&self, values: &[Lanes], factors: &mut [Lanes], sums: &mut [Lanes]) {
-        vectorized(Influence(self), values, &[], factors, sums);
-    }
-
-    /// Takes the sums for kept entries from a vector over the kept parameters; of one lane, or of all.
-    pub(super) fn subtract(&self, sums: &[Lanes], lane: Option<usize>, kept: &mut [f64]) {
+    /// Takes the sums for kept entries from a vector over the kept parameters.
+    pub(super) fn subtract(&self, sums: &[Lanes], kept: &mut [f64]) {
         for (sum, &place) in sums.iter().zip(self.outer.iter().flatten()) {
-            kept[place] -= lane.map_or_else(|| sum.sum(), |lane| sum[lane]);
+            kept[place] -= sum.sum();
         }
     }
 
@@ -442,26 +401,6 @@ impl Kernel for Substitute<'_> {
                 right = minus(right, w[r], *z);
             }
             pattern.add_row(r, values.f, right, sums);
-        }
-    }
-}
-
-/// Influence of the groups of a block on the kept parameters.
-struct Influence<'a>(&'a Pattern);
-
-impl Kernel for Influence<'_> {
-    #[inline(always)]
-    fn run(self, values: &[Lanes], _: &[f64], factors: &mut [Lanes], sums: &mut [Lanes]) {
-        let (pattern, outer) = (self.0, self.0.outer.len());
-        let f = pattern.values(values).f;
-        let Factors { lower, w, z: x } = pattern.factors(factors);
-        forward(lower, pattern.own, x);
-        for r in 0..outer {
-            let mut image = Lanes::ZERO;
-            for (x, w) in x.iter().zip(w.chunks_exact(outer)) {
-                image = plus(image, *x, w[r]);
-            }
-            pattern.add_row(r, f, image, sums);
         }
     }
 }

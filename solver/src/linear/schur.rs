@@ -1,581 +1,438 @@
-//! Schur elimination of small groups of parameters, by orthogonal transformations.
+//! Elimination of small groups of parameters, by normal equations.
 //!
-//! If parameters form many small groups that share no residual (the pose of each sample, the points
-//! of a bundle adjustment), each group is eliminated from its own rows, and what the rows still say of
-//! the other parameters joins the reduced problem. The elimination is by QR, not by the normal
-//! equations (N. Demmel et al., "Square Root Bundle Adjustment for Large-Scale Reconstruction", 2021),
-//! and so keeps the accuracy of a dense QR of the whole.
+//! With E the columns of a group and F the kept columns in its rows, what the rows say of the kept
+//! parameters is `Fᵀ M F` with `M = I − E (EᵀE)⁻¹ Eᵀ`. Rows touch few kept parameters each, so it is summed
+//! up row by row with row, `M_rs f_r f_sᵀ`, without ever filling a row of the kept columns; groups of the
+//! same pattern stand side by side and share one sum. Rows without kept parameters (priors) only add to `EᵀE`.
+//!
+//! Memory is linear in the number of groups. Groups are handed out to threads in portions that do not
+//! depend on how many there are, and portions are added in order: results repeat bit for bit.
 
-use crate::jacobian::{Jacobian, narrow};
-use crate::linear::dense::DampedTriangle;
-use crate::linear::qr::{RowReduction, triangularize};
+use std::collections::BTreeMap;
+
+use faer::linalg::solvers::{Llt, Solve};
+use faer::{Mat, Side};
+use tau_runtime::{LANES, Lanes, block_count};
+
+use crate::jacobian::Jacobian;
+use crate::linear::elimination::{Elimination, MAX_GROUP};
+use crate::linear::group::{Normal, Pattern};
 use crate::linear::{LEAST_DAMPING, LinearSolver};
+use crate::parallel;
 
-/// Most parameters of a group.
-pub(crate) const MAX_GROUP: usize = 12;
-/// Numbers of a filled row that are handled at once, as most processors do.
-const LANES: usize = 4;
+/// Blocks of groups of a class that are summed up together.
+const CHUNK: usize = 32;
+/// Most portions of the work, each with a sum of its own.
+const PORTIONS: usize = 32;
 
-/// No group.
-const NONE: u32 = u32::MAX;
-
-/// Choice of the parameters that are eliminated.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Elimination {
-    /// Groups of columns that share no row with each other, each ascending.
-    pub(crate) groups: Vec<Vec<usize>>,
-    /// The other columns, ascending.
-    pub(crate) kept: Vec<usize>,
-}
-
-impl Elimination {
-    /// Finds groups greedily: columns in order of the number of their rows join the groups that they
-    /// touch, unless the union would be too large; then they are kept. So are columns in more rows than `most_rows`.
-    pub(crate) fn detect(jacobian: &Jacobian, most_rows: u32) -> Self {
-        let n = jacobian.column_count;
-        let mut counts = vec![0_u32; n];
-        for &column in &jacobian.columns {
-            counts[column as usize] += 1;
-        }
-        // Rows of each column that may join, one column after the other.
-        let mut ends = Vec::with_capacity(n);
-        let mut end = 0;
-        for &count in &counts {
-            ends.push(end);
-            end += if count <= most_rows {
-                count as usize
-            } else {
-                0
-            };
-        }
-        let joins = |column: usize| counts[column] <= most_rows;
-        let mut all = vec![0_u32; end];
-        for (row, range) in (0_u32..).zip(jacobian.row_starts.windows(2)) {
-            for &column in &jacobian.columns[range[0]..range[1]] {
-                let column = column as usize;
-                if joins(column) {
-                    all[ends[column]] = row;
-                    ends[column] += 1;
-                }
-            }
-        }
-        let rows_of = |column: usize| &all[ends[column] - counts[column] as usize..ends[column]];
-        let mut order: Vec<usize> = (0..n).filter(|&column| joins(column)).collect();
-        order.sort_by_key(|&column| counts[column]);
-
-        let mut group_of_row = vec![NONE; jacobian.row_count()];
-        let mut groups: Vec<Vec<usize>> = Vec::with_capacity(order.len());
-        let mut kept: Vec<usize> = (0..n).filter(|&column| !joins(column)).collect();
-        let mut touched: Vec<u32> = Vec::new();
-        for column in order {
-            touched.clear();
-            let mut size = 1;
-            for &row in rows_of(column) {
-                let group = group_of_row[row as usize];
-                if group != NONE && !touched.contains(&group) {
-                    touched.push(group);
-                    size += groups[group as usize].len();
-                    if size > MAX_GROUP {
-                        break;
-                    }
-                }
-            }
-            if size > MAX_GROUP {
-                kept.push(column);
-                continue;
-            }
-            let target = touched.pop().unwrap_or_else(|| {
-                groups.push(Vec::new());
-                narrow(groups.len() - 1)
-            });
-            for group in touched.drain(..) {
-                let members = std::mem::take(&mut groups[group as usize]);
-                for &member in &members {
-                    for &row in rows_of(member) {
-                        group_of_row[row as usize] = target;
-                    }
-                }
-                groups[target as usize].extend(members);
-            }
-            groups[target as usize].push(column);
-            for &row in rows_of(column) {
-                group_of_row[row as usize] = target;
-            }
-        }
-        groups.retain(|group| !group.is_empty());
-        for group in &mut groups {
-            group.sort_unstable();
-        }
-        groups.sort_unstable();
-        kept.sort_unstable();
-        Self { groups, kept }
-    }
-
-    /// Rows by the groups that occur in them.
-    pub(crate) fn rows(&self, jacobian: &Jacobian) -> GroupRows {
-        let count = self.groups.len();
-        let mut group_of = vec![narrow(count); jacobian.column_count];
-        for (group, columns) in (0..).zip(&self.groups) {
-            for &column in columns {
-                group_of[column] = group;
-            }
-        }
-        let group = |row: usize| {
-            let columns = jacobian.row(row).0.iter();
-            columns.map(|&column| group_of[column as usize]).min()
-        };
-        let rows = 0..jacobian.row_count();
-        let of_rows: Vec<u32> = rows
-            .map(|row| group(row).unwrap_or(narrow(count)))
-            .collect();
-        let mut starts = vec![0; count + 2];
-        for &group in &of_rows {
-            starts[group as usize + 1] += 1;
-        }
-        for group in 0..=count {
-            starts[group + 1] += starts[group];
-        }
-        let mut next = starts.clone();
-        let mut all = vec![0; of_rows.len()];
-        for (row, &group) in of_rows.iter().enumerate() {
-            all[next[group as usize]] = row;
-            next[group as usize] += 1;
-        }
-        GroupRows { starts, all }
-    }
-
-    /// True if all groups occur in some rows, at most so many.
-    pub(crate) fn has_few_rows(&self, jacobian: &Jacobian, most: usize) -> bool {
-        let rows = self.rows(jacobian);
-        (0..self.groups.len()).all(|group| (1..=most).contains(&rows.of(group).len()))
-    }
-
-    /// Keeps the groups that occur in more rows than this.
-    pub(crate) fn with_few_rows(mut self, jacobian: &Jacobian, most: usize) -> Self {
-        let rows = self.rows(jacobian);
-        let mut group = 0;
-        self.groups.retain(|columns| {
-            let few = (1..=most).contains(&rows.of(group).len());
-            group += 1;
-            if !few {
-                self.kept.extend(columns);
-            }
-            few
-        });
-        self.kept.sort_unstable();
-        self
-    }
-}
-
-/// Rows by groups, those of no group last.
-pub(crate) struct GroupRows {
-    starts: Vec<usize>,
-    all: Vec<usize>,
-}
-
-impl GroupRows {
-    /// Those of a group, ascending; behind the last group, those of none.
-    pub(crate) fn of(&self, group: usize) -> &[usize] {
-        &self.all[self.starts[group]..self.starts[group + 1]]
-    }
-}
-
-/// A group of eliminated parameters, with the rows in which they occur.
-struct Group {
+/// Groups of the same pattern, one after the other in each array.
+struct Class {
+    pattern: Pattern,
+    /// Columns of each group.
     columns: Vec<usize>,
-    /// Rows: those with kept parameters first.
-    rows: Vec<usize>,
-    /// Number of rows with kept parameters.
-    outer: usize,
-    /// Kept parameters in those rows, as indices into the kept ones, ascending.
-    others: Vec<usize>,
-    /// For each entry of each row its column here: own columns, then others.
-    targets: Vec<usize>,
-    /// `[R E c]` after QR of the group's rows, row-major: own columns, other columns, residual.
-    undamped: Vec<f64>,
-    /// The same with damping, and with held columns replaced by unit ones.
-    damped: Vec<f64>,
+    /// Rows of each group: those with kept columns first.
+    rows: Vec<u32>,
+    numbers: Vec<Numbers>,
 }
 
-/// Solves by elimination of groups and dense QR of the kept parameters.
-pub(crate) struct Schur {
-    groups: Vec<Group>,
+/// Numbers of [`CHUNK`] blocks of groups that stand side by side.
+struct Numbers {
+    /// Those of each block that the Jacobian gives.
+    values: Vec<Lanes>,
+    /// Those that depend on the damping.
+    factors: Vec<Lanes>,
+}
+
+/// Some groups of a class.
+struct Portion<'a> {
+    pattern: &'a Pattern,
+    rows: &'a [u32],
+    numbers: &'a mut Numbers,
+}
+
+/// Solves by elimination of groups and a dense Cholesky factorisation of the kept parameters.
+pub(super) struct Schur {
+    classes: Vec<Class>,
     /// Rows in which no eliminated parameter occurs.
-    other_rows: Vec<usize>,
+    other_rows: Vec<u32>,
     kept: Vec<usize>,
-    /// For each kept column, its place among the kept ones.
-    place: Vec<usize>,
-    workspace: Workspace,
-    /// Information about the kept parameters that is the same for any damping.
-    base: RowReduction,
-    /// The same with damping or held parameters, if there are any.
-    reduced: RowReduction,
-    changed: bool,
-    damped: DampedTriangle,
-    kept_held: Vec<bool>,
-    kept_step: Vec<f64>,
+    /// Place of each kept column among these.
+    kept_places: Vec<usize>,
+    /// Information of the other rows on the kept parameters.
+    base: Normal,
+    factor: Option<Llt<f64>>,
+    /// Right-hand side of the kept parameters, then their step.
+    kept_step: Mat<f64>,
+    /// Damping with which all is factored, if no column was held.
+    factored: Option<f64>,
 }
 
-/// Room for the matrix of one group, for a row of it, and for its reflections.
-#[derive(Default)]
-struct Workspace {
-    matrix: Vec<f64>,
-    row: Vec<f64>,
-    reflected: Vec<f64>,
+impl Class {
+    fn portions(&mut self) -> impl Iterator<Item = Portion<'_>> {
+        let pattern = &self.pattern;
+        let rows = self.rows.chunks(CHUNK * LANES * pattern.rows.len());
+        let own = rows.zip(&mut self.numbers);
+        own.map(move |(rows, numbers)| Portion {
+            pattern,
+            rows,
+            numbers,
+        })
+    }
+
+    /// Makes room for the numbers of all groups.
+    fn make_room(&mut self) {
+        let blocks = block_count(self.columns.len() / self.pattern.own);
+        let firsts: Vec<usize> = (0..blocks).step_by(CHUNK).collect();
+        let (values, factors) = (self.pattern.values_len(), self.pattern.factors_len());
+        self.numbers = parallel::map(&firsts, |first| {
+            let count = CHUNK.min(blocks - first);
+            Numbers {
+                values: vec![Lanes::ZERO; count * values],
+                factors: vec![Lanes::ZERO; count * factors],
+            }
+        });
+    }
+}
+
+/// Work on each portion, put together so that there are not too many results.
+fn on_portions<R: Send>(
+    classes: &mut [Class],
+    start: impl Fn() -> R + Sync,
+    work: impl Fn(Portion, &mut R) + Sync,
+) -> Vec<R> {
+    let all: Vec<Portion<'_>> = classes.iter_mut().flat_map(Class::portions).collect();
+    let together = all.len().div_ceil(PORTIONS).max(1);
+    let mut all = all.into_iter().peekable();
+    let mut parts: Vec<Vec<Portion>> = Vec::new();
+    while all.peek().is_some() {
+        parts.push(all.by_ref().take(together).collect());
+    }
+    parallel::map_owned(parts, |portions| {
+        let mut result = start();
+        for portion in portions {
+            work(portion, &mut result);
+        }
+        result
+    })
 }
 
 impl Schur {
-    pub(crate) fn new(jacobian: &Jacobian, elimination: Elimination) -> Self {
-        let rows = elimination.rows(jacobian);
-        let Elimination { groups, kept } = elimination;
-        let other_rows = rows.of(groups.len()).to_vec();
-        let n = jacobian.column_count;
-        let mut place = vec![0; n];
-        let mut group_of = vec![None; n];
-        for (g, columns) in groups.iter().enumerate() {
-            for (i, &column) in columns.iter().enumerate() {
-                (place[column], group_of[column]) = (i, Some(g));
+    /// Sorts the groups by their patterns.
+    pub(super) fn new(jacobian: &Jacobian, elimination: Elimination) -> Self {
+        let Elimination { groups, kept, rows } = elimination;
+        // The place of each column in its group, and behind all of these that among the kept ones.
+        let mut codes = vec![0; jacobian.column_count];
+        for (place, &column) in kept.iter().enumerate() {
+            codes[column] = MAX_GROUP + place;
+        }
+        for (place, &column) in groups.iter().flat_map(|columns| columns.iter().enumerate()) {
+            codes[column] = place;
+        }
+        let has_kept = |&row: &u32| {
+            let mut columns = jacobian.row(row as usize).0.iter();
+            columns.any(|&column| codes[column as usize] >= MAX_GROUP)
+        };
+        let mut class_of: BTreeMap<Vec<usize>, usize> = BTreeMap::new();
+        let mut classes: Vec<Class> = Vec::new();
+        let (mut key, mut last_key, mut last_class) = (vec![], vec![], 0);
+        for (group, columns) in groups.iter().enumerate() {
+            let (mut of_group, inner): (Vec<u32>, Vec<u32>) =
+                rows.of(group).iter().partition(|row| has_kept(row));
+            of_group.extend(inner);
+            // Rows one after the other; the group's size and their lengths, so that they can be told apart.
+            key.clear();
+            key.push(columns.len());
+            for &row in &of_group {
+                let columns = jacobian.row(row as usize).0;
+                key.push(columns.len());
+                key.extend(columns.iter().map(|&column| codes[column as usize]));
             }
+            // Mostly a group is like the one before.
+            if key != last_key {
+                last_class = *class_of.entry(key.clone()).or_insert_with(|| {
+                    classes.push(Class {
+                        pattern: Pattern::new(columns.len(), &key[1..]),
+                        columns: Vec::new(),
+                        rows: Vec::new(),
+                        numbers: Vec::new(),
+                    });
+                    classes.len() - 1
+                });
+                last_key.clone_from(&key);
+            }
+            classes[last_class].columns.extend_from_slice(columns);
+            classes[last_class].rows.extend(of_group);
         }
-        for (i, &column) in kept.iter().enumerate() {
-            place[column] = i;
-        }
-        let is_kept = |column: usize| group_of[column].is_none();
-        let groups = groups.into_iter().enumerate();
-        let size = kept.len();
+        classes.iter_mut().for_each(Class::make_room);
+        codes
+            .iter_mut()
+            .for_each(|code| *code = code.saturating_sub(MAX_GROUP));
         Self {
-            groups: groups
-                .map(|(group, columns)| {
-                    let rows = rows.of(group).to_vec();
-                    Group::new(jacobian, columns, rows, &place, &is_kept)
-                })
-                .collect(),
-            other_rows,
-            place,
-            workspace: Workspace::default(),
-            base: RowReduction::new(jacobian.row_count(), size + 1),
-            reduced: RowReduction::new(jacobian.row_count(), size + 1),
-            changed: false,
-            damped: DampedTriangle::new(size),
-            kept_held: vec![false; size],
-            kept_step: vec![0.0; size],
+            classes,
+            other_rows: rows.of(groups.len()).to_vec(),
+            kept_places: codes,
+            base: Normal::new(kept.len()),
+            kept_step: Mat::zeros(kept.len(), 1),
+            factor: None,
+            factored: None,
             kept,
         }
     }
 
-    /// Eliminates the groups with damping; false if one of them is singular.
-    fn eliminate(&mut self, damping: f64, held: &[bool], step: &[f64]) -> bool {
+    /// Eliminates and factors; false if something is not positive definite.
+    fn factor(&mut self, damping: f64, held: &[bool], step: &[f64]) -> bool {
         let size = self.kept.len();
-        self.changed = damping != 0.0 || held.contains(&true);
-        if !self.changed {
-            self.groups.iter_mut().for_each(Group::leave_undamped);
-            return self.groups.iter().all(Group::is_regular);
-        }
-        self.reduced.clear();
-        let base = self.base.triangle();
-        for row in 0..=size {
-            self.reduced
-                .push((row..=size).map(|column| (column, base[(row, column)])));
-        }
-        for group in &mut self.groups {
-            group.damp(damping, held, step, &mut self.workspace, &mut self.reduced);
-            if !group.is_regular() {
+        self.factored = None;
+        let start = || (Normal::new(size), true);
+        let sums = on_portions(&mut self.classes, start, |portion, (sum, is_regular)| {
+            *is_regular = *is_regular && portion.eliminate(damping, sum);
+        });
+        let mut normal = self.base.clone();
+        for (sum, is_regular) in &sums {
+            if !is_regular {
                 return false;
             }
+            normal.add(sum);
         }
-        self.reduced.reduce();
-        true
+        let held = |place: usize| held[self.kept[place]];
+        for i in 0..size {
+            self.kept_step[(i, 0)] = -normal.gradient[i];
+            normal.matrix[i * size + i] += damping;
+        }
+        let entry = |i: usize, j: usize| normal.matrix[i.max(j) * size + i.min(j)];
+        for j in (0..size).filter(|&j| held(j)) {
+            for i in 0..size {
+                self.kept_step[(i, 0)] -= entry(i, j) * step[self.kept[j]];
+            }
+        }
+        for j in (0..size).filter(|&j| held(j)) {
+            self.kept_step[(j, 0)] = step[self.kept[j]];
+        }
+        let matrix = Mat::from_fn(size, size, |i, j| {
+            if held(i) || held(j) {
+                f64::from(u8::from(i == j))
+            } else {
+                entry(i, j)
+            }
+        });
+        self.factor = matrix.llt(Side::Lower).ok();
+        let Some(factor) = &self.factor else {
+            return false;
+        };
+        factor.solve_in_place(self.kept_step.as_mut());
+        let is_finite = (0..size).all(|place| self.kept_step[(place, 0)].is_finite());
+        self.factored = (is_finite && !(0..size).any(held)).then_some(damping);
+        is_finite
+    }
+
+    /// Information of the rows in which no eliminated parameter occurs.
+    fn load_other_rows(&mut self, jacobian: &Jacobian, residuals: &[f64]) {
+        let size = self.kept.len();
+        self.base.matrix.fill(0.0);
+        self.base.gradient.fill(0.0);
+        for &row in &self.other_rows {
+            let (columns, values) = jacobian.row(row as usize);
+            for (i, (&first, &value)) in columns.iter().zip(values).enumerate() {
+                let first = self.kept_places[first as usize];
+                self.base.gradient[first] += value * residuals[row as usize];
+                for (&second, &other) in columns[..=i].iter().zip(values) {
+                    let second = self.kept_places[second as usize];
+                    self.base.matrix[first * size + second] += value * other;
+                }
+            }
+        }
+    }
+
+    /// Steps of the groups, given that of the kept parameters, and all entries that are not held.
+    fn back_substitute(&mut self, step: &mut [f64]) {
+        let kept_step = self.kept_step.col_as_slice(0);
+        on_portions(
+            &mut self.classes,
+            || (),
+            |portion, ()| portion.back_substitute(kept_step),
+        );
+        for (&column, own) in self.kept.iter().zip(kept_step) {
+            step[column] = *own;
+        }
+        for Class {
+            pattern,
+            columns,
+            numbers,
+            ..
+        } in &self.classes
+        {
+            let factors = numbers
+                .iter()
+                .flat_map(|own| own.factors.chunks(pattern.factors_len()));
+            for (columns, factors) in columns.chunks(LANES * pattern.own).zip(factors) {
+                let steps = pattern.steps(factors);
+                for (place, &column) in columns.iter().enumerate() {
+                    step[column] = steps[place % pattern.own][place / pattern.own];
+                }
+            }
+        }
     }
 }
 
-impl Group {
-    fn new(
-        jacobian: &Jacobian,
-        columns: Vec<usize>,
-        mut rows: Vec<usize>,
-        place: &[usize],
-        is_kept: &impl Fn(usize) -> bool,
-    ) -> Self {
-        let kept = |row: usize| {
-            let columns = jacobian.row(row).0.iter();
-            columns
-                .map(|&column| column as usize)
-                .filter(|&column| is_kept(column))
-        };
-        rows.sort_by_key(|&row| kept(row).next().is_none());
-        let outer = rows.partition_point(|&row| kept(row).next().is_some());
-        let mut others: Vec<usize> = rows.iter().flat_map(|&row| kept(row)).collect();
-        for column in &mut others {
-            *column = place[*column];
-        }
-        others.sort_unstable();
-        others.dedup();
-        let target = |&column: &u32| {
-            let column = column as usize;
-            if is_kept(column) {
-                columns.len() + others.partition_point(|&other| other < place[column])
-            } else {
-                place[column]
-            }
-        };
-        let entries = rows.iter().flat_map(|&row| jacobian.row(row).0);
-        let length = columns.len() * (columns.len() + others.len() + 1);
-        Self {
-            outer,
-            targets: entries.map(target).collect(),
-            undamped: vec![0.0; length],
-            damped: vec![0.0; length],
-            columns,
-            rows,
-            others,
+impl<'a> Portion<'a> {
+    /// Rows, values and factors of each block.
+    fn blocks(self) -> impl Iterator<Item = (&'a [u32], &'a mut [Lanes], &'a mut [Lanes])> {
+        let pattern = self.pattern;
+        let values = self.numbers.values.chunks_exact_mut(pattern.values_len());
+        let factors = self.numbers.factors.chunks_exact_mut(pattern.factors_len());
+        let rows = self.rows.chunks(LANES * pattern.rows.len());
+        (rows.zip(values).zip(factors)).map(|((rows, values), factors)| (rows, values, factors))
+    }
+
+    fn load(self, jacobian: &Jacobian, residuals: &[f64]) {
+        let pattern = self.pattern;
+        for (rows, values, _) in self.blocks() {
+            pattern.load(rows, jacobian, residuals, values);
         }
     }
 
-    fn width(&self) -> usize {
-        self.columns.len() + self.others.len() + 1
+    /// Factors, and adds what the rows then say of the kept parameters; false if a group is singular.
+    fn eliminate(self, damping: f64, normal: &mut Normal) -> bool {
+        let pattern = self.pattern;
+        let mut sums = vec![Lanes::ZERO; pattern.sums_len()];
+        for (_, values, factors) in self.blocks() {
+            if !pattern.eliminate(values, factors, damping, &mut sums) {
+                return false;
+            }
+        }
+        pattern.scatter(&sums, normal);
+        true
     }
 
-    /// Reduces the group's rows to `[R E c]`; what they say beyond it goes to `rest`.
-    fn reduce(
-        &mut self,
-        jacobian: &Jacobian,
-        residuals: &[f64],
-        workspace: &mut Workspace,
-        rest: &mut RowReduction,
-    ) {
-        let (own, width) = (self.columns.len(), self.width());
-        // The cost of reflections along filled rows, and that of putting rows together entry by entry.
-        let filled = 2 * own * self.rows.len() * self.others.len() / LANES;
-        let kept_entries = self.targets.iter().filter(|&&target| target >= own).count();
-        if self.outer < self.others.len() && self.rows.len() * kept_entries < filled {
-            self.reduce_apart(jacobian, residuals, workspace, rest);
-            return;
+    /// Takes other residuals, and what they say of the kept parameters from `right`.
+    fn substitute(self, jacobian: &Jacobian, residuals: &[f64], right: &mut [f64]) {
+        let pattern = self.pattern;
+        let mut sums = vec![Lanes::ZERO; pattern.kept_entries()];
+        for (rows, values, factors) in self.blocks() {
+            pattern.load_residuals(rows, jacobian, residuals, values);
+            pattern.substitute(values, factors, &mut sums);
         }
-        let Workspace {
-            matrix, reflected, ..
-        } = workspace;
-        matrix.clear();
-        matrix.resize(self.rows.len().max(own) * width, 0.0);
-        let mut targets = self.targets.iter();
-        let numbers = matrix.chunks_exact_mut(width);
-        for (&row, numbers) in self.rows.iter().zip(numbers) {
-            for (&value, &target) in jacobian.row(row).1.iter().zip(&mut targets) {
-                numbers[target] = value;
-            }
-            numbers[width - 1] = residuals[row];
-        }
-        triangularize(matrix, width, own, reflected);
-        let (own_rows, others) = matrix.split_at(own * width);
-        self.undamped.copy_from_slice(own_rows);
-        for row in others.chunks_exact(width) {
-            rest.push(self.kept_entries(row, rest.last_column()));
-        }
+        pattern.subtract(&sums, right);
     }
 
-    /// The same where rows have few kept entries each: the reflections are not applied to these, but to unit vectors in
-    /// their place, and then the rows are put together.
-    fn reduce_apart(
-        &mut self,
-        jacobian: &Jacobian,
-        residuals: &[f64],
-        workspace: &mut Workspace,
-        rest: &mut RowReduction,
-    ) {
-        let (own, width) = (self.columns.len(), self.width());
-        let stride = own + self.outer + 1;
-        let Workspace {
-            matrix,
-            row: sums,
-            reflected,
-        } = workspace;
-        matrix.clear();
-        matrix.resize(self.rows.len().max(own) * stride, 0.0);
-        let mut targets = self.targets.iter();
-        let numbers = matrix.chunks_exact_mut(stride).enumerate();
-        for (&row, (i, numbers)) in self.rows.iter().zip(numbers) {
-            for (&value, &target) in jacobian.row(row).1.iter().zip(&mut targets) {
-                if target < own {
-                    numbers[target] = value;
-                }
-            }
-            if i < self.outer {
-                numbers[own + i] = 1.0;
-            }
-            numbers[stride - 1] = residuals[row];
+    fn back_substitute(self, kept: &[f64]) {
+        let pattern = self.pattern;
+        for (_, values, factors) in self.blocks() {
+            pattern.back_substitute(values, factors, kept);
         }
-        triangularize(matrix, stride, own, reflected);
-        for (i, numbers) in matrix.chunks_exact(stride).enumerate() {
-            sums.clear();
-            sums.extend_from_slice(&numbers[..own]);
-            sums.resize(width - 1, 0.0);
-            let mut targets = self.targets.iter();
-            for (&row, &factor) in self.rows.iter().zip(&numbers[own..stride - 1]) {
-                for (&value, &target) in jacobian.row(row).1.iter().zip(&mut targets) {
-                    if target >= own {
-                        sums[target] += factor * value;
-                    }
-                }
-            }
-            sums.push(numbers[stride - 1]);
-            if i < own {
-                self.undamped[i * width..(i + 1) * width].copy_from_slice(sums);
-            } else {
-                rest.push(self.kept_entries(sums, rest.last_column()));
-            }
-        }
-    }
-
-    fn leave_undamped(&mut self) {
-        self.damped.copy_from_slice(&self.undamped);
-    }
-
-    /// Makes [`Self::damped`]; what that says of the kept parameters goes to `rest`.
-    fn damp(
-        &mut self,
-        damping: f64,
-        held: &[bool],
-        step: &[f64],
-        workspace: &mut Workspace,
-        rest: &mut RowReduction,
-    ) {
-        let Workspace {
-            matrix, reflected, ..
-        } = workspace;
-        let (own, width) = (self.columns.len(), self.width());
-        if damping == 0.0 && !self.columns.iter().any(|&column| held[column]) {
-            self.leave_undamped();
-            return;
-        }
-        matrix.clear();
-        matrix.extend_from_slice(&self.undamped);
-        matrix.resize(2 * own * width, 0.0);
-        for (i, &column) in self.columns.iter().enumerate() {
-            matrix[(own + i) * width + i] = if held[column] { 1.0 } else { damping.sqrt() };
-            if held[column] {
-                for row in matrix[..own * width].chunks_exact_mut(width) {
-                    row[width - 1] += row[i] * step[column];
-                    row[i] = 0.0;
-                }
-            }
-        }
-        triangularize(matrix, width, own, reflected);
-        self.damped.copy_from_slice(&matrix[..own * width]);
-        for row in matrix[own * width..].chunks_exact(width) {
-            rest.push(self.kept_entries(row, rest.last_column()));
-        }
-    }
-
-    /// A row beyond the group's own columns as entries of the reduced problem.
-    fn kept_entries<'m>(
-        &'m self,
-        row: &'m [f64],
-        last: usize,
-    ) -> impl Iterator<Item = (usize, f64)> + 'm {
-        let columns = self.others.iter().copied().chain(std::iter::once(last));
-        columns.zip(row[self.columns.len()..].iter().copied())
-    }
-
-    /// True if the triangle has no pivot that is only rounding.
-    fn is_regular(&self) -> bool {
-        let own = self.columns.len();
-        let rows = self.damped.chunks_exact(self.width());
-        let diagonal = || rows.clone().enumerate().map(|(i, row)| row[i].abs());
-        let least = diagonal().fold(0.0, f64::max) * f64::EPSILON * (8 * own) as f64;
-        diagonal().all(|pivot| pivot > least)
-    }
-
-    /// The group's step, given that of the kept parameters.
-    fn back_substitute(&self, kept: &[f64]) -> [f64; MAX_GROUP] {
-        let own = self.columns.len();
-        let mut solution = [0.0; MAX_GROUP];
-        for (i, row) in self.damped.chunks_exact(self.width()).enumerate().rev() {
-            let mut sum = -row[row.len() - 1];
-            for (entry, &other) in row[own..].iter().zip(&self.others) {
-                sum -= entry * kept[other];
-            }
-            for j in i + 1..own {
-                sum -= row[j] * solution[j];
-            }
-            solution[i] = sum / row[i];
-        }
-        solution
     }
 }
 
 impl LinearSolver for Schur {
     fn load(&mut self, jacobian: &Jacobian, residuals: &[f64]) {
-        let size = self.kept.len();
-        self.base.clear();
-        for &row in &self.other_rows {
-            let (columns, values) = jacobian.row(row);
-            let entries = columns
-                .iter()
-                .zip(values)
-                .map(|(&column, &value)| (self.place[column as usize], value));
-            let last = (size, residuals[row]);
-            self.base.push(entries.chain(std::iter::once(last)));
-        }
-        for group in &mut self.groups {
-            group.reduce(jacobian, residuals, &mut self.workspace, &mut self.base);
-        }
-        self.base.reduce();
+        let load = |portion: Portion, (): &mut ()| portion.load(jacobian, residuals);
+        on_portions(&mut self.classes, || (), load);
+        self.factored = None;
+        self.load_other_rows(jacobian, residuals);
     }
 
-    fn solve(&mut self, damping: f64, held: &[bool], step: &mut [f64]) -> bool {
-        let regular = self.eliminate(damping, held, step);
-        if !regular {
-            self.eliminate(damping.max(LEAST_DAMPING), held, step);
+    fn solve(&mut self, damping: f64, held: &[bool], step: &mut [f64]) {
+        let mut used = damping;
+        let mut is_solved = self.factor(used, held, step);
+        while !is_solved && used < 1.0 {
+            used = f64::max(LEAST_DAMPING, 100.0 * used);
+            is_solved = self.factor(used, held, step);
         }
-        for (i, &column) in self.kept.iter().enumerate() {
-            self.kept_held[i] = held[column];
-            self.kept_step[i] = step[column];
+        if is_solved {
+            self.back_substitute(step);
         }
-        let reduced = if self.changed {
-            &self.reduced
-        } else {
-            &self.base
+    }
+
+    fn solve_again(
+        &mut self,
+        jacobian: &Jacobian,
+        residuals: &[f64],
+        damping: f64,
+        held: &[bool],
+        step: &mut [f64],
+    ) {
+        let Some(factor) = self
+            .factor
+            .take()
+            .filter(|_| self.factored == Some(damping))
+        else {
+            self.load(jacobian, residuals);
+            return self.solve(damping, held, step);
         };
-        let full_rank = self.damped.solve(
-            reduced.triangle(),
-            damping,
-            &self.kept_held,
-            &mut self.kept_step,
-        );
-        for (i, &column) in self.kept.iter().enumerate() {
-            step[column] = self.kept_step[i];
+        self.load_other_rows(jacobian, residuals);
+        let size = self.kept.len();
+        let substitute = |portion: Portion, right: &mut Vec<f64>| {
+            portion.substitute(jacobian, residuals, right);
+        };
+        let of_portions = on_portions(&mut self.classes, || vec![0.0; size], substitute);
+        for place in 0..size {
+            let less = of_portions.iter().map(|right| right[place]);
+            let right = less.fold(-self.base.gradient[place], |sum, own| sum + own);
+            self.kept_step[(place, 0)] = right;
         }
-        for group in &self.groups {
-            let solution = group.back_substitute(&self.kept_step);
-            for (&column, value) in group.columns.iter().zip(solution) {
-                if !held[column] {
-                    step[column] = value;
-                }
-            }
-        }
-        regular && full_rank
+        factor.solve_in_place(self.kept_step.as_mut());
+        self.factor = Some(factor);
+        self.back_substitute(step);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GROUPS: usize = 21;
+    const KEPT: usize = 3;
+
+    /// Numbers without pattern, between −1 and 1.
+    fn numbers(count: usize, seed: u64) -> Vec<f64> {
+        let mut state = seed;
+        let mut next = || {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
+            (state >> 40) as f64 / f64::from(1 << 23) - 1.0
+        };
+        (0..count).map(|_| next()).collect()
     }
 
-    fn inverse_form(&mut self, v: &[f64]) -> f64 {
-        for (i, &column) in self.kept.iter().enumerate() {
-            self.kept_step[i] = v[column];
+    /// Groups of two columns in three rows with kept ones each and a row of their own, and a row of kept columns alone.
+    fn jacobian() -> Jacobian {
+        let mut jacobian = Jacobian::new(KEPT + 2 * GROUPS);
+        for group in 0..GROUPS {
+            let own = KEPT + 2 * group;
+            for row in 0..3 {
+                jacobian.push_rows(&[row, own, own + 1], &[3]);
+            }
+            jacobian.push_rows(&[own], &[1]);
         }
-        let mut form = 0.0;
-        for group in &self.groups {
-            let (own, width) = (group.columns.len(), group.width());
-            let matrix = &group.damped;
-            let mut w = [0.0; MAX_GROUP];
-            for (i, row) in matrix.chunks_exact(width).enumerate() {
-                let mut sum = v[group.columns[i]];
-                for j in 0..i {
-                    sum -= matrix[j * width + i] * w[j];
-                }
-                w[i] = sum / row[i];
-                form += w[i] * w[i];
-                for (&other, entry) in group.others.iter().zip(&row[own..]) {
-                    self.kept_step[other] -= entry * w[i];
-                }
+        jacobian.push_rows(&[0, 1, 2], &[3]);
+        jacobian.values = numbers(jacobian.columns.len(), 1);
+        jacobian
+    }
+
+    #[test]
+    fn other_residuals_are_solved_for_with_the_factor_at_hand() {
+        let jacobian = jacobian();
+        let (rows, columns) = (jacobian.row_count(), jacobian.column_count);
+        let (first, other) = (numbers(rows, 2), numbers(rows, 3));
+        for held in [None, Some(1)] {
+            let mut is_held = vec![false; columns];
+            is_held[..KEPT].fill(true);
+            let solver = || Schur::new(&jacobian, Elimination::detect(&jacobian, &is_held));
+            assert_eq!(solver().kept, [0, 1, 2]);
+            let held: Vec<bool> = (0..columns).map(|column| Some(column) == held).collect();
+            for damping in [0.0, 0.3, 0.7] {
+                let (mut fresh, mut at_hand) = (vec![0.1; columns], vec![0.1; columns]);
+                let mut linear = solver();
+                linear.load(&jacobian, &other);
+                linear.solve(damping, &held, &mut fresh);
+
+                let mut linear = solver();
+                linear.load(&jacobian, &first);
+                linear.solve(0.3, &held, &mut at_hand);
+                linear.solve_again(&jacobian, &other, damping, &held, &mut at_hand);
+                assert_eq!(at_hand, fresh, "damping {damping}");
             }
         }
-        form + self.damped.inverse_form(&self.kept_step)
     }
 }

@@ -2,10 +2,10 @@
 
 mod bounds;
 mod family;
-mod fused;
 mod linear_model;
 mod more_garbow_hillstrom;
 mod nist;
+mod normal_equations;
 mod own_parameters;
 mod robust;
 mod scalar;
