@@ -47,16 +47,8 @@ pub(super) fn run(arguments: &arguments::Check, console: &Console<'_>) -> Result
             let mut value = report::trust::json::check(&found);
             value["robot"] = json!(robot);
             value["folder"] = json!(folder);
-            value["poses"] = if session.has_unknown_poses() {
-                report::unknown_poses::division_json(&session.row_division())
-            } else {
-                json!(
-                    session
-                        .poses()
-                        .ok()
-                        .map(|poses| report::json::poses(poses.counts))
-                )
-            };
+            let parts = session.parts().ok();
+            value["poses"] = json!(parts.map(|parts| report::json::parts(&parts)));
             (report::json::document(value), target)
         }),
         failure,

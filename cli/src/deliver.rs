@@ -125,6 +125,12 @@ pub(super) fn named(mut results: Value, session: &Session, variant: &str) -> Val
     results
 }
 
+/// The first line of a summary, which names the same.
+pub(super) fn titled(session: &Session, variant: &str) -> String {
+    let (robot, folder) = (&session.robot().name, &session.folder().name);
+    format!("{robot}, {variant}, {folder}\n\n")
+}
+
 /// Says which files of an earlier run are removed.
 pub(super) fn removed<'a>(paths: impl IntoIterator<Item = &'a Path>) -> String {
     listed("Removed, since they are of an earlier study", paths)

@@ -4,12 +4,10 @@ use std::collections::BTreeSet;
 
 use tau::assumptions::TrackLinearity;
 use tau::calibration::{ParameterEstimate, Source};
-use tau::evaluation::VariantResult;
 use tau::measurements::PoseCounts;
 use tau::robot::{Architecture, Arm};
 use tau::sensitivity::{Sensitivity, Turn};
-use tau::study::results::Study;
-use tau::trust::Verdict;
+use tau::study::results::{Study, VariantResult};
 use tau::unknown_poses::RowDivision;
 
 use super::number::{fixed, general, largest, shared_decimals};
@@ -40,16 +38,11 @@ pub(super) fn no_sensitivity(sensitivity: &Sensitivity) -> String {
     )
 }
 
-/// Factor on the standard deviations of a variant: above one where residuals are beyond the stated noise.
-pub(super) fn widening(variant: &VariantResult) -> f64 {
-    variant.fit.as_ref().map_or(1.0, Verdict::widening)
-}
-
 /// Meaning of the brackets in Table II.
 pub(super) fn brackets(variant: &VariantResult) -> String {
     format!(
         "In brackets the standard deviation in units of the last digit, from the stated noise{}.{}",
-        wider(widening(variant)),
+        wider(variant.widening()),
         drawn(&variant.parameters)
     )
 }

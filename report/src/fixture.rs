@@ -4,13 +4,13 @@ use tau::assumptions::{
     Assumptions, OrientationPoint, PathDeviation, TrackComparison, TrackLinearity,
 };
 use tau::calibration::{Combination, LinkResult, LinkSigma, ParameterEstimate};
-use tau::evaluation::{PoseError, Summary, VariantResult};
+use tau::evaluation::{Evaluation, PoseError, Summary};
 use tau::kinematics::{Layout, Rail, Rod};
 use tau::measurements::PoseCounts;
 use tau::robot::{Architecture, Arm, Owner};
 use tau::sensitivity::{LinkSensitivity, ParameterSensitivity, Sensitivity, Turn};
 use tau::session::{Input, Record, Stamp};
-use tau::study::results::Study;
+use tau::study::results::{Study, VariantResult};
 use tau_codes::{Remark, files, fit};
 
 const LINKS: [&str; 6] = ["l1", "l2a", "l2b", "l3a", "l3b", "l3c"];
@@ -249,11 +249,13 @@ fn variant(numbers: &mut Numbers, name: &str, size: f64, full: bool) -> VariantR
     VariantResult {
         name: name.to_owned(),
         arm: if full { Arm::Full } else { Arm::Reduced },
-        position_um,
-        orientation_rad_max_abs: full.then_some([1.9e-4, 2.1e-4, 1.8e-4]),
-        expected_rms_um: None,
-        pose_errors,
-        not_predicted: vec![],
+        evaluation: Evaluation {
+            position_um,
+            orientation_rad_max_abs: full.then_some([1.9e-4, 2.1e-4, 1.8e-4]),
+            expected_rms_um: None,
+            errors: pose_errors,
+            not_predicted: vec![],
+        },
         links,
         parameters,
         correlations,
@@ -263,6 +265,7 @@ fn variant(numbers: &mut Numbers, name: &str, size: f64, full: bool) -> VariantR
         fit: None,
         validation_outliers: vec![],
         held: None,
+        closure_um: None,
     }
 }
 

@@ -1,9 +1,8 @@
 //! Sections of the report on a study, from Table I to the last parameter.
 
 use maud::{Markup, PreEscaped, html};
-use tau::evaluation::VariantResult;
 use tau::session::Record;
-use tau::study::results::Study;
+use tau::study::results::{Study, VariantResult};
 
 use super::discovery::method::Setting;
 use super::discovery::section;
@@ -385,7 +384,7 @@ fn parameters(study: &Study) -> Markup {
             }
         }
         @for variant in study.variants.iter().filter(shown) {
-            (table(&tables::parameters(variant), "wide compact long"))
+            (table(&tables::parameters(&variant.name, &variant.parameters, 1.0), "wide compact long"))
         }
     }
 }

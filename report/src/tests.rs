@@ -331,7 +331,7 @@ fn what_is_missing_is_left_out() {
         study
             .variants
             .iter_mut()
-            .for_each(|variant| variant.pose_errors.clear());
+            .for_each(|variant| variant.evaluation.errors.clear());
         for parameter in study
             .sensitivity
             .iter_mut()
@@ -364,10 +364,10 @@ fn numbers_that_are_not_finite_are_left_out() {
         .enumerate()
     {
         let variant = &mut study.variants[index];
-        variant.position_um.mean = bad;
-        variant.position_um.max = bad;
-        variant.pose_errors[3].error_um = [bad; 3];
-        variant.pose_errors[4].orientation_rad = Some([bad; 3]);
+        variant.evaluation.position_um.mean = bad;
+        variant.evaluation.position_um.max = bad;
+        variant.evaluation.errors[3].error_um = [bad; 3];
+        variant.evaluation.errors[4].orientation_rad = Some([bad; 3]);
         variant.parameters[0].sigma = bad;
         variant.parameters[1].tolerance = Some(bad);
         study.assumptions.orientation[index].deviation_rad = [bad; 3];
@@ -399,7 +399,7 @@ fn poses_that_both_calibrate_and_validate_are_owned_up_to() {
 fn one_pose_and_one_track_make_a_report() {
     let mut study = fixture::study();
     study.variants.truncate(1);
-    study.variants[0].pose_errors.truncate(1);
+    study.variants[0].evaluation.errors.truncate(1);
     study.assumptions.orientation.truncate(1);
     study.assumptions.linearity.truncate(1);
     study.assumptions.linearity[0].points.truncate(1);

@@ -7,7 +7,7 @@ use super::method::{self, Setting};
 use super::{at, findings, tables};
 use crate::elements::{figure, prose, table};
 use crate::figures::Figure;
-use crate::unknown_poses::LEFT_OUT;
+use crate::measured::LEFT_OUT;
 
 /// A part of the evidence.
 pub(crate) struct Part {

@@ -1,7 +1,7 @@
 //! Errors of the calibrated variants at the validation poses: Table I as bars, error by pose, Figure 8.
 
-use tau::evaluation::{PoseError, VariantResult};
-use tau::study::results::Study;
+use tau::evaluation::PoseError;
+use tau::study::results::{Study, VariantResult};
 
 use super::axis::Axis;
 use super::chart::{self, ACCENT, Grid, PALE, STRONG, Show, series};
@@ -23,7 +23,12 @@ pub fn error_by_variant(study: &Study) -> Option<Figure> {
     };
     let (count, poses) = compared(study.poses);
     let subtitle = format!("Mean and largest error at {count} {poses}{division}");
-    let errors = |variant: &VariantResult| [variant.position_um.mean, variant.position_um.max];
+    let errors = |variant: &VariantResult| {
+        [
+            variant.evaluation.position_um.mean,
+            variant.evaluation.position_um.max,
+        ]
+    };
     let rows = variants
         .iter()
         .map(|variant| (variant.name.clone(), errors(variant)));
@@ -56,9 +61,12 @@ fn centre(group: &[PoseError]) -> f64 {
 
 /// Distance between the numbers of neighbouring poses, in the mean.
 fn step(variant: &VariantResult) -> f64 {
-    let ends = [variant.pose_errors.first(), variant.pose_errors.last()];
+    let ends = [
+        variant.evaluation.errors.first(),
+        variant.evaluation.errors.last(),
+    ];
     let [first, last] = ends.map(|pose| pose.map_or(0.0, |pose| f64::from(pose.pose)));
-    (last - first) / variant.pose_errors.len().max(2) as f64
+    (last - first) / variant.evaluation.errors.len().max(2) as f64
 }
 
 /// Position error of each validation pose, one panel a variant.
@@ -66,13 +74,17 @@ pub fn error_by_pose(study: &Study) -> Option<Figure> {
     let variants: Vec<_> = study
         .variants
         .iter()
-        .filter(|variant| !variant.pose_errors.is_empty())
+        .filter(|variant| !variant.evaluation.errors.is_empty())
         .collect();
     if variants.is_empty() {
         return None;
     }
     let title = "Position error by pose";
-    let size = group_size(variants.iter().map(|variant| variant.pose_errors.len()));
+    let size = group_size(
+        variants
+            .iter()
+            .map(|variant| variant.evaluation.errors.len()),
+    );
     let subtitle = if size == 1 {
         "Each bar is a pose; the line marks the mean".to_owned()
     } else {
@@ -80,7 +92,11 @@ pub fn error_by_pose(study: &Study) -> Option<Figure> {
             "Each bar is {size} poses in turn: their mean (dark) and largest error (pale); the line marks the mean"
         )
     };
-    let errors = || variants.iter().flat_map(|variant| &variant.pose_errors);
+    let errors = || {
+        variants
+            .iter()
+            .flat_map(|variant| &variant.evaluation.errors)
+    };
     let (factor, unit) = length_unit(largest(errors().map(PoseError::length_um)));
     let grid = Grid {
         rows: variants.len(),
@@ -99,11 +115,11 @@ pub fn error_by_pose(study: &Study) -> Option<Figure> {
         let lengths = errors().map(|error| factor * error.length_um());
         let y = Axis::from_zero(&format!("error ({unit})"), lengths, 3.0);
         // Bars fill their share of the panel, at most a third of a pose number apart from touching.
-        let bars = variants[0].pose_errors.len().div_ceil(size);
+        let bars = variants[0].evaluation.errors.len().div_ceil(size);
         let half = (0.3 * (x.range.1 - x.range.0) / bars as f64).min(0.8 * size as f64);
         let means = variants
             .iter()
-            .map(|variant| factor * variant.position_um.mean);
+            .map(|variant| factor * variant.evaluation.position_um.mean);
         let decimals = shared_decimals(means);
         for (row, variant) in variants.iter().enumerate() {
             let show = Show {
@@ -112,11 +128,12 @@ pub fn error_by_pose(study: &Study) -> Option<Figure> {
             };
             let panel = sheet.panel(grid.cell(row, 0), &x, &y, show);
             let worst = variant
-                .pose_errors
+                .evaluation
+                .errors
                 .iter()
                 .max_by(|a, b| a.length_um().total_cmp(&b.length_um()))
                 .filter(|worst| worst.length_um().is_finite());
-            for group in variant.pose_errors.chunks(size) {
+            for group in variant.evaluation.errors.chunks(size) {
                 let lengths = || group.iter().map(|error| factor * error.length_um());
                 let at = centre(group);
                 let has_worst = worst.is_some_and(|worst| group.contains(worst));
@@ -128,7 +145,7 @@ pub fn error_by_pose(study: &Study) -> Option<Figure> {
                     panel.bar((at - half, 0.0), (at + half, of_group), mean);
                 }
             }
-            let mean = factor * variant.position_um.mean;
+            let mean = factor * variant.evaluation.position_um.mean;
             let line = [(x.range.0, mean), (x.range.1, mean)];
             // A pale seam keeps the line apart from the bars in print without colour.
             panel.line(line, PALE, 3.0);
@@ -169,7 +186,8 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
         .iter()
         .filter(|variant| {
             variant
-                .pose_errors
+                .evaluation
+                .errors
                 .iter()
                 .any(|error| error.orientation_rad.is_some())
         })
@@ -181,7 +199,7 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
     let errors = || {
         variants
             .iter()
-            .flat_map(|variant| &variant.pose_errors)
+            .flat_map(|variant| &variant.evaluation.errors)
             .filter_map(|error| {
                 error
                     .orientation_rad
@@ -191,7 +209,11 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
     // As in Table I.
     let (factor, unit) = (1e3, "mrad");
     let title = &format!("Orientation errors at the {}", compared(study.poses).1);
-    let size = group_size(variants.iter().map(|variant| variant.pose_errors.len()));
+    let size = group_size(
+        variants
+            .iter()
+            .map(|variant| variant.evaluation.errors.len()),
+    );
     let subtitle = if size == 1 {
         "Rotation vector from the measured to the predicted plate".to_owned()
     } else {
@@ -233,7 +255,7 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
                 },
             );
             for (index, variant) in variants.iter().enumerate() {
-                for group in variant.pose_errors.chunks(size) {
+                for group in variant.evaluation.errors.chunks(size) {
                     let values: Vec<f64> = (group.iter())
                         .filter_map(|error| Some(factor * error.orientation_rad?[axis]))
                         .filter(|value| value.is_finite())

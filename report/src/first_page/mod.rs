@@ -64,7 +64,7 @@ pub(crate) fn drawing(study: &Study) -> Option<Drawing> {
     let measured = study.assumptions.orientation.iter();
     let measured = measured.map(|point| point.position_m);
     let errors = Errors {
-        poses: variant.map_or(&[], |variant| &variant.pose_errors),
+        poses: variant.map_or(&[], |variant| &variant.evaluation.errors),
         measured_m: measured.chain(study.placed_m.iter().copied()).collect(),
         are_estimated: study.rows.is_some(),
     };

@@ -3,35 +3,21 @@
 use serde_json::{Map, Value, json};
 use tau::calibration::{Combination, Serial};
 use tau::trust::{Check, Checked, Fact, FileFacts, FileFit, Mistake, Reach, Reason, Verdict};
-use tau::weighing::{LackOfFit, Loss, Outlier, Repeats};
+use tau::weighing::{Loss, Outlier, Repeats};
 
 use crate::gauge::gauge_json;
 
 /// `fit` of `calibrate`, `evaluate` and `study`.
 pub fn verdict(verdict: &Verdict) -> Value {
-    let by_file = verdict.by_file.iter().map(|fit| {
-        json!({
-            "file": fit.file,
-            "kind": fit.kind,
-            "rows": fit.rows,
-            "rms": fit.rms,
-            "expected_rms": fit.expected_rms,
-            "unit": fit.unit,
-        })
-    });
-    let worst = verdict.worst.iter();
-    let pulls = verdict.pulls.iter();
     json!({
         "status": verdict.status.name(),
         "chi2": verdict.chi2,
         "dof": verdict.dof,
         "residual_over_noise": verdict.residual_over_noise,
         "widening": verdict.widening(),
-        "by_file": by_file.collect::<Vec<_>>(),
-        "worst": worst.map(|pose| json!({ "pose": pose.pose, "sigmas": pose.sigmas })).collect::<Vec<_>>(),
-        "pulls": pulls
-            .map(|pull| json!({ "parameter": pull.parameter, "tolerances": pull.tolerances }))
-            .collect::<Vec<_>>(),
+        "by_file": verdict.by_file,
+        "worst": verdict.worst,
+        "pulls": verdict.pulls,
         "reach": verdict.reach.map(reach),
         "why": verdict.why.iter().map(Reason::to_string).collect::<Vec<_>>(),
         "reasons": verdict.why.iter().flat_map(Reason::facts).map(reason).collect::<Vec<_>>(),
@@ -80,10 +66,7 @@ pub(crate) fn outlier(outlier: &Outlier) -> Value {
         "sigmas": outlier.sigmas,
         "weight": outlier.weight,
         "left_out": outlier.is_left_out(),
-        "misread": outlier.misread.as_ref().map(|misread| json!({
-            "command": misread.column,
-            "off": misread.off,
-        })),
+        "misread": outlier.misread,
     })
 }
 
@@ -97,19 +80,8 @@ fn repeats(repeats: &Repeats) -> Value {
             "dof": repeats.degrees,
             "over_noise": repeats.within_over_noise,
         },
-        "lack_of_fit": lack_of_fit(&repeats.lack_of_fit),
+        "lack_of_fit": repeats.lack_of_fit,
         "shared_over_noise": repeats.shared_over_noise,
-    })
-}
-
-pub(crate) fn lack_of_fit(test: &LackOfFit) -> Value {
-    let (between, within) = test.degrees;
-    json!({
-        "over_noise": test.over_noise,
-        "f": test.f,
-        "dof": [between, within],
-        "p_value": test.p_value,
-        "log10_p_value": test.log10_p_value,
     })
 }
 

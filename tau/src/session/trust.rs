@@ -4,7 +4,7 @@ use tau_codes::fit;
 use tau_estimation::calibration::{Calibration, Error};
 use tau_estimation::trust::{self, Check, Mistake, Verdict};
 use tau_estimation::uncertainty::Uncertainty;
-use tau_estimation::unknown_poses;
+use tau_estimation::unknown_poses::{self, RowDivision};
 use tau_estimation::weighing::Outlier;
 use tau_kinematics::Machine;
 use tau_robot::InputError;
@@ -19,7 +19,7 @@ impl<R> Session<R> {
     ///
     /// # Errors
     /// It is of another robot, or of other measurements; the session [has unknown poses](Session::has_unknown_poses), of
-    /// which [`Session::calibrate_unknown_poses`] gives the verdict; columns that the variant needs are missing.
+    /// which [`Session::calibrate`] gives the verdict; columns that the variant needs are missing.
     pub fn verdict(&self, calibration: &Calibration) -> Result<Verdict, Error> {
         let calibrated = &calibration.machine.robot;
         if calibrated.name != self.robot.name || calibrated.commands != self.robot.commands {
@@ -97,18 +97,26 @@ impl<R> Session<R> {
     /// There is no variant of that name; columns or values are missing.
     pub fn mistakes(&self, variant: impl VariantKey<R>) -> Result<Vec<Mistake>, Error> {
         let variant = variant.variant_of(&self.robot)?;
-        if self.has_unknown_poses() {
-            return unknown_poses::mistakes(self.setup(variant), &self.row_division());
+        let (poses, rows, _) = self.looked_at();
+        match rows {
+            Some(rows) => unknown_poses::mistakes(self.setup(variant), &rows),
+            None => trust::mistakes(self.setup(variant), &poses.calibration),
         }
-        let poses = (self.poses()).map_or_else(|_| self.every_pose(), |poses| poses.division);
-        trust::mistakes(self.setup(variant), &poses.calibration)
     }
 
-    /// Mistakes are looked for in all poses where none can be told to take part: commands that a mistake moves out of the
-    /// measured range are no others.
-    fn every_pose(&self) -> Division {
-        let all: Vec<usize> = (0..self.folder.tcp_poses.len()).collect();
-        self.folder.divide(Split::All, &all)
+    /// Poses, and where they are unknown rows, that calibrate; all poses, and why, where none can be told to take part:
+    /// commands that a mistake moves out of the measured range are no others.
+    fn looked_at(&self) -> (Division, Option<RowDivision>, Option<InputError>) {
+        match self.parts() {
+            Ok(parts) => {
+                let rows = self.has_unknown_poses().then_some(parts.rows);
+                (parts.poses, rows, None)
+            }
+            Err(error) => {
+                let all: Vec<usize> = (0..self.folder.tcp_poses.len()).collect();
+                (self.folder.divide(Split::All, &all), None, Some(error))
+            }
+        }
     }
 
     /// Contents of the folder and what they determine, before anything is fitted: of one variant, or of all without effects.
@@ -134,15 +142,7 @@ impl<R> Session<R> {
             .help("name one with `--variant`")
             .into());
         }
-        let rows = self.has_unknown_poses().then(|| self.row_division());
-        let (division, none) = if rows.is_some() {
-            (Division::default(), None)
-        } else {
-            match self.poses() {
-                Ok(poses) => (poses.division, None),
-                Err(error) => (self.every_pose(), Some(error)),
-            }
-        };
+        let (division, rows, none) = self.looked_at();
         let found = trust::check(
             &self.robot,
             &variants,

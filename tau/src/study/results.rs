@@ -3,13 +3,73 @@
 use tau_codes::Remark;
 use tau_discovery::Discovery;
 use tau_estimation::assumptions::Assumptions;
-use tau_estimation::evaluation::VariantResult;
+use tau_estimation::calibration::{Combination, LinkResult, ParameterEstimate};
+use tau_estimation::evaluation::{Evaluation, Summary};
 use tau_estimation::sensitivity::Sensitivity;
 use tau_estimation::trust::{Check, Status, Verdict};
-use tau_estimation::unknown_poses::RowDivision;
+use tau_estimation::unknown_poses::{HeldErrors, RowDivision};
+use tau_estimation::weighing::Outlier;
 use tau_kinematics::Layout;
 use tau_robot::measurements::PoseCounts;
-use tau_robot::robot::Architecture;
+use tau_robot::robot::{Architecture, Arm};
+
+/// One calibrated variant, and how it meets what validates.
+#[derive(Debug, Clone)]
+pub struct VariantResult {
+    /// Name.
+    pub name: String,
+    /// One closure per link, or one per cluster.
+    pub arm: Arm,
+    /// Errors of the measured poses that validate (Table I); none where poses were not measured.
+    pub evaluation: Evaluation,
+    /// One row per link (full arm) or cluster (reduced arm): Table II.
+    pub links: Vec<LinkResult>,
+    /// Every parameter with its standard deviation.
+    pub parameters: Vec<ParameterEstimate>,
+    /// Pairs with the largest correlations.
+    pub correlations: Vec<(String, String, f64)>,
+    /// Combinations of which the tolerances say more than the data, worst first.
+    pub undetermined: Vec<Combination>,
+    /// Iterations of the solver, summed over independent parts.
+    pub iterations: usize,
+    /// Why the solver stopped, in words.
+    pub termination: String,
+    /// Verdict on the fit, where that was asked.
+    pub fit: Option<Verdict>,
+    /// Outliers among the validation poses, where that was asked.
+    pub validation_outliers: Vec<Outlier>,
+    /// Errors of all measurements that validate, where true poses are unknown.
+    pub held: Option<HeldErrors>,
+    /// Position error of the ordinary fit (µm), where this one has errors in variables.
+    pub closure_um: Option<Summary>,
+}
+
+impl VariantResult {
+    /// Position error (µm), or, where poses were not measured, that of lengths which were held out; not numbers where there
+    /// is neither.
+    pub fn error_um(&self) -> Summary {
+        if !self.evaluation.errors.is_empty() {
+            return self.evaluation.position_um;
+        }
+        let errors = self.held.iter().flat_map(|held| &held.errors);
+        let judged = errors.filter(|own| own.expected.is_some());
+        let lengths_m = judged.filter_map(|own| own.error_m);
+        let errors_um: Vec<f64> = lengths_m.map(|error_m| 1e6 * error_m.abs()).collect();
+        if errors_um.is_empty() {
+            return Summary {
+                mean: f64::NAN,
+                max: f64::NAN,
+                rms: f64::NAN,
+            };
+        }
+        Summary::of(&errors_um)
+    }
+
+    /// Factor on its standard deviations: above one where residuals are beyond the stated noise.
+    pub fn widening(&self) -> f64 {
+        self.fit.as_ref().map_or(1.0, Verdict::widening)
+    }
+}
 
 /// Everything `tau study` reports.
 #[derive(Debug, Clone)]
