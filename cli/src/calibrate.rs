@@ -6,9 +6,8 @@ use tau::session::CALIBRATION_FILES;
 use tau::study;
 use tau::trust::Status;
 use tau_report as report;
-use tau_robot::input_error::both;
 
-use super::deliver::{Outcome, Target, check_results, named, titled};
+use super::deliver::{Outcome, check_results, named, titled};
 use super::kept::Kept;
 use super::{Console, Failure, arguments, resolve, trust};
 
@@ -21,14 +20,8 @@ pub(super) fn run(
 ) -> Result<Outcome, Failure> {
     let out = &arguments.out;
     let kept = Kept::from(&arguments.input);
-    let outputs = both(
-        Target::resolve(&arguments.json, &kept),
-        (kept.check_all(out, names())).and_then(|()| check_results(out)),
-    );
-    let (session, (target, ())) = both(
-        resolve::with_variant(&arguments.input, &arguments.variant),
-        outputs,
-    )?;
+    let outputs = (kept.check_all(out, names())).and_then(|()| check_results(out));
+    let (session, target) = resolve::session(&arguments.input, Some(&arguments.variant), outputs)?;
     let session = session.outliers(resolve::treatment(&arguments.outliers));
     let variant = arguments.variant.name.as_str();
     let explained = |error| trust::explained(&session, variant, error, target.as_ref());

@@ -3,20 +3,15 @@
 use tau::evaluation::NotPredicted;
 use tau::weighing::Treatment;
 use tau_report as report;
-use tau_robot::input_error::both;
 
-use super::deliver::{Outcome, Target, named, titled};
-use super::kept::Kept;
+use super::deliver::{Outcome, document, named, titled};
 use super::{Console, Failure, arguments, resolve, trust};
 
 pub(super) fn run(
     arguments: &arguments::Evaluate,
     console: &Console<'_>,
 ) -> Result<Outcome, Failure> {
-    let (session, target) = both(
-        resolve::with_variant(&arguments.input, &arguments.variant),
-        Target::resolve(&arguments.json, &Kept::from(&arguments.input)),
-    )?;
+    let (session, target) = resolve::session(&arguments.input, Some(&arguments.variant), Ok(()))?;
     let session = session.placing_poses()?.outliers(Treatment {
         keep_outliers: arguments.outliers.keep_outliers,
         ..Treatment::default()
@@ -36,9 +31,8 @@ pub(super) fn run(
     let outcome = Outcome {
         summary: titled(&session, variant) + &said,
         remarks,
-        json: target.map(|target| {
-            let value = named(report::json::evaluation(&found), &session, variant);
-            (report::json::document(value), target)
+        json: document(target, || {
+            named(report::json::evaluation(&found), &session, variant)
         }),
         ..Outcome::default()
     };

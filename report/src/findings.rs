@@ -7,7 +7,7 @@ use tau::calibration::{ParameterEstimate, Source};
 use tau::measurements::PoseCounts;
 use tau::robot::{Architecture, Arm};
 use tau::sensitivity::{Sensitivity, Turn};
-use tau::study::results::{Study, VariantResult};
+use tau::study::results::{Setting, Study, VariantResult};
 use tau::unknown_poses::RowDivision;
 
 use super::number::{fixed, general, largest, shared_decimals};
@@ -78,10 +78,19 @@ pub(super) fn best(study: &Study) -> Option<&VariantResult> {
         .min_by(|a, b| a.error_um().mean.total_cmp(&b.error_um().mean))
 }
 
+/// The measurements that take part, and the noise that is stated of poses.
+pub(super) fn measured(setting: &Setting) -> String {
+    match &setting.rows {
+        Some(rows) => self::rows(rows),
+        None => format!("{} {}", poses(setting), noise(setting)),
+    }
+}
+
 /// Selection of poses, with its reason: set 2 decides on the range, or without it the robot file.
-pub(super) fn poses(poses: PoseCounts, has_cart_poses: bool, of: Architecture) -> String {
+fn poses(setting: &Setting) -> String {
+    let (poses, of) = (setting.poses, setting.architecture);
     let dropped = poses.total.saturating_sub(poses.in_range);
-    let range = if has_cart_poses {
+    let range = if setting.has_cart_poses {
         "the range that the cart measurements (set 2) cover"
     } else if of.carts > 0 {
         "[range] of the robot file, which decides where there is no set 2"
@@ -110,12 +119,6 @@ pub(super) fn poses(poses: PoseCounts, has_cart_poses: bool, of: Architecture) -
         "{selection}. {} calibrate and {} validate; no pose does both.",
         poses.calibration, poses.validation
     )
-}
-
-/// True if a study's folder has a set 2.
-pub(super) fn has_cart_poses(study: &Study) -> bool {
-    let mut tracks = study.assumptions.linearity.iter();
-    tracks.any(|track| !track.points.is_empty())
 }
 
 /// True if a variant has one link in place of each cluster.
@@ -155,7 +158,7 @@ pub(super) fn compared_rows(rows: &RowDivision) -> &'static str {
 }
 
 /// Division of measurements that tell no poses.
-pub(super) fn rows(rows: &RowDivision) -> String {
+fn rows(rows: &RowDivision) -> String {
     let poses = rows.calibration.union(&rows.validation).count();
     let mut text = format!("Something was measured of {poses} poses, none of which is known.");
     if !rows.is_disjoint() {
@@ -178,8 +181,9 @@ pub(super) fn rows(rows: &RowDivision) -> String {
 }
 
 /// The stated noise, of rotation where the plate turns.
-pub(super) fn noise((position, rotation): (f64, f64), of: Architecture) -> String {
-    let in_rotation = if of.plate.turning_axes().is_empty() {
+fn noise(setting: &Setting) -> String {
+    let (position, rotation) = setting.noise;
+    let in_rotation = if setting.architecture.plate.turning_axes().is_empty() {
         String::new()
     } else {
         format!(" and {} µrad in rotation", general(1e6 * rotation, 2))
@@ -193,7 +197,7 @@ pub(super) fn noise((position, rotation): (f64, f64), of: Architecture) -> Strin
 /// The best variant, against the first one.
 pub(super) fn comparison(study: &Study) -> Option<String> {
     let best = best(study)?;
-    let (error, of) = match &study.rows {
+    let (error, of) = match &study.setting.rows {
         Some(rows) => (
             format!("error of lengths that {}", compared_rows(rows)),
             "row",
@@ -251,14 +255,14 @@ pub(super) fn comparison(study: &Study) -> Option<String> {
 pub(super) fn assumptions(study: &Study) -> Vec<String> {
     let mut sentences = Vec::new();
     let found = &study.assumptions;
-    let axes = study.architecture.plate.turning_axes();
+    let axes = study.setting.architecture.plate.turning_axes();
     if !found.orientation.is_empty() && !axes.is_empty() {
         let deviations = axes.iter().map(|&axis| {
             let points = found.orientation.iter();
             1e3 * largest(points.map(|point| point.deviation_rad[axis]))
         });
         let deviations: Vec<f64> = deviations.collect();
-        let ratio = largest(deviations.iter().copied()) / (1e3 * study.noise.1);
+        let ratio = largest(deviations.iter().copied()) / (1e3 * study.setting.noise.1);
         let meaning = if !ratio.is_finite() || !has_reduced(study) {
             String::new()
         } else if ratio > 5.0 {
@@ -275,7 +279,7 @@ pub(super) fn assumptions(study: &Study) -> Vec<String> {
             parts::about_axes(axes, &deviations, 2)
         ));
     }
-    if study.architecture.carts == 0 {
+    if study.setting.architecture.carts == 0 {
         return sentences;
     }
     let linearity = || {

@@ -10,7 +10,7 @@ use tau::measurements::PoseCounts;
 use tau::robot::{Architecture, Arm, Owner};
 use tau::sensitivity::{LinkSensitivity, ParameterSensitivity, Sensitivity, Turn};
 use tau::session::{Input, Record, Stamp};
-use tau::study::results::{Study, VariantResult};
+use tau::study::results::{Setting, Study, VariantResult};
 use tau_codes::{Remark, files, fit};
 
 const LINKS: [&str; 6] = ["l1", "l2a", "l2b", "l3a", "l3b", "l3c"];
@@ -47,31 +47,35 @@ pub(super) fn study() -> Study {
         ("FullPiecewise", 86.0, true),
         ("BestPerLink", 73.0, true),
     ];
+    let variants = variants.map(|(name, size, full)| variant(&mut numbers, name, size, full));
+    let assumptions = assumptions(&mut numbers);
+    let positions = assumptions.orientation.iter();
     Study {
-        robot: "GantryTau".to_owned(),
-        architecture: Architecture {
-            carts: 3,
-            is_gantry_tau: true,
-            ..Architecture::default()
+        setting: Setting {
+            robot: "GantryTau".to_owned(),
+            architecture: Architecture {
+                carts: 3,
+                is_gantry_tau: true,
+                ..Architecture::default()
+            },
+            folder: "data/prototype".to_owned(),
+            poses: PoseCounts {
+                total: 176,
+                in_range: 121,
+                calibration: 61,
+                validation: 60,
+            },
+            rows: None,
+            has_cart_poses: true,
+            noise: (1e-5, 4e-5),
+            positions_m: positions.map(|point| point.position_m).collect(),
+            layout: Some(layout()),
         },
-        folder: "data/prototype".to_owned(),
-        poses: PoseCounts {
-            total: 176,
-            in_range: 121,
-            calibration: 61,
-            validation: 60,
-        },
-        noise: (1e-5, 4e-5),
-        variants: variants
-            .map(|(name, size, full)| variant(&mut numbers, name, size, full))
-            .into(),
-        assumptions: assumptions(&mut numbers),
+        variants: variants.into(),
+        assumptions,
         check: None,
         sensitivity: Some(sensitivity(&mut numbers)),
         discovery: None,
-        rows: None,
-        placed_m: vec![],
-        layout: Some(layout()),
         remarks: vec![
             Remark::new(
                 fit::POSES_DROPPED,

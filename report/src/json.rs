@@ -139,9 +139,9 @@ impl Results<'_> {
 /// `discovery` is `null` where the search for effects was left out, or failed; then a remark says why.
 pub fn study(study: &Study) -> Results<'_> {
     let variants = study.variants.iter();
-    let is_held_out = match &study.rows {
+    let is_held_out = match &study.setting.rows {
         Some(rows) => rows.is_disjoint(),
-        None => held_out(study.poses),
+        None => held_out(study.setting.poses),
     };
     let fields = |own| {
         let mut fields = VariantFields::from(own);
@@ -150,7 +150,7 @@ pub fn study(study: &Study) -> Results<'_> {
         }
         fields
     };
-    let (position_m, rotation_rad) = study.noise;
+    let (position_m, rotation_rad) = study.setting.noise;
     Results {
         assumptions: &study.assumptions,
         check: study.check.as_ref().map(trust::check),
@@ -161,17 +161,17 @@ pub fn study(study: &Study) -> Results<'_> {
             Basis::Calibration
         }),
         fit: study.fit().map(|(_, verdict)| trust::verdict(verdict)),
-        folder: &study.folder,
+        folder: &study.setting.folder,
         noise: json!({ "position_m": position_m, "rotation_rad": rotation_rad }),
-        of: if study.rows.is_some() {
+        of: if study.setting.rows.is_some() {
             "measurements"
         } else {
             "poses"
         },
-        poses: poses(study.poses),
+        poses: poses(study.setting.poses),
         remark_codes: remark_codes(&study.remarks),
         remarks: remark_texts(&study.remarks),
-        robot: &study.robot,
+        robot: &study.setting.robot,
         schema: SCHEMA,
         sensitivity: study.sensitivity.as_ref().map(sensitivity),
         variant_order: variants.clone().map(|own| own.name.as_str()).collect(),

@@ -30,7 +30,6 @@ mod tests;
 pub mod trust;
 mod write;
 
-pub use discovery::method::Setting;
 pub use figures::Figure;
 pub use stale::stale_figures;
 pub use write::{finish_writing, folder_of, study_files, write_files};

@@ -203,7 +203,7 @@ pub(crate) fn left_out(screen: &mut Screen, found: &UnknownPoses) {
             format!(", residuals {} times their noise", general(ratio, 3))
         });
         screen.say(&format!("{title}{ratio}"));
-        list_predicted(screen, "predicted", &fit.predicted);
+        list_predicted(screen, "foretold", &fit.predicted);
     };
     if let Some(held_out) = &found.held_out {
         let (rows, poses) = (held_out.rows, held_out.poses);
@@ -244,7 +244,7 @@ pub(crate) fn held(screen: &mut Screen, found: &HeldErrors, are_fitted: bool) {
     ));
     screen.gap();
     screen.table(&by_kind(&kinds(&found.kinds)));
-    let how = if are_fitted { "met" } else { "predicted" };
+    let how = if are_fitted { "met" } else { "foretold" };
     list_predicted(screen, how, &found.predicted);
     screen.gap();
     screen.line("Farthest off");
@@ -382,7 +382,12 @@ pub(crate) fn of_study(study: &Study) -> Table {
     groups.extend(headings.iter().map(|heading| (heading.as_str(), each)));
     groups.push(("All", &["over expected"]));
     Table {
-        title: if study.rows.as_ref().is_some_and(RowDivision::is_disjoint) {
+        title: if study
+            .setting
+            .rows
+            .as_ref()
+            .is_some_and(RowDivision::is_disjoint)
+        {
             "Errors of measurements that took no part in the calibration".to_owned()
         } else {
             "Errors of the measurements, all of which took part in the calibration".to_owned()
@@ -467,14 +472,14 @@ mod tests {
         };
         for width in [60, 80, 100] {
             let mut screen = Screen::new(width);
-            list_predicted(&mut screen, "predicted", std::slice::from_ref(&predicted));
+            list_predicted(&mut screen, "foretold", std::slice::from_ref(&predicted));
             let text = screen.into_text();
             let fits = text.lines().all(|line| line.chars().count() <= width);
             assert!(fits, "{width}: {text}");
             let words: Vec<&str> = text.split_whitespace().collect();
             assert_eq!(
                 words.join(" "),
-                "tcp_positions.csv: predicted from the drives alone to 83.4 µm rms, 209 µm at most (12000 rows)"
+                "tcp_positions.csv: foretold from the drives alone to 83.4 µm rms, 209 µm at most (12000 rows)"
             );
         }
     }

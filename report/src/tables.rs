@@ -17,17 +17,18 @@ use super::table::{Cell, Column, Table, columns, number, text};
 
 /// Errors of each variant: Table I, or, where poses were not measured, those of measurements that were held out.
 pub(super) fn errors(study: &Study) -> Table {
-    if study.rows.is_some() {
+    if study.setting.rows.is_some() {
         return measured::of_study(study);
     }
     let positions = study.variants.iter().flat_map(|variant| {
         let position = variant.evaluation.position_um;
         [position.mean, position.max, position.rms]
     });
-    let axes = study.architecture.plate.turning_axes();
+    let axes = study.setting.architecture.plate.turning_axes();
     let angles_mrad = |variant: &VariantResult| {
         let about = variant.evaluation.orientation_rad_max_abs;
-        about.map(|about| parts::turning(study.architecture, about.map(|angle| 1e3 * angle)))
+        about
+            .map(|about| parts::turning(study.setting.architecture, about.map(|angle| 1e3 * angle)))
     };
     let all_angles = study.variants.iter().filter_map(angles_mrad).flatten();
     let decimals = shared_decimals(positions);
@@ -51,15 +52,18 @@ pub(super) fn errors(study: &Study) -> Table {
     Table {
         title: numbered(
             "Table I",
-            &format!("Errors at the {}", findings::compared(study.poses).1),
-            study.architecture,
+            &format!(
+                "Errors at the {}",
+                findings::compared(study.setting.poses).1
+            ),
+            study.setting.architecture,
         ),
         columns: columns(&[
             ("", &["Variant"]),
             ("Position error (µm)", &["mean", "max", "rms"]),
             (
                 "Largest orientation error (mrad)",
-                &parts::turning(study.architecture, ["|ωx|", "|ωy|", "|ωz|"]),
+                &parts::turning(study.setting.architecture, ["|ωx|", "|ωy|", "|ωz|"]),
             ),
         ]),
         rows,
@@ -393,7 +397,7 @@ pub(super) fn assumptions(study: &Study) -> Vec<Table> {
         .iter()
         .map(|t| (t.track.as_str(), t.points.as_slice()));
     [
-        orientation(&assumptions.orientation, study.architecture),
+        orientation(&assumptions.orientation, study.setting.architecture),
         paths(
             "Linearity of the tracks, deviation from a straight line with even scale",
             linearity,

@@ -26,19 +26,12 @@ const SHOWN: usize = 3;
 /// Everything a study says.
 pub fn study(study: &Study, width: usize) -> String {
     let mut screen = Screen::new(width);
-    screen.line(&format!("{}, {}", study.robot, study.folder));
+    screen.line(&format!(
+        "{}, {}",
+        study.setting.robot, study.setting.folder
+    ));
     screen.gap();
-    let has_cart_poses = findings::has_cart_poses(study);
-    if let Some(rows) = &study.rows {
-        screen.say(&findings::rows(rows));
-    } else {
-        screen.say(&findings::poses(
-            study.poses,
-            has_cart_poses,
-            study.architecture,
-        ));
-        screen.say(&findings::noise(study.noise, study.architecture));
-    }
+    screen.say(&findings::measured(&study.setting));
     for remark in &study.remarks {
         screen.say(&remark.to_string());
     }
@@ -50,15 +43,15 @@ pub fn study(study: &Study, width: usize) -> String {
     trust::of_study(&mut screen, study);
     screen.gap();
     for variant in &study.variants {
-        geometry(&mut screen, variant, study.architecture);
+        geometry(&mut screen, variant, study.setting.architecture);
         screen.gap();
     }
     if let Some(found) = &study.sensitivity {
-        sensitivities(&mut screen, found, study.architecture);
+        sensitivities(&mut screen, found, study.setting.architecture);
         screen.gap();
     }
     let assumptions = findings::assumptions(study);
-    if study.rows.is_none() && !assumptions.is_empty() {
+    if study.setting.rows.is_none() && !assumptions.is_empty() {
         screen.line("Assumptions");
         for sentence in assumptions {
             screen.say_within("  ", &sentence);

@@ -2,8 +2,9 @@
 
 use maud::{Markup, html};
 use tau::discovery::Discovery;
+use tau::study::results::Setting;
 
-use super::method::{self, Setting};
+use super::method;
 use super::{at, findings, tables};
 use crate::elements::{figure, prose, table};
 use crate::figures::Figure;

@@ -12,16 +12,16 @@ use crate::number::{fixed, largest, shared_decimals};
 /// Table I as bars: mean and largest position error of each variant.
 pub fn error_by_variant(study: &Study) -> Option<Figure> {
     let variants = &study.variants;
-    if variants.is_empty() || study.rows.is_some() {
+    if variants.is_empty() || study.setting.rows.is_some() {
         return None;
     }
     let title = "Position error by variant";
-    let division = if held_out(study.poses) {
+    let division = if held_out(study.setting.poses) {
         ", which took no part in calibration"
     } else {
         ""
     };
-    let (count, poses) = compared(study.poses);
+    let (count, poses) = compared(study.setting.poses);
     let subtitle = format!("Mean and largest error at {count} {poses}{division}");
     let errors = |variant: &VariantResult| {
         [
@@ -33,15 +33,9 @@ pub fn error_by_variant(study: &Study) -> Option<Figure> {
         .iter()
         .map(|variant| (variant.name.clone(), errors(variant)));
     let drawn = bars::draw((title, &subtitle), &rows.collect::<Vec<_>>(), None);
-    Some(Figure {
-        file_name: "position_error_by_variant.svg".to_owned(),
-        number: None,
-        title: title.to_owned(),
-        caption: "The figures of the table. The error of a pose is the distance between the TCP position that the \
-                  calibrated model predicts from the commands and the measured one."
-            .to_owned(),
-        svg: drawn.svg,
-    })
+    let caption = "The figures of the table. The error of a pose is the distance between the TCP position that the \
+                  calibrated model predicts from the commands and the measured one.";
+    Some(drawn.figure("position_error_by_variant.svg", None, caption))
 }
 
 /// Bars beside each other that a panel has room for: narrower ones run into each other.
@@ -122,10 +116,7 @@ pub fn error_by_pose(study: &Study) -> Option<Figure> {
             .map(|variant| factor * variant.evaluation.position_um.mean);
         let decimals = shared_decimals(means);
         for (row, variant) in variants.iter().enumerate() {
-            let show = Show {
-                x: row + 1 == variants.len(),
-                y: true,
-            };
+            let show = Show::new(row + 1 == variants.len(), true);
             let panel = sheet.panel(grid.cell(row, 0), &x, &y, show);
             let worst = variant
                 .evaluation
@@ -162,21 +153,16 @@ pub fn error_by_pose(study: &Study) -> Option<Figure> {
             }
         }
     });
-    Some(Figure {
-        file_name: "position_error_by_pose.svg".to_owned(),
-        number: None,
-        title: title.to_owned(),
-        caption: format!(
-            "All panels share one scale. {} each variant is drawn in orange. Errors that come back at neighbouring \
+    let caption = format!(
+        "All panels share one scale. {} each variant is drawn in orange. Errors that come back at neighbouring \
              poses point to something that the model lacks rather than to noise.",
-            if size == 1 {
-                "The largest error of"
-            } else {
-                "The bar that holds the largest error of"
-            }
-        ),
-        svg: drawn.svg,
-    })
+        if size == 1 {
+            "The largest error of"
+        } else {
+            "The bar that holds the largest error of"
+        }
+    );
+    Some(drawn.figure("position_error_by_pose.svg", None, caption))
 }
 
 /// Figure 8: orientation errors at the validation poses, for the variants that predict orientation.
@@ -192,7 +178,7 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
                 .any(|error| error.orientation_rad.is_some())
         })
         .collect();
-    let axes = study.architecture.plate.turning_axes();
+    let axes = study.setting.architecture.plate.turning_axes();
     if variants.is_empty() || axes.is_empty() {
         return None;
     }
@@ -208,7 +194,10 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
     };
     // As in Table I.
     let (factor, unit) = (1e3, "mrad");
-    let title = &format!("Orientation errors at the {}", compared(study.poses).1);
+    let title = &format!(
+        "Orientation errors at the {}",
+        compared(study.setting.poses).1
+    );
     let size = group_size(
         variants
             .iter()
@@ -230,12 +219,7 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
         row_height: 106.0,
     };
     let drawn = chart::draw(title, &subtitle, grid.height(), |sheet| {
-        let legend: Vec<_> = variants
-            .iter()
-            .enumerate()
-            .map(|(index, variant)| (variant.name.as_str(), series(index)))
-            .collect();
-        sheet.legend(&legend, 58.0);
+        sheet.legend(variants.iter().map(|variant| variant.name.as_str()));
         let x = Axis::linear(
             "pose number in the file",
             errors().map(|(pose, _)| pose),
@@ -249,10 +233,7 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
                 grid.cell(row, 0),
                 &x,
                 &y,
-                Show {
-                    x: row + 1 == axes.len(),
-                    y: true,
-                },
+                Show::new(row + 1 == axes.len(), true),
             );
             for (index, variant) in variants.iter().enumerate() {
                 for group in variant.evaluation.errors.chunks(size) {
@@ -278,19 +259,14 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
             }
         }
     });
-    Some(Figure {
-        file_name: "figure_8_orientation_errors.svg".to_owned(),
-        number: Some(8),
-        title: title.to_owned(),
-        caption: format!(
-            "{}The largest magnitudes stand in the table above. Errors that keep their sign over many poses are the \
+    let caption = format!(
+        "{}The largest magnitudes stand in the table above. Errors that keep their sign over many poses are the \
              model's, not the noise's.",
-            if has_reduced(study) {
-                "A reduced arm predicts no orientation and is not drawn. "
-            } else {
-                ""
-            }
-        ),
-        svg: drawn.svg,
-    })
+        if has_reduced(study) {
+            "A reduced arm predicts no orientation and is not drawn. "
+        } else {
+            ""
+        }
+    );
+    Some(drawn.figure("figure_8_orientation_errors.svg", Some(8), caption))
 }

@@ -25,7 +25,7 @@ struct Row {
 pub(super) fn of_study(study: &Study) -> Markup {
     // Where nothing was found, the calibrated variants are what the tables below have.
     if let Some(found) = study.discovery.as_ref().filter(|found| !is_base(found)) {
-        return of_discovery(found, compared(study.poses).0);
+        return of_discovery(found, compared(study.setting.poses).0);
     }
     let best = best(study).map(|variant| variant.name.as_str());
     let mut variants: Vec<_> = study.variants.iter().collect();
@@ -49,14 +49,17 @@ pub(super) fn of_study(study: &Study) -> Markup {
             },
         })
         .collect();
-    match &study.rows {
+    match &study.setting.rows {
         Some(division) => bars(
             ("Error of lengths", &rows),
             &measurements(division.is_disjoint()),
         ),
         None => bars(
             (AT_THE_TOOL, &rows),
-            &poses(compared(study.poses).0, held_out(study.poses)),
+            &poses(
+                compared(study.setting.poses).0,
+                held_out(study.setting.poses),
+            ),
         ),
     }
 }

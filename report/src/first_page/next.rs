@@ -34,7 +34,7 @@ pub(super) fn of_study(study: &Study, record: &Record) -> Vec<String> {
         verdict,
         arguments: (record.arguments.iter())
             .fold(String::new(), |line, word| line + " " + &shell_word(word)),
-        noise_of: if study.rows.is_some() {
+        noise_of: if study.setting.rows.is_some() {
             "the measurements"
         } else {
             "the tracker and the machine's repeatability"

@@ -27,12 +27,14 @@ pub(crate) fn of_study(screen: &mut Screen, study: &Study) {
     let others = super::others(study, &best.name);
     // The mean error and the noise may choose differently.
     let why = match crate::findings::best(study) {
-        Some(other) if other.name != best.name && study.rows.is_none() => match verdict.status {
-            Status::Consistent => {
-                ", the consistent variant whose residuals come nearest to the noise"
+        Some(other) if other.name != best.name && study.setting.rows.is_none() => {
+            match verdict.status {
+                Status::Consistent => {
+                    ", the consistent variant whose residuals come nearest to the noise"
+                }
+                _ => ", whose residuals come nearest to the noise",
             }
-            _ => ", whose residuals come nearest to the noise",
-        },
+        }
         _ => "",
     };
     screen.say(&format!(

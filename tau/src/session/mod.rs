@@ -270,15 +270,7 @@ impl<R> Session<R> {
     /// # Errors
     /// There is no variant of that name; nothing gives a value for a parameter; a piecewise track has no path.
     pub fn machine(&self, variant: impl VariantKey<R>) -> Result<Machine, InputError> {
-        let variant = variant.variant_of(&self.robot)?;
-        let poses = self.poses()?.division.calibration;
-        calibration::machine_from_file(
-            &self.robot,
-            variant,
-            &self.robot_file,
-            Some(&self.folder),
-            &poses,
-        )
+        Ok(self.prepared(variant.variant_of(&self.robot)?)?.machine)
     }
 
     /// Uncertainty of the parameters of [`Self::machine`] under the stated noise: their covariance after calibration, or
@@ -290,45 +282,26 @@ impl<R> Session<R> {
         &self,
         variant: impl VariantKey<R>,
     ) -> Result<Option<Uncertainty>, InputError> {
-        let variant = variant.variant_of(&self.robot)?;
-        let poses = self.poses()?.division.calibration;
-        let (robot, file) = (&self.robot, &self.robot_file);
-        let prepared = Prepared::from_file(robot, variant, file, Some(&self.folder), &poses)?;
-        Ok(Uncertainty::of_prepared(&prepared, file))
+        let prepared = self.prepared(variant.variant_of(&self.robot)?)?;
+        Ok(Uncertainty::of_prepared(&prepared, &self.robot_file))
     }
 
-    /// Errors that are to be expected of [`Self::machine`] under the stated noise, of poses by index: of those on which the
-    /// robot file was calibrated, as residuals of that fit. `None` where no [uncertainty](Self::uncertainty) is known.
-    ///
-    /// # Errors
-    /// As [`Self::machine`]; data that closures take are missing.
-    pub fn expected(
-        &self,
-        variant: impl VariantKey<R>,
-        poses: &[usize],
-    ) -> Result<Option<Expected>, Error> {
-        let variant = variant.variant_of(&self.robot)?;
+    fn prepared(&self, variant: &Variant) -> Result<Prepared, InputError> {
+        let poses = self.poses()?.division.calibration;
         let (robot, file) = (&self.robot, &self.robot_file);
-        let prepared = Prepared::from_file(
-            robot,
-            variant,
-            file,
-            Some(&self.folder),
-            &self.poses()?.division.calibration,
-        )?;
-        let known = Uncertainty::of_prepared(&prepared, file);
-        let Some(expected) = known.map(|known| Expected::new(known, file.noise)) else {
-            return Ok(None);
-        };
+        Prepared::from_file(robot, variant, file, Some(&self.folder), &poses)
+    }
+
+    /// Errors that are to be expected under the stated noise, of poses by index: of those on which the robot file was
+    /// calibrated, as residuals of that fit. `None` where no [uncertainty](Self::uncertainty) is known.
+    fn expected(&self, prepared: &Prepared, poses: &[usize]) -> Option<Expected> {
+        let known = Uncertainty::of_prepared(prepared, &self.robot_file)?;
+        let expected = Expected::new(known, self.robot_file.noise);
         let fitted = self.calibrated();
         if !poses.iter().any(|pose| fitted.contains(pose)) {
-            return Ok(Some(expected));
+            return Some(expected);
         }
-        Ok(Some(expected.of_fitted(
-            &prepared.machine,
-            &self.folder,
-            &fitted,
-        )))
+        Some(expected.of_fitted(&prepared.machine, &self.folder, &fitted))
     }
 
     /// A variant with the session's robot file and folder.

@@ -307,8 +307,8 @@ impl<R> Session<R> {
     /// predicted, and where poses are unknown, all measurements are compared, the parameters held.
     ///
     /// # Errors
-    /// As [`Self::unseen`], [`Self::machine`] and [`Self::expected`]; no pose can be predicted; the measurements leave nothing
-    /// to judge the machine by.
+    /// As [`Self::unseen`] and [`Self::machine`]; no pose can be predicted; the measurements leave nothing to judge the machine
+    /// by.
     pub fn evaluate_unseen(
         &self,
         variant: impl VariantKey<R>,
@@ -332,10 +332,10 @@ impl<R> Session<R> {
             .then(|| self.held_errors(variant, &judged))
             .transpose()?;
         let poses = self.poses_of(&judged.poses);
-        let machine = || self.machine(variant.name.as_str());
         let compare = || {
-            let expected = self.expected(variant.name.as_str(), &poses)?;
-            evaluate_knowing(&machine()?, expected.as_ref(), &self.folder, &poses)
+            let prepared = self.prepared(variant)?;
+            let expected = self.expected(&prepared, &poses);
+            evaluate_knowing(&prepared.machine, expected.as_ref(), &self.folder, &poses)
         };
         Ok(Evaluated {
             basis,
@@ -345,7 +345,7 @@ impl<R> Session<R> {
             // Where other measurements or redundant drives say something of the poses, they are judged together.
             verdict: match &rows {
                 Some(rows) => rows.verdict(),
-                None => self.verdict_on_prediction(&machine()?, poses)?,
+                None => self.verdict_on_prediction(&self.prepared(variant)?.machine, poses)?,
             },
             rows,
             widening: self.robot_file.widening(),

@@ -17,11 +17,11 @@ use tau_estimation::uncertainty::Uncertainty;
 use tau_estimation::unknown_poses::{self, EstimatedPoses, HeldErrors, UnknownPoses};
 use tau_estimation::weighing::Treatment;
 use tau_kinematics::{Layout, Pose};
-use tau_robot::measurements::{Division, Folder};
+use tau_robot::measurements::{Division, Folder, PoseCounts};
 use tau_robot::robot::{Arm, Owner, ResidualKind, Robot, TrackShape, Variant};
 
 use crate::session::{self, Fit, Parts, Session};
-use results::{Study, VariantResult};
+use results::{Setting, Study, VariantResult};
 
 /// Progress of a study.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -123,19 +123,12 @@ pub fn run<R>(
             .ok()
     });
     let mut study = Study {
-        robot: robot.name.clone(),
-        architecture: robot.architecture(),
-        folder: folder.name.clone(),
-        poses: parts.counts,
-        noise: (file.noise.position_m, file.noise.rotation_rad),
+        setting: setting(session, parts.counts, folder),
         variants: results,
         assumptions,
         check: Some(check),
         sensitivity,
         discovery: None,
-        layout: None,
-        rows: None,
-        placed_m: vec![],
         remarks,
     };
     let drawn = study.fit().map(|(variant, _)| variant.name.as_str());
@@ -144,17 +137,41 @@ pub fn run<R>(
     match drawn {
         Some(Fit::UnknownPoses(found)) if !are_measured => {
             let placed = EstimatedPoses::of(found, file, folder, &parts.rows)?;
-            let poses = placed.folder().0.tcp_poses;
-            study.placed_m = poses.iter().map(|pose| pose.position_m).collect();
+            study.setting.positions_m = positions_m(&placed.folder().0);
             let ranges: Vec<(f64, f64)> = found.commands_m.iter().map(|&own| own.into()).collect();
-            study.layout = layout_within(&found.calibration, &ranges);
+            study.setting.layout = layout_within(&found.calibration, &ranges);
         }
-        Some(fit) => study.layout = layout(fit.calibration(), folder),
+        Some(fit) => study.setting.layout = layout(fit.calibration(), folder),
         None => {}
     }
-    study.rows = (!are_measured).then_some(parts.rows);
+    study.setting.rows = (!are_measured).then_some(parts.rows);
     next("done");
     Ok(study)
+}
+
+/// The machine and the measurements of a session; `placed` has the poses, as they were measured or estimated.
+pub fn setting<R>(session: &Session<R>, poses: PoseCounts, placed: &Folder) -> Setting {
+    let (robot, folder, noise) = (
+        session.robot(),
+        session.folder(),
+        session.robot_file().noise,
+    );
+    Setting {
+        robot: robot.name.clone(),
+        architecture: robot.architecture(),
+        folder: folder.name.clone(),
+        poses,
+        rows: None,
+        has_cart_poses: !folder.cart_poses.is_empty(),
+        noise: (noise.position_m, noise.rotation_rad),
+        positions_m: positions_m(placed),
+        layout: None,
+    }
+}
+
+fn positions_m(folder: &Folder) -> Vec<[f64; 3]> {
+    let poses = folder.tcp_poses.iter();
+    poses.map(|pose| pose.position_m).collect()
 }
 
 /// The fit of a variant, and its result without a verdict.

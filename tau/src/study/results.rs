@@ -71,9 +71,9 @@ impl VariantResult {
     }
 }
 
-/// Everything `tau study` reports.
+/// The machine and the measurements of a result, by which the reader judges it.
 #[derive(Debug, Clone)]
-pub struct Study {
+pub struct Setting {
     /// Name of the robot.
     pub robot: String,
     /// Its drives.
@@ -82,8 +82,23 @@ pub struct Study {
     pub folder: String,
     /// Numbers of poses in each part.
     pub poses: PoseCounts,
+    /// Rows that calibrate and that validate, where poses were not measured.
+    pub rows: Option<RowDivision>,
+    /// True if there is a set 2, whose range decides on the poses.
+    pub has_cart_poses: bool,
     /// Stated noise: position (m) and rotation (rad), one standard deviation per axis.
     pub noise: (f64, f64),
+    /// Positions of all poses (m), as they were measured, or else estimated.
+    pub positions_m: Vec<[f64; 3]>,
+    /// The machine in space, as a calibrated variant has it at the reference pose that its calibration found.
+    pub layout: Option<Layout>,
+}
+
+/// Everything `tau study` reports.
+#[derive(Debug, Clone)]
+pub struct Study {
+    /// The machine and the measurements; the layout is of the variant of [`Study::fit`].
+    pub setting: Setting,
     /// One result per variant, in the order calibrated.
     pub variants: Vec<VariantResult>,
     /// Checks of what the models assume (section III-C of the paper).
@@ -94,12 +109,6 @@ pub struct Study {
     pub sensitivity: Option<Sensitivity>,
     /// The effects that the base of discovery lacks, where the search succeeded.
     pub discovery: Option<Discovery>,
-    /// The machine in space, as the variant of [`Study::fit`] has it at the reference pose that its calibration found.
-    pub layout: Option<Layout>,
-    /// Rows that calibrate and that validate, where poses were not measured.
-    pub rows: Option<RowDivision>,
-    /// Positions of poses as they were estimated, where they were not measured (m).
-    pub placed_m: Vec<[f64; 3]>,
     /// Remarks for the reader: poses dropped, columns missing, and so on.
     pub remarks: Vec<Remark>,
 }
@@ -112,7 +121,7 @@ impl Study {
         let judged = self.variants.iter();
         let judged = judged.filter_map(|variant| Some((variant, variant.fit.as_ref()?)));
         let key = |(variant, verdict): &(&VariantResult, &Verdict)| {
-            if self.rows.is_some() {
+            if self.setting.rows.is_some() {
                 variant.error_um().mean
             } else {
                 verdict.residual_over_noise
