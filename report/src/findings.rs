@@ -4,7 +4,6 @@ use std::collections::BTreeSet;
 
 use tau::assumptions::TrackLinearity;
 use tau::calibration::{ParameterEstimate, Source};
-use tau::measurements::PoseCounts;
 use tau::robot::{Architecture, Arm};
 use tau::sensitivity::{Sensitivity, Turn};
 use tau::study::results::{Setting, Study, VariantResult};
@@ -110,7 +109,7 @@ fn poses(setting: &Setting) -> String {
             poses.total, poses.in_range
         ),
     };
-    if !held_out(poses) {
+    if !setting.is_held_out() {
         return format!(
             "{selection}. All of these calibrate, and the errors below are those of the fit."
         );
@@ -133,24 +132,19 @@ pub(super) fn has_piecewise(study: &Study) -> bool {
     links.any(|link| link.track_rotation_rad.is_some())
 }
 
-/// True if there are poses that took no part in calibration.
-pub(super) fn held_out(poses: PoseCounts) -> bool {
-    poses.validation > 0
-}
-
 /// Number of poses whose errors are shown, and what they are to the calibration: those that calibrated, where none were
 /// held out.
-pub(super) fn compared(poses: PoseCounts) -> (usize, &'static str) {
-    if held_out(poses) {
-        (poses.validation, "validation poses")
+pub(super) fn compared(setting: &Setting) -> (usize, &'static str) {
+    if setting.is_held_out() {
+        (setting.poses.validation, "validation poses")
     } else {
-        (poses.calibration, "poses that calibrated")
+        (setting.poses.calibration, "poses that calibrated")
     }
 }
 
 /// Measurements whose errors are shown, where poses were not measured.
-pub(super) fn compared_rows(rows: &RowDivision) -> &'static str {
-    if rows.is_disjoint() {
+pub(super) fn compared_rows(setting: &Setting) -> &'static str {
+    if setting.is_held_out() {
         "were held out"
     } else {
         "calibrated"
@@ -198,8 +192,8 @@ fn noise(setting: &Setting) -> String {
 pub(super) fn comparison(study: &Study) -> Option<String> {
     let best = best(study)?;
     let (error, of) = match &study.setting.rows {
-        Some(rows) => (
-            format!("error of lengths that {}", compared_rows(rows)),
+        Some(_) => (
+            format!("error of lengths that {}", compared_rows(&study.setting)),
             "row",
         ),
         None => ("position error".to_owned(), "pose"),

@@ -22,7 +22,6 @@ use tau_codes::Remark;
 
 use super::discovery::findings::unconfirmed;
 use super::errors_in_variables;
-use super::findings::held_out;
 use super::gauge::gauge_json;
 use super::measured::{self, gross_row};
 use super::terminal::kinds_of_fit;
@@ -139,10 +138,7 @@ impl Results<'_> {
 /// `discovery` is `null` where the search for effects was left out, or failed; then a remark says why.
 pub fn study(study: &Study) -> Results<'_> {
     let variants = study.variants.iter();
-    let is_held_out = match &study.setting.rows {
-        Some(rows) => rows.is_disjoint(),
-        None => held_out(study.setting.poses),
-    };
+    let is_held_out = study.setting.is_held_out();
     let fields = |own| {
         let mut fields = VariantFields::from(own);
         if !is_held_out {
@@ -163,11 +159,7 @@ pub fn study(study: &Study) -> Results<'_> {
         fit: study.fit().map(|(_, verdict)| trust::verdict(verdict)),
         folder: &study.setting.folder,
         noise: json!({ "position_m": position_m, "rotation_rad": rotation_rad }),
-        of: if study.setting.rows.is_some() {
-            "measurements"
-        } else {
-            "poses"
-        },
+        of: of(study.setting.rows.is_none()),
         poses: poses(study.setting.poses),
         remark_codes: remark_codes(&study.remarks),
         remarks: remark_texts(&study.remarks),
@@ -246,29 +238,38 @@ fn basis(basis: Basis) -> &'static str {
 /// The result of `tau evaluate`. What only measured poses have, or only unknown ones, is `null` elsewhere, or empty.
 pub fn evaluation(found: &Evaluated) -> Value {
     let rows = found.rows.as_ref();
-    let poses = found.poses.as_ref();
-    let empty = json!({ "kinds": measured::kinds(&found.verdict.by_file) });
-    let mut own = rows.map_or(empty, measured::held_json);
-    let errors = json!(EvaluationFields::new(
-        poses.unwrap_or(&Evaluation::default()),
-        &found.verdict.outliers,
-        found.widening
-    ));
-    let fields = errors.as_object().into_iter().flatten();
-    for (name, value) in fields {
-        own[name] = value.clone();
-    }
-    own["of"] = json!(if poses.is_some() {
-        "poses"
-    } else {
-        "measurements"
-    });
+    let (outliers, widening) = (&found.verdict.outliers, found.widening);
+    let none = Evaluation::default();
+    let poses = found.poses.as_ref().unwrap_or(&none);
+    let kinds = json!({ "kinds": measured::kinds(&found.verdict.by_file) });
+    let mut own = rows.map_or(kinds, measured::held_json);
+    extend(
+        &mut own,
+        json!(EvaluationFields::new(poses, outliers, widening)),
+    );
+    own["of"] = json!(of(found.poses.is_some()));
     own["errors"] = json!(rows.map_or_else(Vec::new, measured::errors_json));
     own["poses"] = self::poses(found.counts);
     own["poses"]["evaluated"] = json!(found.compared);
     own["evaluated_on"] = json!(basis(found.basis));
     own["fit"] = trust::verdict(&found.verdict);
     own
+}
+
+/// What errors are of.
+fn of(are_poses_measured: bool) -> &'static str {
+    if are_poses_measured {
+        "poses"
+    } else {
+        "measurements"
+    }
+}
+
+/// Adds the fields of another object.
+fn extend(own: &mut Value, more: Value) {
+    if let (Value::Object(own), Value::Object(more)) = (own, more) {
+        own.extend(more);
+    }
 }
 
 /// The result of `tau calibrate`: fields of a variant in a study, and what the calibration took and found.
@@ -285,7 +286,14 @@ pub fn calibration(found: &Calibrated, result: &VariantResult, parts: &Parts) ->
     });
     let gross = unknown.map_or(&[][..], |own| &own.gross);
     let gross_poses = unknown.map_or(&[][..], |own| &own.gross_poses);
-    let objects = unknown.map_or(&[][..], |own| &own.objects);
+    let objects = unknown
+        .into_iter()
+        .flat_map(|own| &own.objects)
+        .map(|object| {
+            let mut own = json!(object);
+            own["sigma_widened"] = json!(object.sigma_widened(widening));
+            own
+        });
     let machine = &found.machine;
     let more = json!({
         "poses": poses(counts),
@@ -297,10 +305,7 @@ pub fn calibration(found: &Calibrated, result: &VariantResult, parts: &Parts) ->
         "unknowns": rank.map(|own| own.unknowns),
         "determined": rank.map(|own| own.determined),
         "gauge": rank.map(gauge_json),
-        "objects": objects.iter().map(|own| json!({
-            "name": own.name, "unit": own.unit, "value": own.value, "sigma": own.sigma,
-            "sigma_widened": own.sigma_widened(widening),
-        })).collect::<Vec<_>>(),
+        "objects": objects.collect::<Vec<_>>(),
         "gross_rows": gross.iter().map(|row| gross_row(row, row.drive(machine))).collect::<Vec<_>>(),
         "gross_poses": gross_poses.iter().map(|own| json!({
             "pose": own.pose, "file": own.commands.map(|at| at.0), "line": own.commands.map(|at| at.1),
@@ -310,9 +315,7 @@ pub fn calibration(found: &Calibrated, result: &VariantResult, parts: &Parts) ->
         "noise_factor": unknown.map(|own| own.widened),
         "errors_in_variables": found.errors_in_variables().map(|own| errors_in_variables::json(own, result)),
     });
-    for (name, value) in more.as_object().into_iter().flatten() {
-        own[name] = value.clone();
-    }
+    extend(&mut own, more);
     own
 }
 
@@ -396,16 +399,10 @@ impl<'a> From<&'a VariantResult> for VariantFields<'a> {
 
 /// `sigma` as stated noise makes it, and widened by the misfit.
 fn parameter(parameter: &ParameterEstimate, widening: f64) -> Value {
-    json!({
-        "name": parameter.name,
-        "unit": parameter.unit,
-        "nominal": parameter.nominal,
-        "tolerance": parameter.tolerance,
-        "value": parameter.value,
-        "sigma": parameter.sigma,
-        "sigma_widened": parameter.sigma_widened(widening),
-        "from": parameter.source().name(),
-    })
+    let mut own = json!(parameter);
+    own["sigma_widened"] = json!(parameter.sigma_widened(widening));
+    own["from"] = json!(parameter.source().name());
+    own
 }
 
 fn link(link: &LinkResult, widening: f64) -> Value {

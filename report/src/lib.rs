@@ -32,4 +32,4 @@ mod write;
 
 pub use figures::Figure;
 pub use stale::stale_figures;
-pub use write::{finish_writing, folder_of, study_files, write_files};
+pub use write::{finish_writing, folder_of, shell_word, study_files, write_files};

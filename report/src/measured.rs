@@ -6,7 +6,7 @@ use tau::study::results::Study;
 use tau::trust::FileFit;
 use tau::unknown_poses::{
     GrossRow, HeldErrors, HeldOut, HeldOutFit, HeldOutKind, Kind, KindErrors, KindFit, KindRepeats,
-    Measurand, RowDivision, RowError, RowPlace, UnknownPoses,
+    Measurand, RowError, RowPlace, UnknownPoses,
 };
 
 use crate::number::general;
@@ -336,7 +336,7 @@ pub(crate) fn far_off(place: &str, sigmas: f64) -> String {
 
 fn length(value: f64, unit: &str) -> String {
     match unit {
-        "m" => format!("{} µm", general(1e6 * value, 3)),
+        "m" | "rad" => format!("{} µ{unit}", general(1e6 * value, 3)),
         unit => format!("{} {unit}", general(value, 3)),
     }
 }
@@ -382,12 +382,7 @@ pub(crate) fn of_study(study: &Study) -> Table {
     groups.extend(headings.iter().map(|heading| (heading.as_str(), each)));
     groups.push(("All", &["over expected"]));
     Table {
-        title: if study
-            .setting
-            .rows
-            .as_ref()
-            .is_some_and(RowDivision::is_disjoint)
-        {
+        title: if study.setting.is_held_out() {
             "Errors of measurements that took no part in the calibration".to_owned()
         } else {
             "Errors of the measurements, all of which took part in the calibration".to_owned()

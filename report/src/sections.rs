@@ -21,9 +21,9 @@ pub(super) fn of_study(study: &Study, figures: &[Figure]) -> (Vec<Section>, Vec<
     let mut evidence = vec![Section::new(
         "errors",
         match &study.setting.rows {
-            Some(rows) if rows.is_disjoint() => "Errors of what was held out",
-            None if findings::held_out(study.setting.poses) => "Errors at the validation poses",
-            _ => "Errors of the fit",
+            _ if !study.setting.is_held_out() => "Errors of the fit",
+            Some(_) => "Errors of what was held out",
+            None => "Errors at the validation poses",
         },
         errors(study, figures),
     )];
@@ -71,9 +71,9 @@ fn errors(study: &Study, figures: &[Figure]) -> Markup {
         p { (findings::measured(&study.setting)) }
         @if study.variants.is_empty() {
             p { "No variant was calibrated." }
-        } @else if let Some(rows) = &study.setting.rows {
+        } @else if study.setting.rows.is_some() {
             p {
-                "Each calibrated model, its parameters held, is compared with the measurements that " (findings::compared_rows(rows)) "; poses follow \
+                "Each calibrated model, its parameters held, is compared with the measurements that " (findings::compared_rows(&study.setting)) "; poses follow \
                  the drives and these measurements, and so do places of targets, surfaces and balls as far as the robot file \
                  leaves them open. What is expected follows from the noise and from the covariance of the parameters. What \
                  poses and places follow whatever the machine is can't be judged, and is left out."
@@ -258,7 +258,7 @@ fn method(study: &Study) -> Markup {
             ". Nominal values and tolerances (one standard deviation) are those of the robot file."
         }
         p {
-            @if findings::held_out(study.setting.poses) {
+            @if study.setting.is_held_out() {
                 "Of the poses in range, in the order of the file, the split decides which calibrate and which validate: here "
                 (study.setting.poses.calibration) " and " (study.setting.poses.validation)
             } @else {

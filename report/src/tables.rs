@@ -52,10 +52,7 @@ pub(super) fn errors(study: &Study) -> Table {
     Table {
         title: numbered(
             "Table I",
-            &format!(
-                "Errors at the {}",
-                findings::compared(study.setting.poses).1
-            ),
+            &format!("Errors at the {}", findings::compared(&study.setting).1),
             study.setting.architecture,
         ),
         columns: columns(&[

@@ -197,7 +197,7 @@ pub fn calibration(
     screen.gap();
     determined(&mut screen, result);
     if let Some(unknown) = unknown {
-        gauge::open(&mut screen, &unknown.rank, "");
+        gauge::open(&mut screen, &unknown.rank, "  ");
     }
     screen.into_text()
 }

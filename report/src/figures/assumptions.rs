@@ -121,14 +121,12 @@ fn linearity(
     let points = || tracks.iter().flat_map(|track| &track.points);
     points().next()?;
     let subtitle = "Deviation of the carts from a straight line with even scale (set 2)";
-    let grid = Grid {
-        rows: directions.len(),
-        columns: 1,
-        margin: [66.0, 86.0, 14.0, 44.0],
-        column_gap: 0.0,
-        row_gap: 34.0,
-        row_height: if directions.len() == 1 { 220.0 } else { 134.0 },
-    };
+    let grid = Grid::column(
+        directions.len(),
+        [66.0, 86.0],
+        34.0,
+        if directions.len() == 1 { 220.0 } else { 134.0 },
+    );
     let all = directions.iter().flat_map(|(_, value)| points().map(value));
     let (factor, unit) = length_unit(largest(all));
     let names: Vec<_> = tracks

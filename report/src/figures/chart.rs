@@ -40,6 +40,23 @@ pub(super) struct Grid {
 }
 
 impl Grid {
+    /// Panels below each other: their number, the space on the left and above, the gaps, and the height of a panel.
+    pub(super) fn column(
+        rows: usize,
+        [left, top]: [f64; 2],
+        row_gap: f64,
+        row_height: f64,
+    ) -> Self {
+        Self {
+            rows,
+            columns: 1,
+            margin: [left, top, 14.0, 44.0],
+            column_gap: 0.0,
+            row_gap,
+            row_height,
+        }
+    }
+
     /// Height of the whole figure.
     pub(super) fn height(&self) -> f64 {
         let rows = self.rows.max(1) as f64;

@@ -47,14 +47,7 @@ pub fn unnamed_structure(found: &Discovery) -> Option<Figure> {
     let title = "Structure without a name";
     let subtitle =
         "Its size at each sample or measured point, against the quantity that it follows best";
-    let grid = Grid {
-        rows: found.unnamed.len(),
-        columns: 1,
-        margin: [62.0, 82.0, 14.0, 44.0],
-        column_gap: 0.0,
-        row_gap: 66.0,
-        row_height: 120.0,
-    };
+    let grid = Grid::column(found.unnamed.len(), [62.0, 82.0], 66.0, 120.0);
     let drawn = chart::draw(title, subtitle, grid.height(), |sheet| {
         for (row, structure) in found.unnamed.iter().enumerate() {
             let points = || structure.curve.iter().map(|[x, y]| (*x, 1e6 * y));

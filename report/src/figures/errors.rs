@@ -6,7 +6,7 @@ use tau::study::results::{Study, VariantResult};
 use super::axis::Axis;
 use super::chart::{self, ACCENT, Grid, PALE, STRONG, Show, series};
 use super::{Figure, bars, length_unit};
-use crate::findings::{compared, has_reduced, held_out};
+use crate::findings::{compared, has_reduced};
 use crate::number::{fixed, largest, shared_decimals};
 
 /// Table I as bars: mean and largest position error of each variant.
@@ -16,12 +16,12 @@ pub fn error_by_variant(study: &Study) -> Option<Figure> {
         return None;
     }
     let title = "Position error by variant";
-    let division = if held_out(study.setting.poses) {
+    let division = if study.setting.is_held_out() {
         ", which took no part in calibration"
     } else {
         ""
     };
-    let (count, poses) = compared(study.setting.poses);
+    let (count, poses) = compared(&study.setting);
     let subtitle = format!("Mean and largest error at {count} {poses}{division}");
     let errors = |variant: &VariantResult| {
         [
@@ -92,14 +92,7 @@ pub fn error_by_pose(study: &Study) -> Option<Figure> {
             .flat_map(|variant| &variant.evaluation.errors)
     };
     let (factor, unit) = length_unit(largest(errors().map(PoseError::length_um)));
-    let grid = Grid {
-        rows: variants.len(),
-        columns: 1,
-        margin: [62.0, 70.0, 14.0, 44.0],
-        column_gap: 0.0,
-        row_gap: 28.0,
-        row_height: 70.0,
-    };
+    let grid = Grid::column(variants.len(), [62.0, 70.0], 28.0, 70.0);
     let drawn = chart::draw(title, &subtitle, grid.height(), |sheet| {
         let x = Axis::linear(
             "pose number in the file",
@@ -194,10 +187,7 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
     };
     // As in Table I.
     let (factor, unit) = (1e3, "mrad");
-    let title = &format!(
-        "Orientation errors at the {}",
-        compared(study.setting.poses).1
-    );
+    let title = &format!("Orientation errors at the {}", compared(&study.setting).1);
     let size = group_size(
         variants
             .iter()
@@ -210,14 +200,7 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
             "Rotation vector from the measured to the predicted plate: mean and range of {size} poses in turn"
         )
     };
-    let grid = Grid {
-        rows: axes.len(),
-        columns: 1,
-        margin: [66.0, 78.0, 14.0, 44.0],
-        column_gap: 0.0,
-        row_gap: 14.0,
-        row_height: 106.0,
-    };
+    let grid = Grid::column(axes.len(), [66.0, 78.0], 14.0, 106.0);
     let drawn = chart::draw(title, &subtitle, grid.height(), |sheet| {
         sheet.legend(variants.iter().map(|variant| variant.name.as_str()));
         let x = Axis::linear(

@@ -30,7 +30,7 @@ pub(crate) fn of_study(study: &Study, record: &Record) -> Markup {
     page(
         &study.setting,
         record,
-        drawing,
+        drawing.as_ref(),
         [verdict, gap],
         found,
         &advice,
@@ -40,13 +40,13 @@ pub(crate) fn of_study(study: &Study, record: &Record) -> Markup {
 /// The first page of a discovery.
 pub(crate) fn of_discovery(found: &Discovery, setting: &Setting, record: &Record) -> Markup {
     let advice = next::of_discovery(found);
-    let gap = gap::of_discovery(found, compared(setting.poses).0);
+    let gap = gap::of_discovery(found, compared(setting).0);
     let verdict = verdict::of_discovery(found);
     let drawing = drawn(setting, &[], Some(found));
     page(
         setting,
         record,
-        drawing,
+        drawing.as_ref(),
         [verdict, gap],
         Some(found),
         &advice,
@@ -56,7 +56,7 @@ pub(crate) fn of_discovery(found: &Discovery, setting: &Setting, record: &Record
 fn page(
     setting: &Setting,
     record: &Record,
-    drawing: Option<Drawing>,
+    drawing: Option<&Drawing>,
     [verdict, gap]: [Markup; 2],
     found: Option<&Discovery>,
     advice: &[String],
@@ -64,7 +64,7 @@ fn page(
     html! {
         section.front aria-label="Summary" {
             (verdict)
-            (middle(drawing.as_ref(), &gap, found))
+            (middle(drawing, &gap, found))
             (steps(advice))
             (record::table(record, setting))
         }

@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value, json};
 use tau::calibration::{Combination, Serial};
-use tau::trust::{Check, Checked, Fact, FileFacts, FileFit, Mistake, Reach, Reason, Verdict};
+use tau::trust::{Check, Checked, Fact, FileFit, Mistake, Reach, Reason, Verdict};
 use tau::weighing::{Loss, Outlier, Repeats};
 
 use crate::gauge::gauge_json;
@@ -125,7 +125,7 @@ pub fn check(check: &Check) -> Value {
     let missing = check.missing.iter();
     json!({
         "meaningful": check.is_meaningful(),
-        "files": check.files.iter().map(file).collect::<Vec<_>>(),
+        "files": check.files,
         "exchange_unnoticed": check.exchange_unnoticed,
         "variants": variants,
         "effects": effects.collect::<Vec<_>>(),
@@ -134,22 +134,6 @@ pub fn check(check: &Check) -> Value {
             .collect::<Vec<_>>(),
         "misfit": check.misfit,
         "mistakes": check.mistakes.iter().map(mistake).collect::<Vec<_>>(),
-    })
-}
-
-fn file(file: &FileFacts) -> Value {
-    let ranges = file.ranges.iter().map(|range| {
-        let (low, high) = range.range;
-        json!({ "column": range.column, "low": low, "high": high, "widest_gap": [range.gap.0, range.gap.1] })
-    });
-    json!({
-        "file": file.file,
-        "kind": file.kind,
-        "rows": file.rows,
-        "ranges": ranges.collect::<Vec<_>>(),
-        "repeats": file.repeats,
-        "missing_numbers": file.missing_numbers,
-        "optional": file.optional,
     })
 }
 

@@ -1,12 +1,8 @@
 //! Sessions whose poses are unknown.
 
 use tau_codes::fit;
-use tau_estimation::calibration::Error;
-use tau_estimation::trust::Status;
-use tau_estimation::unknown_poses::{self, HeldErrors, JudgedRows, RowDivision};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::PlateKind;
-use tau_robot::robot::Variant;
 use tau_robot::robot_file::StatedNoise;
 
 use super::Session;
@@ -87,25 +83,5 @@ impl<R> Session<R> {
         } else {
             Ok(self)
         }
-    }
-
-    /// Rows that calibrate and rows that are held out, by the [split](Self::split).
-    pub fn row_division(&self) -> RowDivision {
-        RowDivision::of(&self.folder, self.split)
-    }
-
-    /// Errors of measurements with the parameters of the session's robot file, the true pose of each being unknown: see
-    /// [`unknown_poses::evaluate`]; mistakes explain them where they are not consistent.
-    pub(super) fn held_errors(
-        &self,
-        variant: &Variant,
-        rows: &JudgedRows,
-    ) -> Result<HeldErrors, Error> {
-        let setup = self.setup(variant);
-        let mut held = unknown_poses::evaluate(setup, rows, &self.options())?;
-        if held.verdict().status > Status::Consistent && held.mistakes.is_empty() {
-            held.mistakes = unknown_poses::mistakes(setup, &rows.division())?;
-        }
-        Ok(held)
     }
 }

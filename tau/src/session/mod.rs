@@ -6,6 +6,7 @@ mod discovery;
 mod files;
 mod key;
 mod measured;
+mod parts;
 mod provenance;
 mod stamp;
 mod tables;
@@ -39,7 +40,8 @@ pub(crate) use calibrated::Fit;
 pub use discovery::Catalogues;
 pub use files::{Files, Input};
 pub use key::{ParameterKey, VariantKey};
-pub use provenance::{Basis, Evaluated, Parts, Record};
+pub use parts::{Basis, Evaluated, Parts};
+pub use provenance::Record;
 pub use stamp::Stamp;
 pub use tables::{CALIBRATION_FILES, csv};
 

@@ -41,16 +41,8 @@ impl<R> Session<R> {
         trust::of_calibration(calibration, &self.robot_file, &self.folder, &poses, None)
     }
 
-    /// Outliers among the poses that validate, as a calibration predicts them; none where outliers are kept.
-    ///
-    /// # Errors
-    /// As [`Self::verdict`].
-    pub fn validation_outliers(&self, calibration: &Calibration) -> Result<Vec<Outlier>, Error> {
-        self.validation_outliers_of(calibration, &self.poses()?.division)
-    }
-
-    /// The same where the division of the poses is known.
-    pub(crate) fn validation_outliers_of(
+    /// Outliers among the poses of a division that validate, as a calibration predicts them; none where outliers are kept.
+    pub(crate) fn validation_outliers(
         &self,
         calibration: &Calibration,
         division: &Division,
@@ -66,8 +58,7 @@ impl<R> Session<R> {
     }
 
     /// The verdict on a prediction: poses, by index, as a [machine as given](Self::machine) predicts them, against noise and
-    /// the standard deviations or tolerances of the robot file. They are those that validate, or those that are
-    /// [unseen](Self::unseen); poses on which the file was calibrated are judged as residuals of that fit.
+    /// the standard deviations or tolerances of the robot file. They are those that validate, or others; poses on which the file was calibrated are judged as residuals of that fit.
     ///
     /// # Errors
     /// As [`Self::verdict`].

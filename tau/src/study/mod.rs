@@ -195,7 +195,7 @@ fn calibrated<R>(
             &options,
         )?);
     } else {
-        found.validation_outliers = session.validation_outliers_of(calibration, &parts.poses)?;
+        found.validation_outliers = session.validation_outliers(calibration, &parts.poses)?;
     }
     Ok((fit, found))
 }
@@ -373,7 +373,7 @@ pub fn result_of<R>(
     }
     let (own, outliers) = parallel::both(
         || result(found, folder, &parts.poses),
-        || session.validation_outliers_of(found, &parts.poses),
+        || session.validation_outliers(found, &parts.poses),
     );
     let beside = found.errors_in_variables();
     let beside = beside.map(|own| result(&own.closure_fit, folder, &parts.poses));

@@ -94,6 +94,16 @@ pub struct Setting {
     pub layout: Option<Layout>,
 }
 
+impl Setting {
+    /// True if what validates took no part in calibration.
+    pub fn is_held_out(&self) -> bool {
+        let of_poses = self.poses.validation > 0;
+        self.rows
+            .as_ref()
+            .map_or(of_poses, RowDivision::is_disjoint)
+    }
+}
+
 /// Everything `tau study` reports.
 #[derive(Debug, Clone)]
 pub struct Study {
