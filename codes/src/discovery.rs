@@ -33,7 +33,6 @@ codes! {
     EFFECT_TWICE = 633: "an effect is not used because another has its name";
     FAR_HELD_OUT = 634: "held-out poses are far off and not counted";
     SET_LEFT_OUT = 635: "a set takes no part in the search";
-    DRIVES_CONTRADICT = 636: "drives contradict each other by more than their noise";
     OTHER_NOISE = 637: "noise differs from the stated one";
     FAR_FROM_DRAWING = 638: "dimensions are far from the robot file";
     SERIAL = 639: "neighbours in the order of measurement have similar residuals";

@@ -83,4 +83,5 @@ codes! {
     EXCHANGE_UNNOTICED = 393: "carts that exchange their numbers would not be noticed";
     SCALE_MEASURED = 394: "measured poses determine the scale, which therefore cannot be freed";
     SERIAL = 395: "noise of measurements follows itself in their order";
+    NO_RHO = 396: "a correlation of noise is stated that cannot be taken into account";
 }

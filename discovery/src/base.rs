@@ -5,25 +5,19 @@ use tau_codes::{Remark, fit as codes};
 use tau_estimation::calibration::Prepared;
 use tau_estimation::joint::descent::not_converged;
 use tau_estimation::joint::fit::Fit;
-use tau_estimation::joint::unknown::{self, Start};
 use tau_estimation::joint::variant::{self, PosesOf};
-use tau_estimation::joint::{CLOSURE_SHARE, Component, Joint};
+use tau_estimation::joint::{Component, Joint};
 use tau_estimation::samples::Sample;
 use tau_estimation::samples::frames::Frames;
 use tau_estimation::samples::outliers;
 use tau_estimation::samples::plates::place_plates;
 use tau_estimation::trust::{self, LARGEST_MISFIT};
+use tau_estimation::unknown_poses::rounds::{self, Start};
 use tau_estimation::weighing::{Treatment, weigh};
 use tau_robot::robot::{LinkKey, Value, Variant};
 
-use super::{Constants, Error, Input, Unknown};
+use super::{Error, Input, Unknown};
 use tau_estimation::Setup;
-
-/// Noise of links, as a share of that of positions, that the search allows for where redundant drives are stated to be
-/// exact and the base contradicts them: it adds a hundredth to the variance of what poses move. Contradictions would be
-/// thousands of times what exact drives leave, and parameters that reconcile them at any price make another machine, beside
-/// which no effect looks like itself.
-const LOOSE_SHARE: f64 = 0.1;
 
 /// The base fitted to all sets, and their samples with the loads of the arm.
 pub(super) fn base_fit(
@@ -37,7 +31,6 @@ pub(super) fn base_fit(
         file,
         folder,
         division,
-        options,
         ..
     } = *input;
     // Errors of a tracker that the base has already are in its compiled closures.
@@ -62,7 +55,6 @@ pub(super) fn base_fit(
         &of_set_1,
         file.noise,
     )?;
-    let alone = alone.without_exact(CLOSURE_SHARE);
     let (values, mut weights) = Fit::of_set_1(&alone, &of_set_1)?;
     // A fit to all follows a misread pose of much leverage, which only one to the others tells: as in a calibration.
     let weighing = weigh(
@@ -85,17 +77,8 @@ pub(super) fn base_fit(
     place_plates(&machine, &mut samples);
     let about_lines = outliers::deviations(outliers::about_lines(&samples), &samples);
     weights.extend(outliers::weights(&about_lines).drain(weights.len()..));
-    let robust = |joint| Fit::robust(joint, &values, weights.clone(), &samples, file.noise);
-    let joint = Joint::new(machine.clone(), &prepared.nominal, &samples, file.noise)?;
-    let fit = match robust(joint.clone()) {
-        found if !joint.has_exact() => found?,
-        Ok(found) if meets_exact(&found, &options.constants) => found,
-        _ => {
-            let mut loose = machine;
-            loose.surroundings.length_noise.links_m = LOOSE_SHARE * file.noise.position_m;
-            robust(Joint::new(loose, &prepared.nominal, &samples, file.noise)?)?
-        }
-    };
+    let joint = Joint::new(machine, &prepared.nominal, &samples, file.noise)?;
+    let fit = Fit::robust(joint, &values, weights, &samples, file.noise)?;
     let off_m = fit.scales[Component::Closure as usize] * file.noise.position_m;
     if off_m > LARGEST_MISFIT * mean_length_m(&fit) {
         let why = format!("its closures are still off by {:.0} mm", 1e3 * off_m);
@@ -105,12 +88,6 @@ pub(super) fn base_fit(
         ));
     }
     Ok((fit, samples))
-}
-
-/// True if a fit meets closures of exact redundant drives, and the others at a noise that is not far beyond the stated one.
-pub(super) fn meets_exact(fit: &Fit, constants: &Constants) -> bool {
-    let scale = fit.scales[Component::Closure as usize];
-    !fit.joint.misses_exact(fit.residuals.as_slice()) && scale < constants.far_beyond
 }
 
 /// The same where poses are unknown, from values by which they were estimated.
@@ -141,7 +118,7 @@ fn of_unknown_poses(
         nominal: &prepared.nominal,
         near: None,
     };
-    unknown::fit(start, &unknown.poses, &samples, file.noise)
+    rounds::fit(start, &unknown.poses, &samples, file.noise)
 }
 
 /// Mean length of the links, or of the clusters where the arm is reduced.

@@ -57,8 +57,6 @@ constants! {
     folds: 8.0;
     /// Quantile of the resampled held-out gain that has to be above zero: one standard deviation.
     lower: 0.16;
-    /// Noise of poses, over the stated one, from which a base counts as contradicting exact drives.
-    far_beyond: 2.0;
     /// Chance that measurements which took no part reject an effect that is real.
     contradicted: 0.01;
     /// Most effects and families of a model: machines have fewer, and a base that lacks more is another machine's.

@@ -2,15 +2,18 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use nalgebra::RowDVector;
+use tau_codegen::language::Model;
 use tau_codes::{Remark, discovery, files};
-use tau_estimation::calibration::length_noise;
+use tau_estimation::calibration::Calibration;
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::numerics::distribution::{chi2_survival, f_survival};
 use tau_estimation::numerics::parallel;
 use tau_estimation::trust;
 use tau_robot::measurements::Shape;
-use tau_robot::robot::Robot;
+use tau_robot::robot::{Parameter, Robot};
 use tau_robot::robot_file::Noise;
+use tau_robot::robot_file::keys::effect_key;
 use tau_runtime::Owner;
 
 use super::candidate_set::CandidateSet;
@@ -57,9 +60,8 @@ pub(super) fn finish(
         options,
         ..
     } = *input;
-    let bound = search.state.bound(&search.context());
-    let fit = bound.unwrap_or_else(|| search.state.fit.clone());
-    let (fit, set) = (&fit.without_noise_of_exact(), &search.set);
+    let fit = search.state.fit.clone().without_noise_of_exact();
+    let (fit, set) = (&fit, &search.set);
     let (held_out, evidence) = parallel::both(
         || HeldOut::of(input, &search.base.fit, fit),
         || evidence::of_effects(search, &beforehand.linear),
@@ -136,7 +138,7 @@ pub(super) fn finish(
         model_text,
         model,
         remarks,
-        pulls: far_from_drawing(fit).into_iter().map(|own| own.0).collect(),
+        pulls: vec![],
         whiteness,
         seconds: 0.0,
     };
@@ -184,6 +186,7 @@ impl Outcome {
             cost: 0.5 * fit.chi2(),
             carts: fit.carts(),
             poses,
+            calibration: None,
             constants,
             unknown: None,
         }
@@ -191,8 +194,19 @@ impl Outcome {
 }
 
 impl Discovery {
-    /// Takes over the verdict on the final fit. Without one the fit does not count as consistent.
-    pub(super) fn conclude(&mut self, verdict: Option<trust::Verdict>, robot: &Robot) {
+    /// States the calibration of what was found, and takes over the verdict on it. Without one it does not count as consistent.
+    pub(super) fn conclude(
+        &mut self,
+        calibration: &Calibration,
+        verdict: Option<trust::Verdict>,
+        robot: &Robot,
+    ) {
+        for effect in &mut self.effects {
+            effect.restate(&self.model, calibration);
+        }
+        let (pulls, far) = far_from_drawing(calibration).into_iter().unzip();
+        self.pulls = pulls;
+        self.remarks.extend::<Vec<Remark>>(far);
         let is_consistent =
             (verdict.as_ref()).is_some_and(|verdict| verdict.status == trust::Status::Consistent);
         if is_consistent {
@@ -202,6 +216,38 @@ impl Discovery {
         }
         self.fit = verdict;
         self.remarks.extend(structural::remark_on_arm(self, robot));
+    }
+}
+
+impl FoundEffect {
+    /// Takes over values and standard deviations of a calibration.
+    fn restate(&mut self, model: &Model, calibration: &Calibration) {
+        let key = format!("{}({})", self.name, self.place);
+        let parameters = &calibration.machine.variant.parameters;
+        let is_own = |own: &&Parameter| effect_key(own) == Some(key.as_str());
+        let owner = parameters.iter().find(is_own).map(|own| own.owner);
+        let mut variants = model.variants.iter();
+        let variant = variants.find(|variant| variant.name == calibration.machine.variant.name);
+        let (Some(Owner::Effect(place)), Some(variant)) = (owner, variant) else {
+            return;
+        };
+        let mut known = BTreeMap::new();
+        for (name, estimate) in &mut self.parameters {
+            let full = format!("{key}.{name}");
+            let mut estimates = calibration.parameters.iter();
+            let Some(index) = estimates.position(|own| own.name == full) else {
+                continue;
+            };
+            let found = &calibration.parameters[index];
+            (estimate.value, estimate.sigma) = (found.value, found.sigma);
+            if let Some(factor) = &calibration.factor {
+                let mut root = factor[index].clone();
+                root.resize(factor.len(), 0.0);
+                known.insert(name.as_str(), (found.value, RowDVector::from_vec(root)));
+            }
+        }
+        let effect = &model.effects[variant.effects[place].effect];
+        self.waves = waves(model, effect, &known);
     }
 }
 
@@ -299,23 +345,21 @@ fn effects(search: &Search<'_>, fit: &Fit, found: &[Found], steps: &[Step]) -> V
         .zip(found)
         .map(|((index, member), found)| {
             let candidate = &set.candidates[member.candidate];
-            let (mut parameters, mut fitted) = (BTreeMap::new(), BTreeMap::new());
-            for (index, column) in search.state.places_of(&search.context(), index) {
+            let places = search.state.places_of(&search.context(), index).into_iter();
+            let parameters = places.map(|(index, column)| {
                 let described = &candidate.parameters[index];
-                let (value, root) = (fit.fitted[column], fit.basis.b.row(column));
                 let estimate = Estimate {
-                    value,
-                    sigma: root.norm(),
+                    value: fit.fitted[column],
+                    sigma: fit.basis.b.row(column).norm(),
                     unit: described.unit,
                     index,
                     tolerance: described.tolerance,
                 };
-                parameters.insert(described.name.clone(), estimate);
-                fitted.insert(described.name.as_str(), (value, root.into_owned()));
-            }
-            let effect = &set.model.effects[candidate.effect];
+                (described.name.clone(), estimate)
+            });
+            let parameters = parameters.collect();
             FoundEffect {
-                waves: waves(&set.model, effect, &fitted),
+                waves: vec![],
                 name: candidate.name.clone(),
                 place: candidate.at.clone(),
                 parameters,
@@ -387,21 +431,16 @@ fn considered(search: &Search<'_>, found: &[Found]) -> Vec<Considered> {
 }
 
 /// Dimensions that come out further from the robot file than their tolerances let any of so many.
-fn far_from_drawing(fit: &Fit) -> Vec<(Pull, Remark)> {
-    let joint = &fit.joint;
-    let dimensions: Vec<_> = joint
-        .used
-        .iter()
-        .zip(&joint.priors)
-        .zip(&fit.fitted)
-        .filter_map(|((&index, prior), &value)| {
-            let parameter = &joint.machine.variant.parameters[index];
+fn far_from_drawing(calibration: &Calibration) -> Vec<(Pull, Remark)> {
+    let estimates = calibration.parameters.iter();
+    let dimensions: Vec<_> = estimates
+        .filter_map(|own| {
             let is_dimension = matches!(
-                parameter.owner,
+                own.owner,
                 Owner::Link(_) | Owner::Cluster(_) | Owner::Track(_)
             );
-            let tolerance = prior.sigma()?;
-            is_dimension.then_some((parameter, value - prior.value, tolerance))
+            let tolerance = own.tolerance?;
+            is_dimension.then_some((own, own.value - own.nominal, tolerance))
         })
         .collect();
     let level = UNLIKELY / dimensions.len().max(1) as f64;
@@ -463,25 +502,8 @@ fn remarks(search: &Search<'_>, fit: &Fit, whiteness: Option<&Whiteness>) -> Vec
             Remark::new(files::SET_MISSING, what)
         });
     }
-    let stated = length_noise(robot, search.input.file);
-    let allowed = |fit: &Fit| fit.joint.machine.surroundings.length_noise.clone();
-    let (search_allows, allows_more) = (allowed(&search.state.fit), allowed(fit) != stated);
-    if search_allows != stated {
-        let text = format!(
-            "drives contradict each other by more than exact ones could, so that the search took links for as uncertain as \
-             {:.2} µm: {}",
-            1e6 * search_allows.links_m,
-            if allows_more {
-                "state the noise of drives (`[drives]` of `robot.toml`)"
-            } else {
-                "with what was found, they agree, and the values are those of exact drives"
-            }
-        );
-        remarks.push(Remark::new(discovery::DRIVES_CONTRADICT, text));
-    }
     for scale in misfit::noise_scales(fit) {
-        let is_usual = (0.85..1.15).contains(&scale.factor);
-        if !(is_usual || allows_more && scale.factor < 1.0) {
+        if !(0.85..1.15).contains(&scale.factor) {
             let of = match scale.set {
                 1 if unknown.is_some() => "what was measured of the plate".to_owned(),
                 set => format!("set {set} ({})", scale.of),
@@ -491,7 +513,6 @@ fn remarks(search: &Search<'_>, fit: &Fit, whiteness: Option<&Whiteness>) -> Vec
             remarks.push(Remark::new(discovery::OTHER_NOISE, text));
         }
     }
-    remarks.extend(far_from_drawing(fit).into_iter().map(|own| own.1));
     if let Some(found) = whiteness
         && found.after.is_significant()
     {

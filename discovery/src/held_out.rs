@@ -4,14 +4,13 @@
 //! measurements once the plate stands where they fit best.
 
 use tau_codes::Remark;
-use tau_estimation::calibration::length_noise;
 use tau_estimation::evaluation::{NotPredicted, Summary, evaluate};
 use tau_estimation::joint::fit::Fit;
-use tau_estimation::joint::unknown;
 use tau_estimation::numerics::spread::spread;
 use tau_estimation::samples::Sample;
 use tau_estimation::samples::frames::Frames;
 use tau_estimation::trust::outliers_of_validation;
+use tau_estimation::unknown_poses::rounds;
 use tau_kinematics::Machine;
 
 use super::constants::count;
@@ -120,7 +119,7 @@ pub(super) fn errors(input: &Input<'_>, fit: &Fit) -> Result<Vec<PoseError>, Err
         .collect())
 }
 
-fn errors_of_rows(found: &unknown::HeldOut) -> Vec<PoseError> {
+fn errors_of_rows(found: &rounds::HeldOut) -> Vec<PoseError> {
     let errors = found.errors_m.iter();
     errors.map(|error| (None, error * 1e6)).collect()
 }
@@ -129,12 +128,11 @@ fn errors_of_rows(found: &unknown::HeldOut) -> Vec<PoseError> {
 pub(super) fn floor(input: &Input<'_>, fit: &Fit, poses: &[usize]) -> Result<Floor, Error> {
     let taken = spread(poses.len(), count(input.options.constants.most_poses));
     let poses: Vec<usize> = taken.into_iter().map(|pose| poses[pose]).collect();
-    let mut machine = machine(fit);
-    machine.surroundings.length_noise = length_noise(input.robot, input.file);
+    let machine = machine(fit);
     floor::floor(fit, &machine, input.folder, &poses, input.file.noise)
 }
 
-fn floor_of_rows(found: &unknown::HeldOut) -> Floor {
+fn floor_of_rows(found: &rounds::HeldOut) -> Floor {
     let count = found.expected_m2.len().max(1) as f64;
     let means = found.expected_m2.iter().zip(&found.narrower);
     let means = means.map(|(square, narrower)| square.sqrt() * (1.0 - narrower));
@@ -148,7 +146,7 @@ fn of_unknown(
     input: &Input<'_>,
     unknown: &Unknown<'_>,
     fit: &Fit,
-) -> Result<unknown::HeldOut, Error> {
+) -> Result<rounds::HeldOut, Error> {
     let poses = &input.division.validation;
     let samples = Sample::all(input.robot, input.folder, poses, &Frames::default());
     fit.held_out(&unknown.poses, &samples, input.file.noise)

@@ -49,7 +49,7 @@ use std::time::Instant;
 use nalgebra::DMatrix;
 use tau_codegen::language::{self, Model, effects_from_text};
 use tau_codes::{Remark, files};
-use tau_estimation::calibration::{Calibration, Prepared, Stated, check_poses};
+use tau_estimation::calibration::{self, Calibration, Nominal, Prepared, Stated, check_poses};
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::joint::variant::PosesOf;
 use tau_estimation::numerics::parallel;
@@ -60,7 +60,7 @@ use tau_estimation::unknown_poses::errors_in_variables::GroupFit;
 use tau_robot::effects::CATALOGUE;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Division, Folder, Poses, Split};
-use tau_robot::robot::{Robot, Variant};
+use tau_robot::robot::{Parameter, Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 
 pub use constants::Constants;
@@ -86,7 +86,7 @@ use search::Search;
 use structural::piecewise::Found;
 use structural::search;
 use tau_estimation::Setup;
-use unknown_poses::Unknown;
+use unknown_poses::{Unknown, not_calibrated};
 
 /// Options of a search.
 #[derive(Debug, Clone)]
@@ -196,8 +196,11 @@ pub struct Outcome {
     carts: Vec<GroupFit>,
     /// Constants of the search.
     constants: Constants,
-    /// Poses of set 1 that took part, without outliers: indices in the folder, or in the estimated one.
+    /// Poses of set 1 that calibrate it: indices in the folder, or in the estimated one.
     pub poses: Vec<usize>,
+    /// The calibration of what was found, as of any variant. There is none of unknown poses, and none beside carts, by which
+    /// the search fitted, too.
+    pub calibration: Option<Calibration>,
     /// Where poses are unknown: their estimates, and the calibration of what was found.
     pub unknown: Option<OfUnknownPoses>,
 }
@@ -210,40 +213,59 @@ impl Outcome {
         Robot::from(&tau_codegen::compile(&model, &self.discovery.model_text))
     }
 
+    /// The discovered variant calibrated on poses of a folder, given by index: as any variant, from where the search ended.
+    ///
+    /// # Errors
+    /// As [`calibration::calibrate`].
+    pub fn calibrated(
+        &self,
+        file: &RobotFile,
+        folder: &Folder,
+        poses: &[usize],
+    ) -> Result<Calibration, Error> {
+        let robot = self.robot();
+        let variant = variant_of(&robot, DISCOVERED)?;
+        let prepared = Prepared::new(
+            &robot,
+            variant,
+            &file.completed(&robot),
+            Some(folder),
+            poses,
+        )?;
+        let options = calibration::Options {
+            start: Some(self.values_in(&prepared)),
+            ..calibration::Options::default()
+        };
+        calibration::calibrate(Setup::new(&robot, variant, file, folder), poses, &options)
+    }
+
+    /// Value of each parameter of a variant where the search ended.
+    fn values_in(&self, prepared: &Prepared) -> Vec<f64> {
+        let parameters = prepared.machine.variant.parameters.iter();
+        let value = |(parameter, nominal): (&Parameter, &Nominal)| {
+            let fitted = self.values.get(&parameter.name).copied();
+            fitted.unwrap_or(nominal.value)
+        };
+        parameters.zip(&prepared.nominal).map(value).collect()
+    }
+
     /// The discovered variant as the joint fit of all sets left it: values and standard deviations are those that
     /// [`Self::discovery`] reports.
     ///
     /// # Errors
     /// The robot lacks the variant; a pose lacks what its closures read.
-    pub fn calibration(
-        &self,
-        robot: &Robot,
-        file: &RobotFile,
-        folder: &Folder,
-    ) -> Result<Calibration, Error> {
-        let variant = robot.variant(DISCOVERED).ok_or_else(|| {
-            InputError::whole(
-                files::NO_SUCH_VARIANT,
-                &robot.name,
-                format!("there is no variant `{DISCOVERED}`"),
-            )
-        })?;
+    pub fn stated(&self, file: &RobotFile, folder: &Folder) -> Result<Calibration, Error> {
+        let robot = &self.robot();
+        let variant = variant_of(robot, DISCOVERED)?;
         let completed = file.completed(robot);
         let prepared = Prepared::new(robot, variant, &completed, Some(folder), &self.poses)?;
-        let parameters = variant.parameters.iter().zip(&prepared.nominal);
-        let values = parameters
-            .map(|(parameter, nominal)| {
-                let fitted = self.values.get(&parameter.name).copied();
-                fitted.unwrap_or(nominal.value)
-            })
-            .collect();
         let places: BTreeMap<&str, usize> = (self.values.keys().enumerate())
             .map(|(place, name)| (name.as_str(), place))
             .collect();
         let place = |index: usize| places.get(variant.parameters[index].name.as_str()).copied();
         let count = variant.parameters.len();
         let stated = Stated {
-            values,
+            values: self.values_in(&prepared),
             covariance: DMatrix::from_fn(count, count, |a, b| match (place(a), place(b)) {
                 (Some(a), Some(b)) => self.covariance[(a, b)],
                 _ => 0.0,
@@ -262,14 +284,19 @@ impl Outcome {
     /// As [`discover`] of its base.
     pub fn refitted_to_all(&self, file: &RobotFile, folder: &Folder) -> Result<Self, Error> {
         let robot = self.robot();
+        let file = &file.completed(&robot);
+        let division = Poses::select(&robot, file, folder, Split::All)?.division;
+        if has_poses_alone(folder) {
+            let poses = division.calibration;
+            return Ok(self.clone().with_calibration(file, folder, poses));
+        }
         let mut model = self.discovery.model.clone();
         model.variants.retain(|variant| variant.name == DISCOVERED);
-        let division = Poses::select(&robot, file, folder, Split::All)?.division;
         let input = Input {
             robot: &robot,
             model: &model,
             base: DISCOVERED,
-            file: &file.completed(&robot),
+            file,
             folder,
             division: &division,
             unknown: None,
@@ -288,6 +315,22 @@ impl Outcome {
             self.constants,
         ))
     }
+
+    /// The same with the calibration of what was found, on poses of a folder, given by index.
+    fn with_calibration(mut self, file: &RobotFile, folder: &Folder, poses: Vec<usize>) -> Self {
+        if has_poses_alone(folder) {
+            match self.calibrated(file, folder, &poses) {
+                Ok(found) => (self.calibration, self.poses) = (Some(found), poses),
+                Err(error) => self.discovery.remarks.push(not_calibrated(&error)),
+            }
+        }
+        self
+    }
+}
+
+/// True if nothing was measured of carts.
+fn has_poses_alone(folder: &Folder) -> bool {
+    folder.cart_poses.is_empty() && folder.cart_positions.is_empty()
 }
 
 /// Searches for what the variant `base` lacks. `progress` is told of each step in words.
@@ -336,11 +379,10 @@ fn discovered(
     }
     let Poses { mut division, .. } = Poses::select(robot, file, folder, options.split)?;
     let setup = Setup::new(robot, variant, &completed, folder);
-    let are_alone = folder.cart_poses.is_empty() && folder.cart_positions.is_empty();
-    check_poses(setup, &division.calibration, are_alone)?;
-    let all = division.calibration.len();
-    let taken = spread(all, constants::count(options.constants.most_poses));
-    division.calibration = taken.iter().map(|&k| division.calibration[k]).collect();
+    check_poses(setup, &division.calibration, has_poses_alone(folder))?;
+    let all = division.calibration.clone();
+    let taken = spread(all.len(), constants::count(options.constants.most_poses));
+    division.calibration = taken.iter().map(|&k| all[k]).collect();
     let input = Input {
         robot,
         model,
@@ -352,14 +394,18 @@ fn discovered(
         options,
     };
     let mut outcome = search(&input, progress)?;
-    if taken.len() < all {
-        let remark = remark_on_part(all, taken.len());
+    if taken.len() < all.len() {
+        let remark = remark_on_part(all.len(), taken.len());
         outcome.discovery.remarks.push(remark);
     }
-    let calibration = outcome.calibration(&outcome.robot(), &completed, folder)?;
+    progress("calibrating what was found");
+    let mut outcome = outcome.with_calibration(&completed, folder, all);
+    let calibration = outcome.calibration.clone();
+    let calibration =
+        calibration.map_or_else(|| outcome.stated(&completed, folder), Ok::<_, Error>)?;
     let verdict = trust::of_calibration(&calibration, &completed, folder, &outcome.poses, None)?;
     let verdict = verdict.with_groups(&outcome.carts, &completed);
-    outcome.discovery.conclude(Some(verdict), robot);
+    (outcome.discovery).conclude(&calibration, Some(verdict), robot);
     Ok(outcome)
 }
 

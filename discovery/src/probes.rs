@@ -5,9 +5,9 @@ use tau_codegen::language::model as language;
 use tau_codegen::language::model::{Model, Place, Subject, Target};
 use tau_estimation::calibration::{Error, Nominal};
 use tau_estimation::joint::Joint;
-use tau_estimation::joint::unknown;
 use tau_estimation::joint::variant::{PosesOf, add, additive, cart, free_turning, of_plate};
 use tau_estimation::samples::Sample;
+use tau_estimation::unknown_poses::rounds;
 use tau_kinematics::Machine;
 use tau_robot::robot::{Arm, Variant};
 use tau_robot::robot_file::Noise;
@@ -229,7 +229,7 @@ impl Probes {
         let factors = vec![1.0; joint.rows.len()];
         let linear = joint.linearize(&joint.fitted(&joint.machine.values), &factors);
         let closures = (!joint.eliminated.is_empty())
-            .then(|| unknown::closure_derivatives(&joint.machine, samples))
+            .then(|| rounds::closure_derivatives(&joint.machine, samples))
             .transpose()?;
         let mut columns = Columns {
             closures,

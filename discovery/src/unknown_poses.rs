@@ -130,6 +130,10 @@ pub(super) fn search(
             }
             fitted => fitted,
         };
+        let stated = match &fitted {
+            Ok(fitted) => fitted.calibration.clone(),
+            Err(_) => outcome.stated(&file, &estimated)?,
+        };
         let found = &mut outcome.discovery;
         found.remarks.extend(remark.into_iter().chain(part));
         found.remarks.extend(
@@ -155,7 +159,7 @@ pub(super) fn search(
             }
         };
         let verdict = fitted.as_ref().ok().map(UnknownPoses::verdict);
-        found.conclude(verdict, robot);
+        found.conclude(&stated, verdict, robot);
         found.gross_rows.extend(gross);
         (found.gross_rows)
             .sort_by(|a, b| (&a.file, a.line, &a.drive).cmp(&(&b.file, b.line, &b.drive)));
@@ -178,7 +182,7 @@ fn gross_rows(fitted: &UnknownPoses) -> Vec<GrossRow> {
 }
 
 /// Remark where no calibration of the model that was found succeeds.
-fn not_calibrated(error: &Error) -> Remark {
+pub(super) fn not_calibrated(error: &Error) -> Remark {
     let what = "what was found could not be calibrated anew";
     let error = error.text();
     let text =

@@ -7,7 +7,7 @@ use tau_robot::measurements::Folder;
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::RobotFile;
 
-use crate::calibration::{
+use crate::machine::{
     Line, MOUNTING_M, Registration, centres, prepared::mean_rotation, set_2, set_3,
 };
 use crate::numerics::order::smallest_first;

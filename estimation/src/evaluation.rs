@@ -8,9 +8,9 @@ use tau_kinematics::{self as kinematics, Machine, Sample};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Folder, TCP_POSES, TcpPose};
 
-use crate::calibration::Error;
 pub use crate::expected::ErrorSigma;
 use crate::expected::Expected;
+use crate::machine::Error;
 use crate::numerics::parallel;
 use crate::weighing::Outlier;
 

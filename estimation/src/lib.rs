@@ -3,10 +3,12 @@
 
 pub mod assumptions;
 pub mod calibration;
+pub mod check;
 pub mod evaluation;
 pub mod expected;
 mod implicit;
 pub mod joint;
+pub mod machine;
 pub mod numerics;
 mod problem;
 pub mod samples;

@@ -12,9 +12,10 @@ use tau_kinematics::{Machine, POSE_COLUMNS, Pose, Sample, angle_rates};
 use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot::{Instance, ResidualKind};
 
-use crate::calibration::error::not_finite;
-use crate::calibration::{Error, closure_cost, own_parameter};
+use crate::calibration::{closure_cost, own_parameter};
 use crate::implicit::Linearized;
+use crate::machine::Error;
+use crate::machine::error::not_finite;
 use crate::numerics::parallel;
 use crate::numerics::spread::spread;
 

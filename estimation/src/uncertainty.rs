@@ -4,7 +4,7 @@
 //! theorem](crate::implicit), a predicted pose has the covariance S·C·Sᵀ: what is not known of the machine, without the
 //! noise of its measurement. Where carts go along measured paths, the noise of the points of these is added; that it is
 //! in the parameters as well, which it moves by far less, is not regarded. Joints' ways are longer or shorter than these
-//! [where carts turn](crate::calibration::track_scale): these scales do move the parameters, and stand in F with them.
+//! [where carts turn](crate::machine::track_scale): these scales do move the parameters, and stand in F with them.
 //! Effects that the model lacks are not in it.
 
 use nalgebra::{DMatrix, DVector, Matrix6};
@@ -14,9 +14,10 @@ use tau_robot::robot::{Parameter, ResidualKind, Variant};
 use tau_robot::robot_file::RobotFile;
 use tau_robot::robot_file::keys::WIDE;
 
-use crate::calibration::{Calibration, Prepared, track_scale};
+use crate::calibration::Calibration;
 use crate::implicit::Linearized;
 use crate::joint::Way;
+use crate::machine::{Prepared, track_scale};
 use crate::numerics::factor::{Factor, Row};
 use crate::numerics::parallel;
 

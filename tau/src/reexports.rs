@@ -75,9 +75,10 @@ pub mod robot_file {
 
 /// Trust in answers: verdicts, recognised mistakes, and checks before a fit.
 pub mod trust {
+    pub use tau_estimation::check::{Check, Checked, FileFacts, Range};
     pub use tau_estimation::trust::{
-        Check, Checked, Estimate, Fact, FileFacts, FileFit, Gap, HeldBy, Mistake, MistakeKind,
-        Need, Observability, PoseFit, Pull, Range, Reach, Reason, Repeated, Size, Status, Verdict,
+        Estimate, Fact, FileFit, Gap, HeldBy, Mistake, MistakeKind, Need, Observability, PoseFit,
+        Pull, Reach, Reason, Repeated, Size, Status, Verdict,
     };
 }
 
@@ -87,7 +88,7 @@ pub mod unknown_poses {
         Freedom, GrossPose, GrossRow, HeldErrors, HeldOut, HeldOutFit, HeldOutKind, JudgedRows,
         Kind, KindErrors, KindFit, KindRepeats, Measurand, Moved, Object, ObjectEstimate,
         PlaceEstimate, Rank, RowDivision, RowError, RowPlace, UnknownPoses, calibrate, evaluate,
-        mistakes, rank,
+        mistakes,
     };
 }
 

@@ -38,7 +38,7 @@ T395 | --model five_bar --random --poses 80 --serial-noise 0.7 --seed 3 | calibr
 T639 | --model five_bar --random --poses 80 --serial-noise 0.7 --seed 3 | discover
 T647 | --model five_bar --random --poses 80 --serial-noise -0.7 --seed 3 | discover --split all
 T640 | --model five_bar --random --poses 2001 | discover --split all
-T636 | --model four_belts --random --poses 60 --effect length_scale(top_left):scale=1e-3 | discover --base Full
+T306 | --model four_belts --random --poses 60 --effect length_scale(top_left):scale=1e-3 | calibrate --variant Full
 T606 T637 T641 | --poses 60 --variant Nominal --effect link_compliance(l1):strain=1e-6 | discover --base Nominal";
 
 #[test]
@@ -170,6 +170,9 @@ fn files_lead_to_messages() {
 fn robot_files_lead_to_messages() {
     changed("T256", BAR, "evaluate --variant Full", |work| {
         work.replace("position_m = 1e-5", "position_m = \"estimate\"");
+    });
+    changed("T396", LINES, "calibrate --variant Full", |work| {
+        work.replace("[noise]", "[noise]\nrho = 0.5");
     });
     changed(
         "T342",

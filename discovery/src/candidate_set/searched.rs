@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 use tau_codegen::language::model::Model;
-use tau_estimation::calibration::widest;
+use tau_estimation::machine::searched::widest;
 use tau_estimation::numerics::order::smallest_first;
 use tau_estimation::numerics::parallel;
 use tau_estimation::samples::Sample;

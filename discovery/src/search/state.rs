@@ -3,17 +3,16 @@
 use nalgebra::{Cholesky, DVector};
 use std::collections::BTreeSet;
 
-use super::super::base::meets_exact;
 use super::super::candidate_set::{CandidateSet, Score};
 use super::super::contradiction::step_without;
 use super::super::linear_model::{Freed, LinearModel};
 use super::super::{Error, Input};
 use crate::subspace::Subspace;
-use tau_estimation::calibration::{Prepared, length_noise};
+use tau_estimation::calibration::Prepared;
 use tau_estimation::joint::Joint;
 use tau_estimation::joint::fit::Fit;
-use tau_estimation::joint::unknown::{self, Start};
 use tau_estimation::joint::variant::{free_turning, free_turning_from};
+use tau_estimation::unknown_poses::rounds::{self, Start};
 use tau_robot::robot::{LinkKey, Owner};
 
 /// An effect in a model.
@@ -233,26 +232,6 @@ impl State {
             .collect()
     }
 
-    /// The same effects bound again by closures of exact redundant drives, if they meet these: a search whose base does not
-    /// meet them allows for noise of links. `None` where it allows for no more than is stated, or the model lacks something.
-    pub(crate) fn bound(&self, context: &Context<'_>) -> Option<Fit> {
-        let Input {
-            robot,
-            file,
-            options,
-            ..
-        } = *context.input;
-        let stated = length_noise(robot, file);
-        let mut own = self.clone();
-        let allowed = &mut own.fit.joint.machine.surroundings.length_noise;
-        if *allowed == stated || !self.unnamed.is_empty() {
-            return None;
-        }
-        *allowed = stated;
-        let fit = own.refitted(context, &self.members, None).ok()?;
-        meets_exact(&fit, &options.constants).then_some(fit)
-    }
-
     /// Fitted from where this model stands, with other effects; `last` are start values of the last of them.
     pub(crate) fn refitted(
         &self,
@@ -289,10 +268,7 @@ impl State {
             division,
             ..
         } = *input;
-        let mut prepared =
-            Prepared::new(robot, &variant, file, Some(folder), &division.calibration)?;
-        let noise = &self.fit.joint.machine.surroundings.length_noise;
-        (prepared.machine.surroundings.length_noise).clone_from(noise);
+        let prepared = Prepared::new(robot, &variant, file, Some(folder), &division.calibration)?;
         let known = self.fit.joint.values(&self.fit.fitted);
         let old = &self.fit.joint.machine.variant;
         let mut values = prepared.machine.values.clone();
@@ -314,18 +290,15 @@ impl State {
                 nominal: &prepared.nominal,
                 near: Some(&self.fit),
             };
-            let fitted = unknown::fit(start, &unknown.poses, &set.samples, file.noise);
+            let fitted = rounds::fit(start, &unknown.poses, &set.samples, file.noise);
             return fitted.map(|(fit, _)| fit);
         }
-        let joint = |machine| Joint::new(machine, &prepared.nominal, &set.samples, file.noise);
-        let joint = joint(prepared.machine.clone()).and_then(|own| {
-            // Which closures the plate's motions leave follows from where the machine is.
-            if own.has_exact() {
-                joint(prepared.machine.with_values(values.clone()))
-            } else {
-                Ok(own)
-            }
-        })?;
+        let joint = Joint::new(
+            prepared.machine,
+            &prepared.nominal,
+            &set.samples,
+            file.noise,
+        )?;
         let start = joint.fitted(&values);
         Fit::near(
             joint,

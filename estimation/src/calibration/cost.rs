@@ -4,7 +4,7 @@ use tau_kinematics::{Machine, Sample};
 use tau_robot::measurements::TcpPose;
 use tau_robot::robot::Instance;
 
-use super::error::Error;
+use crate::machine::error::Error;
 
 /// The paper's cost of one closure: sum over poses of the squared closure residual (m⁴).
 ///

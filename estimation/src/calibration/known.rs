@@ -5,8 +5,8 @@ use tau_robot::robot::Variant;
 use tau_robot::robot_file::Noise;
 
 use super::{Combination, Nominal, Prepared, undetermined};
-use crate::calibration::Error;
 use crate::joint::{Information, Joint};
+use crate::machine::Error;
 use crate::numerics::parallel;
 use crate::numerics::posterior::Posterior;
 use crate::numerics::triangle::root;
@@ -146,7 +146,7 @@ impl Known {
     /// As a factor, because the errors of parameters cancel in those of poses, by more than products of the covariance's
     /// entries have digits for.
     ///
-    /// Rows of the [scales of closures' ways](super::track_scale) that have a standard deviation follow those of the parameters.
+    /// Rows of the [scales of closures' ways](crate::machine::track_scale) that have a standard deviation follow those of the parameters.
     /// They are no parameters of the fit, but move it: with c what all rows owe to one, in its standard deviations, values are
     /// off by −C·Jᵀc, and scales and values go together.
     pub(crate) fn factor(

@@ -4,12 +4,12 @@ use tau_robot::robot_file::Noise;
 use tau_solver::Termination;
 
 use super::Prepared;
-use super::error::{Error, ended, not_converged, not_finite};
 use super::known::Known;
 use crate::joint::descent::Descent;
+use crate::joint::judged::Judged;
 use crate::joint::{Component, Information, exact};
+use crate::machine::error::{Error, ended, not_converged, not_finite};
 use crate::samples::Sample;
-use crate::trust::judged::Judged;
 use crate::weighing::{Weighing, few};
 
 /// Most steps of a fit to all poses from that to some of them; two or three are usual.

@@ -1,20 +1,13 @@
 //! Calibration: from nominal values and measured TCP poses to the parameters of a variant.
 
 mod cost;
-pub(crate) mod error;
 pub(crate) mod known;
 mod link_sigma;
 mod minimum;
-pub(crate) mod nominal;
 mod output;
-mod paths;
-pub(crate) mod prepared;
-pub(crate) mod registration;
-pub mod searched;
-mod serial;
+pub(crate) mod serial;
 mod start;
 mod stated;
-pub(crate) mod track_scale;
 mod undetermined;
 
 use std::collections::BTreeSet;
@@ -29,28 +22,26 @@ use tau_robot::robot::{Instance, ResidualKind, Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 use tau_solver::Termination;
 
-use crate::numerics::order::extent;
+use crate::joint::judged::Judged;
+use crate::machine::error::{not_converged, unsolved};
+use crate::machine::searched;
 use crate::numerics::{count, triangle};
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
 use crate::setup::Setup;
-use crate::trust::judged::Judged;
 use crate::weighing::{self, Kept, Treatment, Weighing};
 
+pub use crate::machine::{
+    Error, Line, MOUNTING_M, Nominal, NominalTrack, Prepared, Registration, length_noise,
+};
 pub(crate) use cost::closure_cost;
-pub use error::Error;
-use error::{not_converged, unsolved};
 use link_sigma::Knowledge;
 pub use link_sigma::LinkSigma;
 pub(crate) use link_sigma::own_parameter;
 use minimum::Minimum;
-pub use nominal::Nominal;
 pub(crate) use output::statics;
 pub use output::{LinkResult, ParameterEstimate, Source};
 pub(crate) use output::{reference, widened};
-pub use prepared::{Prepared, length_noise};
-pub use registration::{Line, MOUNTING_M, NominalTrack, Registration};
-pub(crate) use registration::{centres, set_2, set_3, turn_of};
 pub use serial::Serial;
 pub use stated::Stated;
 pub(crate) use undetermined::undetermined;
@@ -58,9 +49,6 @@ pub(crate) use undetermined::undetermined;
 /// Relative change of the cost at which a fit ends: parameters stay within 1e-6 of their standard deviations, where a
 /// valley bends within 1e-3.
 pub(crate) const EXACT_COST: f64 = 1e-12;
-/// Change of a parameter, as a share of the length of the links or of a direction, from which links go along other ways:
-/// noise that is weighed along the old ones is off by about as much, and a tenth of it would be seen in χ².
-const OTHER_WAY: f64 = 0.05;
 /// Distance of a joint from where forces of the arm take it to be, as a share of the length of the links, from which they
 /// are computed anew: they are off by as large a share, of what compliances move mostly less than a micrometre.
 const OTHER_FORCES: f64 = 1e-4;
@@ -69,7 +57,7 @@ const OTHER_FORCES: f64 = 1e-4;
 #[derive(Debug, Clone, Default)]
 pub struct Options {
     /// Start in place of the nominal values: one value per parameter of the variant, SI.
-    /// Priors and weights stay those of the nominal values.
+    /// Priors stay those of the nominal values.
     pub start: Option<Vec<f64>>,
     /// Options of the solver.
     pub solver: tau_solver::Options,
@@ -194,7 +182,7 @@ pub fn machine_from_file(
 /// pose (eq. 5 of Dressler et al. 2010), plus the priors.
 ///
 /// The closures of a pose share the noise of its position and rotation: Σ = G·diag(σ_T², σ_R²)·Gᵀ with the derivatives G of
-/// closures by the pose at the nominal values, or, where these are far off, at those found first. The bias that this noise
+/// closures by the pose where a fit of each closure for itself puts the machine. The bias that this noise
 /// gives the score is taken off. Points of measured paths are unknowns with the noise of a position. Poses are [weighed](crate::weighing): outliers are left
 /// out or lose their pull, and readings of one visit count by what they do not share.
 ///
@@ -218,16 +206,12 @@ pub fn calibrate(
     let length_m = first.and_then(|first| prepared.machine.mean_length_m(&first).ok());
     let length_m = length_m.unwrap_or(f64::INFINITY);
     let forces = forces_elsewhere(&prepared.machine, &found.machine, file, length_m);
-    if forces.is_none() && !is_far(&prepared, &found, length_m) {
+    if forces.is_none() {
         return Ok(found);
     }
-    if forces.is_some() {
-        prepared.machine.surroundings.statics = forces;
-    }
-    let start = found.machine.values;
-    prepared.machine = prepared.machine.with_values(start.clone());
+    prepared.machine.surroundings.statics = forces;
     let options = Options {
-        start: Some(start),
+        start: Some(found.machine.values),
         ..options.clone()
     };
     from_prepared(&prepared, file, folder, poses, &options)
@@ -246,17 +230,6 @@ fn measured_at<'a>(folder: &'a Folder, poses: &[usize]) -> Vec<&'a TcpPose> {
     poses.iter().map(|&pose| &folder.tcp_poses[pose]).collect()
 }
 
-/// True if links of the machine that was found, of such a length, go along other ways than those by which noise was weighed.
-fn is_far(prepared: &Prepared, found: &Calibration, length_m: f64) -> bool {
-    let machine = &prepared.machine;
-    let values = machine.values.iter().zip(&found.machine.values);
-    let moved = (machine.variant.parameters.iter().zip(values)).map(|(parameter, (from, to))| {
-        let size = if parameter.unit == "m" { length_m } else { 1.0 };
-        (to - from).abs() / size
-    });
-    moved.fold(0.0, f64::max) > OTHER_WAY
-}
-
 /// Forces of the arm as it was found, where they matter and joints do not stand where they were taken to be.
 fn forces_elsewhere(
     before: &Machine,
@@ -268,7 +241,7 @@ fn forces_elsewhere(
     statics(found, file).filter(|after| after.joints_apart_m(taken) >= OTHER_FORCES * length_m)
 }
 
-/// The calibration from prepared values, at which the noise of closures is weighed.
+/// The calibration from prepared values.
 fn from_prepared(
     prepared: &Prepared,
     file: &RobotFile,
@@ -285,7 +258,7 @@ fn from_prepared(
         return Err(InputError::whole(fit::START_VALUES, &folder.name, what).into());
     }
     let samples = Sample::all(robot, folder, poses, &Frames::default());
-    let range_m = widest(measured.iter().flat_map(|pose| &pose.commands_m));
+    let range_m = searched::widest(measured.iter().flat_map(|pose| &pose.commands_m));
     let (values, iterations) = start::near(
         prepared,
         start,
@@ -293,6 +266,11 @@ fn from_prepared(
         (file.noise, range_m),
         &options.solver,
     )?;
+    // Noise is weighed near the minimum: the ways of links at the nominal values may be others.
+    let near = Prepared {
+        machine: prepared.machine.with_values(values.clone()),
+        ..prepared.clone()
+    };
     let setup = Setup::new(robot, variant, file, folder);
     let weighed = |prepared: &Prepared, values: &[f64]| {
         let weighed = weighing::weighed(prepared, values, &samples, file.noise, options.treatment);
@@ -304,14 +282,14 @@ fn from_prepared(
         let minimum = Minimum::of(prepared, values, (&samples, file.noise), &weighing, judged)?;
         Ok::<_, Error>((weighing, minimum))
     };
-    let (mut weighing, mut minimum) = weighed(prepared, &values)?;
+    let (mut weighing, mut minimum) = weighed(&near, &values)?;
     let mut serial = None;
     // Readings of one visit share what they share.
     if weighing.repeats.is_none() {
-        let measured = (samples.as_slice(), file.noise);
-        serial = Serial::of(prepared, &minimum.fitted, measured, &weighing.fit)?;
+        let measured = (samples.as_slice(), file);
+        serial = Serial::of(&near, &minimum.fitted, measured, &weighing.fit)?;
     }
-    let mut of_serial = prepared.clone();
+    let mut of_serial = near;
     if let Some(found) = serial {
         of_serial.machine.surroundings.serial = Some(found.rho);
         (weighing, minimum) = weighed(&of_serial, &minimum.values)?;
@@ -345,12 +323,6 @@ fn from_prepared(
         made_of: Some(fingerprint(folder, poses)),
         ..calibration
     })
-}
-
-/// Width of the range of some commands (m).
-pub fn widest<'a>(commands_m: impl Iterator<Item = &'a f64>) -> f64 {
-    let (low, high) = extent(commands_m.copied());
-    (high - low).max(1e-3)
 }
 
 /// A fitted variant.

@@ -10,10 +10,10 @@ use tau_robot::robot_file::keys::{WIDE, crank_key, effect_key};
 use tau_robot::robot_file::{Covariance, Reference, RobotFile, Value};
 
 use super::cost::closure_cost;
-use super::error::Error;
 use super::link_sigma::{Knowledge, LinkSigma, own_parameter};
-use super::nominal::Nominal;
-use super::registration::Registration;
+use crate::machine::error::Error;
+use crate::machine::nominal::Nominal;
+use crate::machine::registration::Registration;
 
 /// A row of Table II.
 #[derive(Debug, Clone, PartialEq)]

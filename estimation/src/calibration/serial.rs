@@ -6,11 +6,14 @@
 //! measured coordinates, which are the same at all poses. ρ is where the likelihood is largest that parameters do not enter
 //! (H. D. Patterson and R. Thompson, *Biometrika* 58, 1971).
 //!
-//! Noise has the size that is stated: where residuals are larger than serial noise of that size makes them, a model lacks
-//! something, which is no noise.
+//! Noise has the size that is stated, which residuals with a strong correlation tell badly by themselves: of six thousand with
+//! one of .97 to a tenth. Where they are larger than serial noise of that size makes them, a model lacks something, which is no
+//! noise.
 
 use nalgebra::{DMatrix, DVector};
-use tau_robot::robot_file::Noise;
+use tau_codes::fit;
+use tau_robot::InputError;
+use tau_robot::robot_file::{RobotFile, STRONGEST_RHO};
 
 use super::{Error, Prepared};
 use crate::joint::{Joint, filtered, links};
@@ -27,32 +30,32 @@ pub struct Serial {
     pub p_value: f64,
 }
 
-/// Strongest correlation of neighbours: beyond it noise drifts, as time does.
-const STRONGEST: f64 = 0.999;
 /// Halvings of the range of the correlation, each by the golden ratio.
 const STEPS: usize = 24;
-/// Rounds in which the size of the noise and the parameters follow each other.
-const ROUNDS: usize = 3;
 
 impl Serial {
-    /// Correlation of poses at a fit to them, by a value of each of its unknowns; `None` where neighbours are no more alike than chance
-    /// makes them, residuals are beyond the noise, or closures are not as many as the freedoms of the plate.
+    /// Correlation of poses at a fit to them, by a value of each of its unknowns: as a robot file states it, or else estimated.
+    /// `None` where neighbours are no more alike than chance makes them, residuals are beyond the noise, or closures are not as
+    /// many as the freedoms of the plate.
     ///
     /// # Errors
-    /// Data that closures take are missing.
+    /// Data that closures take are missing; a correlation is stated that can't be taken into account.
     pub(super) fn of(
         prepared: &Prepared,
         fitted: &[f64],
-        (samples, noise): (&[Sample], Noise),
+        (samples, file): (&[Sample], &RobotFile),
         weights: &[f64],
     ) -> Result<Option<Self>, Error> {
+        let (noise, stated) = (file.noise, file.measuring.rho);
         let kept = samples.iter().zip(weights).filter(|own| *own.1 > 0.0);
         let block: Vec<Sample> = kept.take(MOST_POSES).map(|own| own.0.clone()).collect();
         let mut machine = prepared.machine.clone();
-        if machine.closure_instances().count() != machine.pose_unknowns().len()
-            || machine.surroundings.length_noise.is_any()
-            || block.len() < 3
-        {
+        let is_seen = machine.closure_instances().count() == machine.pose_unknowns().len()
+            && !machine.surroundings.length_noise.is_any();
+        if !is_seen {
+            refuse_rho(file)?;
+        }
+        if !is_seen || stated == Some(0.0) || block.len() < 3 {
             return Ok(None);
         }
         // In measured coordinates, and as if neighbours had nothing in common.
@@ -63,6 +66,9 @@ impl Serial {
         let each = joint.rows.len() / block.len();
         let residuals = linear.residuals.rows(0, joint.rows.len()).into_owned();
         let p_value = chance(residuals.as_slice(), each);
+        if let Some(rho) = stated {
+            return Ok(Some(Self { rho, p_value }));
+        }
         let count = residuals.len() as f64;
         let likeness = likeness(residuals.as_slice(), each);
         if p_value >= SIGNIFICANT || !is_noise(residuals.norm_squared() / count, likeness, count) {
@@ -89,6 +95,20 @@ impl Serial {
         let found = rows.at(rho).filter(|(_, variance)| is_noise(*variance));
         Ok(found.map(|_| Self { rho, p_value }))
     }
+}
+
+/// Refuses a correlation that a robot file states, where a fit can't take it into account.
+///
+/// # Errors
+/// There is one.
+pub(crate) fn refuse_rho(file: &RobotFile) -> Result<(), InputError> {
+    if file.measuring.rho.is_none_or(|rho| rho == 0.0) {
+        return Ok(());
+    }
+    let message = "found a correlation `rho` of the noise, which counts where poses are measured, links have no noise, and \
+                   closures are as many as the freedoms of the plate";
+    Err(InputError::whole(fit::NO_RHO, &file.source, message)
+        .help("leave `rho` of `[noise]` out, and measure so that neighbours in time are far apart"))
 }
 
 /// True if a variance over the stated one is that of so many numbers by chance, whose neighbours have a correlation: squares
@@ -132,7 +152,7 @@ impl Rows<'_> {
     /// The correlation with the largest likelihood.
     fn likeliest(&self) -> Option<f64> {
         let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
-        let (mut low, mut high) = (0.0, STRONGEST);
+        let (mut low, mut high) = (0.0, STRONGEST_RHO);
         let at = |rho: f64| Some((rho, self.at(rho)?.0));
         let mut a = at(high - golden * (high - low))?;
         let mut b = at(low + golden * (high - low))?;
@@ -150,7 +170,8 @@ impl Rows<'_> {
         Some(0.5 * (low + high))
     }
 
-    /// −2 ln of the likelihood at a correlation, but for a constant, and the variance of the noise over the stated one.
+    /// −2 ln of the likelihood at a correlation, for noise of the stated size and but for a constant; and the variance of the
+    /// noise over the stated one.
     fn at(&self, rho: f64) -> Option<(f64, f64)> {
         let links = links(self.block, rho);
         let mut residuals = self.residuals.clone();
@@ -161,33 +182,25 @@ impl Rows<'_> {
         }
         let information = jacobian.tr_mul(&jacobian);
         let gradient = jacobian.tr_mul(&residuals);
-        let squares = residuals.norm_squared();
-        let count = residuals.len() as f64;
-        let volume: f64 = links.iter().map(|link| (1.0 - link * link).ln()).sum();
-        let (mut variance, mut found) = (1.0, None);
-        for _ in 0..ROUNDS {
-            let mut normal = &information / variance;
-            let mut slope = &gradient / variance;
-            let mut of_priors = 0.0;
-            for (k, &(weight, off)) in self.priors.iter().enumerate() {
-                normal[(k, k)] += weight;
-                slope[k] += weight * off;
-                of_priors += weight * off * off;
-            }
-            let factor = normal.cholesky()?;
-            let step = -factor.solve(&slope);
-            let determinant: f64 = (factor.l_dirty().diagonal().iter())
-                .map(|own| own.ln())
-                .sum();
-            let total = squares / variance + of_priors + slope.dot(&step);
-            let likelihood =
-                count * f64::ln(variance) + self.each as f64 * volume + total + 2.0 * determinant;
-            let left = squares + 2.0 * gradient.dot(&step) + step.dot(&(&information * &step));
-            let absorbed = (factor.solve(&information)).trace() / variance;
-            found = Some((likelihood, variance));
-            variance = left / (count - absorbed).max(1.0);
+        let (mut normal, mut slope) = (information.clone(), gradient.clone());
+        let mut squares = residuals.norm_squared();
+        let mut total = squares;
+        for (k, &(weight, off)) in self.priors.iter().enumerate() {
+            normal[(k, k)] += weight;
+            slope[k] += weight * off;
+            total += weight * off * off;
         }
-        found.filter(|(likelihood, _)| likelihood.is_finite())
+        let factor = normal.cholesky()?;
+        let step = -factor.solve(&slope);
+        total += slope.dot(&step);
+        let diagonal = factor.l_dirty().diagonal();
+        let determinant: f64 = diagonal.iter().map(|own| own.ln()).sum();
+        let volume: f64 = links.iter().map(|link| (1.0 - link * link).ln()).sum();
+        let likelihood = self.each as f64 * volume + total + 2.0 * determinant;
+        squares += 2.0 * gradient.dot(&step) + step.dot(&(&information * &step));
+        let absorbed = factor.solve(&information).trace();
+        let left = residuals.len() as f64 - absorbed;
+        (likelihood.is_finite()).then_some((likelihood, squares / left.max(1.0)))
     }
 }
 

@@ -3,8 +3,9 @@
 use tau_robot::robot_file::Noise;
 use tau_solver::{Options, Problem};
 
-use super::error::{Error, ended, not_converged, unsolved};
-use super::{EXACT_COST, Prepared, searched};
+use super::{EXACT_COST, Prepared};
+use crate::machine::error::{Error, ended, not_converged, unsolved};
+use crate::machine::searched;
 use crate::problem::{self, Closures, Residuals};
 use crate::samples::Sample;
 

@@ -9,8 +9,8 @@ use nalgebra::DVector;
 use tau_codes::Remark;
 use tau_runtime::Owner;
 
-use crate::calibration::error::{self, Error, not_finite};
 use crate::joint::{Component, Joint, Linear};
+use crate::machine::error::{self, Error, not_finite};
 use crate::numerics::projection::{Damped, Normal};
 use crate::samples::Sample;
 use crate::samples::outliers;

@@ -9,8 +9,8 @@ use tau_robot::robot_file::Noise;
 
 use super::descent::Descent;
 use super::{Component, Joint};
-use crate::calibration::error::Error;
-use crate::calibration::prepared::Prepared;
+use crate::machine::error::Error;
+use crate::machine::prepared::Prepared;
 use crate::problem::{CLOSURE_SHARE, Part};
 use crate::samples::Sample;
 

@@ -4,10 +4,10 @@ use nalgebra::{DMatrix, DVector};
 use tau_robot::robot_file::Noise;
 use tau_solver::Termination;
 
-use crate::calibration::error::{ended, not_finite, unsolved};
-use crate::calibration::{Error, searched, widest};
 use crate::joint::descent::{Descent, not_converged};
 use crate::joint::{Component, Joint};
+use crate::machine::error::{ended, not_finite, unsolved};
+use crate::machine::{Error, searched};
 use crate::numerics::grouped::Grouped;
 use crate::numerics::projection::{Basis, Normal, without_noise_of};
 use crate::samples::Sample;
@@ -48,7 +48,7 @@ impl Fit {
         };
         let failed = |error: tau_solver::Error| not_converged(joint, unsolved(&error));
         let mut problem = joint.problem(&start, &factors);
-        let range_m = widest(samples.iter().flat_map(|sample| &sample.commands_m));
+        let range_m = searched::widest(samples.iter().flat_map(|sample| &sample.commands_m));
         let variant = &joint.machine.variant;
         searched::start(&mut problem, variant, &joint.used, range_m, &options).map_err(failed)?;
         let solution = tau_solver::solve(&problem, &options).map_err(failed)?;

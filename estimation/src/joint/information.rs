@@ -7,7 +7,7 @@ use tau_kinematics::Machine;
 use tau_robot::robot::{Arm, Instance, Owner};
 
 use super::Joint;
-use crate::calibration::Nominal;
+use crate::machine::Nominal;
 use crate::numerics::grouped::Grouped;
 use crate::samples::Sample;
 

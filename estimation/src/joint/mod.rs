@@ -4,12 +4,12 @@ pub mod descent;
 pub(crate) mod exact;
 pub mod fit;
 mod information;
+pub(crate) mod judged;
 pub mod knots;
 pub mod predicted;
 mod priors;
 mod serial;
 mod start;
-pub mod unknown;
 pub mod variant;
 
 use nalgebra::DVector;
@@ -22,9 +22,9 @@ pub(crate) use serial::{filtered, links};
 
 pub use crate::problem::{CLOSURE_SHARE, Component, Eliminated, Origin, RowPlace, Tracked};
 
-use crate::calibration::error::Error;
-use crate::calibration::nominal::Nominal;
 use crate::joint::knots::Knots;
+use crate::machine::error::Error;
+use crate::machine::nominal::Nominal;
 use crate::numerics::grouped::{Filling, Grouped, Groups};
 use crate::numerics::parallel;
 use crate::problem::{self, Closures, Part, Residuals, parameters};
@@ -461,7 +461,7 @@ impl Joint {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::calibration::Prepared;
+    use crate::machine::Prepared;
     use crate::samples::frames::Frames;
     use tau_robot::robot::Robot;
 

@@ -5,12 +5,10 @@ use tau_robot::robot_file::Noise;
 
 use super::fit::Fit;
 use super::{Component, Joint, Linear};
-use crate::calibration::error::Error;
-use crate::calibration::nominal::Nominal;
+use crate::machine::error::Error;
+use crate::machine::nominal::Nominal;
+use crate::numerics::distribution::exceeds_noise;
 use crate::samples::Sample;
-use crate::trust::tried;
-use crate::unknown_poses::EstimatedPoses;
-use crate::unknown_poses::errors_in_variables::GroupFit;
 
 /// Residuals of measurements that took no part in a fit, in units of the stated noise.
 #[derive(Debug)]
@@ -21,6 +19,20 @@ pub struct Predicted {
     pub jacobian: DMatrix<f64>,
     /// Noise that the fit shows over the stated one.
     pub scale: f64,
+}
+
+/// Fit of a group of measurements.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GroupFit {
+    /// The measurements.
+    pub group: Component,
+    /// Number of residuals, less that of unknowns of poses.
+    pub residuals: usize,
+    /// Their root mean square, in units of the stated noise.
+    pub rms: f64,
+    /// Factor by which the noise was taken to exceed the stated one: 1 unless the misfit is significantly
+    /// larger.
+    pub noise_factor: f64,
 }
 
 impl Fit {
@@ -45,23 +57,6 @@ impl Fit {
         Ok(self.told(&joint, &linear, &rows))
     }
 
-    /// Predictions where poses are unknown, without outliers; `samples` are those of the readings.
-    ///
-    /// # Errors
-    /// As [`Joint::new`].
-    pub fn predicted_of_unknown_poses(
-        &self,
-        poses: &EstimatedPoses<'_>,
-        samples: &[Sample],
-        noise: Noise,
-    ) -> Result<Predicted, Error> {
-        let (poses, _) = self.without_gross(poses, samples, noise)?;
-        let (joint, linear) = self.linear_held_out(&poses, samples, noise)?;
-        let wanted = |&row: &usize| joint.rows[row].component == Component::Closure;
-        let rows: Vec<usize> = (0..joint.rows.len()).filter(wanted).collect();
-        Ok(self.told(&joint, &linear, &rows))
-    }
-
     /// Fits of the carts of sets 2 and 3.
     pub fn carts(&self) -> Vec<GroupFit> {
         let fits = Component::OF_CARTS.into_iter().map(|group| {
@@ -73,7 +68,7 @@ impl Fit {
                 group,
                 residuals,
                 rms,
-                noise_factor: if tried::exceeds_noise(squares, degrees) {
+                noise_factor: if exceeds_noise(squares, degrees) {
                     rms
                 } else {
                     1.0
@@ -84,7 +79,7 @@ impl Fit {
     }
 
     /// Some rows of residuals of another joint of the same variant, by the unknowns of this one.
-    fn told(&self, joint: &Joint, linear: &Linear, rows: &[usize]) -> Predicted {
+    pub(crate) fn told(&self, joint: &Joint, linear: &Linear, rows: &[usize]) -> Predicted {
         let dense = linear.jacobian.dense();
         let mut jacobian = DMatrix::zeros(rows.len(), self.fitted.len());
         for (column, place) in self.columns_of(joint).into_iter().enumerate() {
@@ -103,7 +98,7 @@ impl Fit {
 
     /// The unknown of this fit that each of another joint of the same variant is: parameters by index, then points or
     /// objects.
-    pub(super) fn columns_of(&self, joint: &Joint) -> Vec<Option<usize>> {
+    pub(crate) fn columns_of(&self, joint: &Joint) -> Vec<Option<usize>> {
         let place = |index: &usize| self.joint.used.binary_search(index).ok();
         let last = self.fitted.len() - joint.displacements().min(self.fitted.len());
         let displaced = (0..joint.displacements()).map(|k| Some(last + k));

@@ -3,8 +3,8 @@
 use tau_robot::robot_file::Noise;
 
 use super::Joint;
-use crate::calibration::error::Error;
-use crate::calibration::nominal::Nominal;
+use crate::machine::error::Error;
+use crate::machine::nominal::Nominal;
 use crate::problem;
 use crate::samples::Sample;
 

@@ -5,8 +5,8 @@ use tau_kinematics::track_axes;
 use tau_robot::robot_file::Noise;
 
 use super::{Component, Joint};
-use crate::calibration::Line;
 use crate::joint::variant::{ROTATIONS, TURNING};
+use crate::machine::Line;
 use crate::samples::Sample;
 
 impl Joint {

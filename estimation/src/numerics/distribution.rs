@@ -12,6 +12,11 @@ pub(crate) const SIGNIFICANT: f64 = 1e-3;
 /// Probabilities below this one are computed by their logarithms.
 const LEAST: f64 = 1e-280;
 
+/// A sum of squares is more than chance allows for its degrees of freedom.
+pub(crate) fn exceeds_noise(chi2: f64, dof: f64) -> bool {
+    chi2_survival(chi2, dof) < SIGNIFICANT
+}
+
 /// P(χ² > t) with `degrees` degrees of freedom.
 pub fn chi2_survival(t: f64, degrees: f64) -> f64 {
     if t <= 0.0 {

@@ -19,7 +19,7 @@ use tau_robot::robot::{Instance, ResidualKind};
 use tau_robot::robot_file::Noise;
 
 use super::times_noise;
-use crate::calibration::error::Error;
+use crate::machine::error::Error;
 use crate::numerics::parallel;
 use crate::samples::Sample;
 

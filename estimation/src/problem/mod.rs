@@ -20,9 +20,9 @@ use tau_robot::robot_file::Noise;
 use tau_runtime::ResidualFamily;
 use tau_solver::{Block, Parameter};
 
-use crate::calibration::error::Error;
-use crate::calibration::nominal::Nominal;
-use crate::calibration::registration::MOUNTING_M;
+use crate::machine::error::Error;
+use crate::machine::nominal::Nominal;
+use crate::machine::registration::MOUNTING_M;
 use crate::numerics::order::place;
 use crate::samples::Sample;
 use whitened::WhitenedPose;

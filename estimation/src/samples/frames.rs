@@ -6,7 +6,7 @@ use tau_robot::measurements::Folder;
 use tau_robot::robot::Arm;
 use tau_runtime::Owner;
 
-use crate::calibration::registration::{Line, NominalTrack, Registration, set_2, set_3};
+use crate::machine::registration::{Line, NominalTrack, Registration, set_2, set_3};
 
 /// Uncertainty of a track's direction (rad) and place (m) by set 1 alone: parts of the tolerances of a
 /// drawing, so that targets' unknown places decide little.

@@ -17,7 +17,7 @@ use tau_robot::measurements::{
 };
 use tau_robot::robot::{Input, Instance, Robot};
 
-use crate::calibration::error::Error;
+use crate::machine::error::Error;
 use frames::Frames;
 pub use lack::Lack;
 
@@ -366,7 +366,7 @@ pub enum Treatment {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::Prepared;
+    use crate::machine::Prepared;
     use tau_robot::prototype;
 
     /// The tracks of set 2 are measured one after the other, each from time zero.

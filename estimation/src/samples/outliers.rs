@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 
-use crate::calibration::registration::Line;
+use crate::machine::registration::Line;
 use crate::numerics;
 use crate::numerics::distribution::{chi2_quantile_above, chi2_survival};
 use crate::samples::Sample;

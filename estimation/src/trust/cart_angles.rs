@@ -11,10 +11,10 @@ use nalgebra::{Rotation3, Vector3};
 use tau_robot::measurements::{CART_POSES, CartPose, Folder};
 use tau_robot::robot::{Plate, Robot};
 
+use crate::numerics::distribution::exceeds_noise;
 use crate::trust::ODDS;
 use crate::trust::hypothesis::{Hypothesis, angles};
 use crate::trust::mistake::Mistake;
-use crate::trust::tried::exceeds_noise;
 use crate::trust::words;
 
 /// Points side by side, along which a cart turns evenly: a line through them takes two, so that most of them tell noise.

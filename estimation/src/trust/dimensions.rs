@@ -8,12 +8,12 @@
 
 use tau_robot::robot::ResidualKind;
 
+use crate::joint::judged::{Deviation, Judged};
 use crate::numerics::order::{largest_first, smallest_first};
 use crate::numerics::roots;
 use crate::problem::{Closures, Part, Residuals};
 use crate::trust::ODDS;
 use crate::trust::hypothesis::{Case, Hypothesis};
-use crate::trust::judged::{Deviation, Judged};
 
 /// Dimensions that are set free of either kind, the most suspect first: each costs a whole fit.
 const MOST: usize = 6;

@@ -6,7 +6,7 @@ use tau_kinematics::{self as kinematics, Machine, Pose};
 use tau_robot::robot::Plate;
 use tau_robot::robot_file::RobotFile;
 
-use crate::calibration::{Prepared, centres, turn_of};
+use crate::machine::{Prepared, centres, turn_of};
 use crate::numerics::distribution::chi2_survival;
 use crate::numerics::order::smallest_first;
 use crate::samples::Sample;

@@ -100,14 +100,6 @@ impl Reason {
                 size: Size::TooLarge,
                 ..
             } => fit::NOISE_TOO_LARGE,
-            Self::Within {
-                size: Size::Contradiction,
-                ..
-            }
-            | Self::Held {
-                size: Size::Contradiction,
-                ..
-            } => fit::DRIVES_CONTRADICT,
             Self::Within { .. } => fit::WITHIN_NOISE,
             Self::Held {
                 size: Size::Chance, ..
@@ -131,6 +123,7 @@ impl Reason {
             Self::NoiseTooSmall(..) => fit::NOISE_TOO_SMALL,
             Self::MeansMissed { .. } => fit::MEANS_MISSED,
             Self::MeansMissedWithinNoise(..) => fit::MEANS_MISSED_WITHIN_NOISE,
+            Self::DrivesContradict => fit::DRIVES_CONTRADICT,
             Self::OrDrives => fit::DRIVES_NOT_REPEATING,
             Self::Widened(_) => fit::WIDENED,
             Self::Serial(_) => fit::SERIAL,
@@ -284,6 +277,7 @@ impl Reason {
             ]),
             Self::NoFit(_)
             | Self::Kept(Kept::Needed(_))
+            | Self::DrivesContradict
             | Self::OrDrives
             | Self::OneLeft
             | Self::WithinTolerances

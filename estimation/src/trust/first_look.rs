@@ -7,7 +7,7 @@
 use nalgebra::{Cholesky, DMatrix, DVector};
 use tau_robot::robot::{Arm, ResidualKind, TrackShape};
 
-use crate::calibration::Prepared;
+use crate::machine::Prepared;
 use crate::numerics::parallel;
 use crate::problem::{Closures, Residuals};
 use crate::trust::hypothesis::{Case, Hypothesis};

@@ -9,7 +9,7 @@ use tau_robot::robot::{Owner, Parameter, Plate, Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 use tau_robot::robot_file::keys::WIDE;
 
-use crate::calibration::{Error, Prepared};
+use crate::machine::{Error, Prepared};
 use crate::numerics::spread::spread;
 use crate::samples::Sample;
 use crate::samples::frames::Frames;

@@ -8,19 +8,17 @@
 //! chance allows of so many.
 
 mod cart_angles;
-mod check;
 pub(crate) mod dimensions;
 pub(crate) mod drawing;
 pub(crate) mod exchanged;
 mod facts;
 mod first_look;
 pub(crate) mod hypothesis;
-pub(crate) mod judged;
 mod mistake;
 pub(crate) mod negative;
 pub(crate) mod numbering;
-mod observability;
-mod of_folder;
+pub(crate) mod observability;
+pub(crate) mod of_folder;
 mod prediction;
 mod pull;
 mod reach;
@@ -38,7 +36,7 @@ pub(crate) mod words;
 
 use crate::numerics::count;
 pub(crate) use crate::numerics::distribution::SIGNIFICANT as LEVEL;
-pub use check::{Check, Checked, FileFacts, Range, check};
+pub(crate) use crate::weighing::NEARER;
 pub use facts::Fact;
 pub use mistake::{Mistake, MistakeKind};
 pub use observability::{Gap, Need, Observability};
@@ -54,9 +52,6 @@ pub use verdict::{FileFit, PoseFit, Verdict, of_calibration};
 /// Worst poses or rows and largest pulls that are listed.
 pub(crate) const LISTED: usize = 5;
 
-/// A factor of a thousand, or other measurements, are believed in where they bring residuals nearer to the stated noise by
-/// so many times.
-pub(crate) const NEARER: f64 = 3.0;
 /// Odds in favour of a hypothesis from which on it is believed: a thousand to one, which also is what mistakes are to
 /// folders without.
 pub(crate) const ODDS: f64 = 1e3;

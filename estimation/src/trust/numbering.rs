@@ -11,7 +11,7 @@ use tau_robot::input_error::quoted;
 use tau_robot::measurements::{CART_POSES, CART_POSITIONS, Folder};
 use tau_robot::robot::Robot;
 
-use crate::calibration::registration::{Line, MOUNTING_M, NominalTrack, Registration};
+use crate::machine::registration::{Line, MOUNTING_M, NominalTrack, Registration};
 use crate::numerics::order::smallest_first;
 use crate::samples::frames::fitted_track;
 use crate::trust::cart_angles;
@@ -218,7 +218,7 @@ fn astray(machine: &Machine, folder: &Folder) -> Option<Mistake> {
 
 /// Files in which two carts that exchange their numbers go unnoticed: they would miss no more than targets that sit
 /// elsewhere on them.
-pub(super) fn unnoticed(machine: &Machine, folder: &Folder) -> Vec<&'static str> {
+pub(crate) fn unnoticed(machine: &Machine, folder: &Folder) -> Vec<&'static str> {
     let robot = &machine.robot;
     let sets = [
         Measured::of_set_2(robot, folder),

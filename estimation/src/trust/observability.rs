@@ -117,7 +117,7 @@ pub struct Gap {
 }
 
 /// Columns and files that an effect needs and that are missing.
-pub(super) fn observabilities(
+pub(crate) fn observabilities(
     robot: &Robot,
     file: &RobotFile,
     folder: &Folder,
@@ -216,7 +216,7 @@ fn lacks(effect: &Effect, model: &Model, file: &RobotFile, folder: &Folder) -> V
 }
 
 /// Files and columns that are not there.
-pub(super) fn missing(robot: &Robot, folder: &Folder, effects: &[Observability]) -> Vec<Gap> {
+pub(crate) fn missing(robot: &Robot, folder: &Folder, effects: &[Observability]) -> Vec<Gap> {
     let mut missing = Vec::new();
     // Where nothing tells poses, sets 2 and 3 take no part.
     let tells_poses =

@@ -6,10 +6,10 @@ use tau_robot::input_error::InputError;
 use tau_robot::measurements::Folder;
 use tau_robot::robot::{Arm, Robot, TrackShape, Variant};
 
-use crate::calibration::Error;
+use crate::joint::judged::Judged;
+use crate::machine::Error;
 use crate::setup::Setup;
 use crate::trust::hypothesis::Case;
-use crate::trust::judged::Judged;
 use crate::trust::mistake::{Mistake, MistakeKind};
 use crate::trust::numbering;
 use crate::trust::recognise::{self, Recognised};
@@ -26,7 +26,7 @@ pub fn mistakes(setup: Setup<'_>, poses: &[usize]) -> Result<Vec<Mistake>, Error
 ///
 /// # Errors
 /// As [`mistakes`].
-pub(super) fn looked_at(setup: Setup<'_>, poses: &[usize]) -> Result<Recognised, Error> {
+pub(crate) fn looked_at(setup: Setup<'_>, poses: &[usize]) -> Result<Recognised, Error> {
     let variant = plain(setup.robot, setup.variant, setup.folder);
     let case = case(Setup { variant, ..setup }, poses);
     of_case(&case, None, setup.folder)
@@ -34,7 +34,7 @@ pub(super) fn looked_at(setup: Setup<'_>, poses: &[usize]) -> Result<Recognised,
 
 /// Mistakes of a case and in how the carts of its folder are numbered. These are compared with where tracks run once
 /// other mistakes are mended: on a machine that fits none, any numbering may look right.
-pub(super) fn of_case(
+pub(crate) fn of_case(
     case: &Case<'_>,
     known: Option<&Judged>,
     folder: &Folder,
@@ -70,7 +70,7 @@ pub fn refuse(setup: Setup<'_>, poses: &[usize]) -> Result<(), Error> {
 }
 
 /// A case of the given poses; files as read.
-pub(super) fn case<'a>(setup: Setup<'a>, poses: &[usize]) -> Case<'a> {
+pub(crate) fn case<'a>(setup: Setup<'a>, poses: &[usize]) -> Case<'a> {
     let Setup {
         robot,
         variant,
@@ -108,7 +108,7 @@ pub(super) fn case<'a>(setup: Setup<'a>, poses: &[usize]) -> Case<'a> {
 /// The variant by which mistakes of the input are looked for: the given one where it has all links, straight tracks and
 /// nothing else, or else the robot's of its name where that has, or else the last such; where there is none, the last with all links and measured paths, if there are any.
 /// A misfit of a variant that is too simple is no mistake.
-pub(super) fn plain<'a>(robot: &'a Robot, variant: &'a Variant, folder: &Folder) -> &'a Variant {
+pub(crate) fn plain<'a>(robot: &'a Robot, variant: &'a Variant, folder: &Folder) -> &'a Variant {
     let has_all_links = |variant: &&Variant| variant.arm == Arm::Full && variant.effects.is_empty();
     let is_plain = |variant: &&Variant| {
         let is_linear = |track: &tau_robot::robot::TrackModel| track.shape != TrackShape::Piecewise;

@@ -10,14 +10,14 @@ use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Division, Folder};
 use tau_robot::robot_file::{Noise, RobotFile};
 
-use crate::calibration::{Error, Prepared};
+use crate::joint::judged::{Judged, Misfit};
 use crate::joint::{Component, Joint};
+use crate::machine::{Error, Prepared};
 use crate::numerics::grouped::Grouped;
 use crate::numerics::spread::spread;
 use crate::samples::Sample;
 use crate::setup::Setup;
 use crate::trust::hypothesis::Case;
-use crate::trust::judged::{Judged, Misfit};
 use crate::trust::numbering;
 use crate::trust::of_folder::case;
 use crate::trust::of_folder::mistakes;

@@ -3,9 +3,9 @@
 use serde::Serialize;
 use tau_robot::robot::Variant;
 
+use crate::joint::judged::Deviation;
 use crate::numerics::order::largest_first;
 use crate::trust::LISTED;
-use crate::trust::judged::Deviation;
 
 /// A parameter that is pulled off its nominal value.
 #[derive(Debug, Clone, PartialEq, Serialize)]

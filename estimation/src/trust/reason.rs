@@ -105,6 +105,9 @@ pub enum Reason {
     },
     /// Measurements whose means are missed by no more than the stated noise, and by so many times their scatter.
     MeansMissedWithinNoise(Vec<String>, f64),
+    /// Drives that are stated to be exact contradict each other, and are taken for as noisy as what was measured: no χ²
+    /// tells whether the model is right.
+    DrivesContradict,
     /// Drives that are stated to be exact may explain means that are missed.
     OrDrives,
     /// Parameters were found at so many times the stated noise.
@@ -127,6 +130,13 @@ pub enum Reason {
     OfHeld(Vec<Self>, bool),
 }
 
+impl Reason {
+    /// True if residuals are so small that the noise is stated too large.
+    pub(crate) fn is_noise_too_large(&self) -> bool {
+        matches!(self, Self::Within { size, .. } | Self::Held { size, .. } if *size == Size::TooLarge)
+    }
+}
+
 /// Stated noise beside residuals that do not exceed it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Size {
@@ -136,8 +146,6 @@ pub enum Size {
     Unsaid,
     /// The noise is stated too large.
     TooLarge,
-    /// Exact drives contradict each other, and are taken for as noisy as what was measured.
-    Contradiction,
 }
 
 /// The cause of residuals with the parameters held.

@@ -12,7 +12,8 @@ use std::collections::BTreeSet;
 
 use tau_kinematics::Machine;
 
-use crate::calibration::{Error, Prepared};
+use crate::joint::judged::Judged;
+use crate::machine::{Error, Prepared};
 use crate::numerics::distribution::chi2_survival;
 use crate::numerics::order::smallest_first;
 use crate::numerics::parallel;
@@ -22,7 +23,6 @@ use crate::trust::drawing::{self, is_other};
 use crate::trust::exchanged::exchanged_commands;
 use crate::trust::first_look::FirstLook;
 use crate::trust::hypothesis::{self, Case, Hypothesis, THOUSAND};
-use crate::trust::judged::Judged;
 use crate::trust::mistake::{Mistake, MistakeKind};
 use crate::trust::pull::Pull;
 use crate::trust::reason::Reason;

@@ -2,8 +2,8 @@
 
 use nalgebra::{DMatrix, DVector, Rotation3, Vector3};
 
+use crate::joint::judged::Judged;
 use crate::trust::hypothesis::{Case, Hypothesis};
-use crate::trust::judged::Judged;
 use crate::trust::tried::{ITERATIONS, judged};
 
 /// Change of a number (m or rad) by which its derivatives are taken.

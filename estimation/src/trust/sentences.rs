@@ -205,6 +205,11 @@ fn sentence(reason: &Reason) -> String {
             of.join(" and "),
             general(*factor, 3)
         ),
+        Reason::DrivesContradict => {
+            "The drives are stated to be exact, but they contradict each other, and were taken for as noisy as what was \
+             measured: state their noise as `noise_m` of `[drives]`, or \"estimate\" there."
+                .to_owned()
+        }
         Reason::OrDrives => {
             "Or the drives do not repeat as well as readings at one place: then state their noise or have it estimated \
              (`[drives] noise_m = \"estimate\"`)."
@@ -269,9 +274,6 @@ fn compared(size: Size) -> &'static str {
         Size::Chance => ", as chance allows",
         Size::Unsaid => "",
         Size::TooLarge => ": the noise is stated too large",
-        Size::Contradiction => {
-            ": exact drives that contradict each other are taken for as noisy as what was measured"
-        }
     }
 }
 

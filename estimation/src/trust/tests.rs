@@ -9,7 +9,8 @@ use tau_robot::robot::{Plate, Robot};
 use super::hypothesis::{Hypothesis, UNITS};
 use super::reason::{Estimate, HeldBy, Repeated, Size};
 use super::{Fact, Mistake, Pull, Reach, Reason, general, words};
-use crate::calibration::{Nominal, Serial};
+use crate::calibration::Serial;
+use crate::machine::Nominal;
 use crate::weighing::{Kept, LackOfFit, Loss, Misread, Outlier};
 
 fn outlier(pose: u32, weight: f64) -> Outlier {
@@ -93,11 +94,9 @@ fn reasons() -> Vec<Reason> {
         within(None, Size::Chance),
         within(Some(57.0), Size::Unsaid),
         within(Some(57.0), Size::TooLarge),
-        within(None, Size::Contradiction),
         held(HeldBy::Noise, Size::Unsaid),
         held(HeldBy::NoiseAndParameters, Size::Chance),
         held(HeldBy::Fit, Size::TooLarge),
-        held(HeldBy::Fit, Size::Contradiction),
         Reason::BeyondChance(vec![(heights(), 2.5)]),
         Reason::BeyondChance(vec![
             (heights(), 2.5),
@@ -144,6 +143,7 @@ fn reasons() -> Vec<Reason> {
             or_noise_of: vec!["drives".to_owned()],
         },
         Reason::MeansMissedWithinNoise(vec![heights()], 1.9),
+        Reason::DrivesContradict,
         Reason::OrDrives,
         Reason::Widened(3.0),
         Reason::Serial(Serial {

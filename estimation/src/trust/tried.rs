@@ -3,11 +3,11 @@
 use tau_kinematics::Machine;
 use tau_robot::robot::Variant;
 
-use crate::calibration::{Error, Nominal, Prepared};
-use crate::numerics::distribution::chi2_survival;
+use crate::joint::judged::{Deviation, Judged, Misfit};
+use crate::machine::{Error, Nominal, Prepared};
+use crate::numerics::distribution::{chi2_survival, exceeds_noise};
 use crate::numerics::parallel;
 use crate::trust::hypothesis::{self, Case, Hypothesis};
-use crate::trust::judged::{Deviation, Judged, Misfit};
 use crate::trust::{ABSURD_TOLERANCES, LEVEL, NEARER};
 use crate::weighing::variance_of_most;
 
@@ -117,11 +117,6 @@ impl Tried {
 /// The misfit is more than chance allows.
 pub(crate) fn is_beyond_noise(misfit: &Misfit) -> bool {
     exceeds_noise(misfit.chi2, misfit.dof)
-}
-
-/// A sum of squares is more than chance allows for its degrees of freedom.
-pub(crate) fn exceeds_noise(chi2: f64, dof: f64) -> bool {
-    chi2_survival(chi2, dof) < LEVEL
 }
 
 /// The parameter furthest from its nominal value, but for one that is set free. Where residuals exceed the stated noise and

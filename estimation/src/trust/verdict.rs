@@ -6,15 +6,17 @@ use std::fmt;
 use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot_file::RobotFile;
 
-use crate::calibration::{Calibration, Error, ParameterEstimate, Prepared, Serial};
-use crate::numerics::distribution::chi2_survival;
+use crate::calibration::{Calibration, ParameterEstimate, Serial};
+use crate::joint::judged::Judged;
+use crate::joint::predicted::GroupFit;
+use crate::machine::{Error, Prepared};
+use crate::numerics::distribution::{chi2_survival, exceeds_noise};
 use crate::numerics::order::largest_first;
 use crate::numerics::parallel;
 use crate::numerics::spread::spread;
 use crate::problem::Component;
 use crate::setup::Setup;
 use crate::trust::hypothesis::Case;
-use crate::trust::judged::Judged;
 use crate::trust::mistake::{Mistake, MistakeKind};
 use crate::trust::of_folder::{self, of_case};
 use crate::trust::pull::Pull;
@@ -24,7 +26,6 @@ use crate::trust::status::Status;
 use crate::trust::tried::{self, ITERATIONS};
 use crate::trust::{LARGEST_MISFIT, LEVEL, LISTED, numbering, wide};
 use crate::uncertainty::Uncertainty;
-use crate::unknown_poses::errors_in_variables::GroupFit;
 use crate::weighing::{self, Loss, MOST_POSES, Outlier, Repeats, Weighing};
 
 /// Residuals below this share of the stated noise make it suspect: by chance even twenty of them are never so small.
@@ -108,7 +109,7 @@ impl Verdict {
     /// those of a visit share is in the standard deviations already, and the ratio is that of what is left between visits;
     /// where poses are unknown, it is not, and the ratio is at least that of the means.
     pub fn widening(&self) -> f64 {
-        let of_readings = if tried::exceeds_noise(self.chi2, self.dof) {
+        let of_readings = if exceeds_noise(self.chi2, self.dof) {
             let ratio = self.repeats.map(|repeats| repeats.excess);
             ratio.unwrap_or(self.residual_over_noise)
         } else {
@@ -356,7 +357,7 @@ impl Verdict {
 
     /// Tests residuals, and tells of a parameter that is beyond its tolerance.
     pub(super) fn judge(&mut self, beyond: Option<&Pull>) {
-        if tried::exceeds_noise(self.chi2, self.dof) {
+        if exceeds_noise(self.chi2, self.dof) {
             let residuals = Reason::Beyond {
                 over_noise: self.residual_over_noise,
                 squares: [self.chi2, self.dof],
@@ -425,7 +426,7 @@ impl Verdict {
             // Readings that share an error stay below noise that holds it.
             let is_shared = (self.repeats).is_some_and(|own| own.lack_of_fit.p_value < LEVEL);
             let is_small = chi2_survival(self.chi2, self.dof) > 1.0 - LEVEL;
-            self.why.push(Reason::Within {
+            self.meet_noise(Reason::Within {
                 over_noise: self.residual_over_noise,
                 left: None,
                 size: match (is_small, is_shared) {
@@ -434,6 +435,16 @@ impl Verdict {
                     (false, _) => Size::Chance,
                 },
             });
+        }
+    }
+
+    /// Takes over that residuals do not exceed the noise. Noise that is stated by far too large is not consistent with them:
+    /// it hides what a model lacks.
+    pub(crate) fn meet_noise(&mut self, why: Reason) {
+        if why.is_noise_too_large() && self.residual_over_noise < LEAST_RATIO {
+            self.say(Status::Inconsistent, why);
+        } else {
+            self.why.push(why);
         }
     }
 }

@@ -2,11 +2,11 @@
 
 use tau_robot::robot::{Owner, Variant};
 
-use crate::calibration::Nominal;
+use crate::joint::judged::Deviation;
+use crate::machine::Nominal;
+use crate::numerics::distribution::exceeds_noise;
 use crate::trust::NEARER;
 use crate::trust::hypothesis::{Hypothesis, LENGTH, THOUSAND, is_stated};
-use crate::trust::judged::Deviation;
-use crate::trust::tried::exceeds_noise;
 
 /// Share of the links' length that no tolerance reaches: it would tell nothing of the machine.
 const WIDEST: f64 = 0.1;

@@ -5,7 +5,7 @@ use tau_robot::input_error::quoted;
 use tau_robot::measurements::{Actuator, CART_POSES, DISTANCES, PlateKind, Shape, TCP_POSES};
 use tau_robot::robot::{Parameter, Plate, Robot};
 
-use crate::calibration::Nominal;
+use crate::machine::Nominal;
 use crate::trust::hypothesis::{Case, Hypothesis, INCH_MM, THOUSAND};
 use crate::trust::mistake::{Mistake, MistakeKind};
 use crate::trust::{ABSURD_TOLERANCES, general};

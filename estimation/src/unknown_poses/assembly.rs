@@ -15,7 +15,7 @@ use super::pose::{DriveReading, UnknownPose};
 use super::quantity::{Measured, Quantity, base};
 use super::rows::{Kind, RowPlace, Rows};
 use super::tracker::{TrackerErrors, pose_sample, position_sample};
-use crate::calibration::error::Error;
+use crate::machine::error::Error;
 use crate::numerics::parallel;
 use crate::problem::POSE_UNKNOWNS;
 use crate::problem::used_by_plate;

@@ -15,7 +15,7 @@ use super::lengths::Lengths;
 use super::measurand::Measurand;
 use super::pose::UnknownPose;
 use super::rows::{RowPlace, Rows};
-use crate::calibration::error::Error;
+use crate::machine::error::Error;
 use crate::numerics::order::place;
 use crate::numerics::parallel;
 use crate::problem::{CLOSURE_SHARE, POSE_UNKNOWNS, TruePose, closures_of};

@@ -8,13 +8,14 @@
 use nalgebra::DVector;
 use tau_robot::measurements::TcpPose;
 
-pub use super::outcome::GroupFit;
+pub use crate::joint::predicted::GroupFit;
 pub use crate::problem::Component;
 
 use super::kinds::KindsOfComponent;
 use super::measurand::Measurand;
 use super::{RowDivision, carts};
-use crate::calibration::{self, Calibration, Error};
+use crate::calibration::{self, Calibration};
+use crate::machine::Error;
 use crate::setup::Setup;
 
 /// A calibration with errors in variables, beside the ordinary one.

@@ -14,8 +14,8 @@ use super::directions::{lined_up, pivoted};
 use super::elimination::{Elimination, Raw};
 use super::outcome::{RowDivision, UnknownPoses};
 use super::rows::{CLOSURES, Kind, RowPlace, Rows};
-use crate::calibration::error::Error;
-use crate::calibration::nominal::Nominal;
+use crate::machine::error::Error;
+use crate::machine::nominal::Nominal;
 use crate::numerics::order::place;
 use crate::problem::{Eliminated, Origin, POSE_UNKNOWNS, by_pose, gradient};
 use crate::samples::Sample;
@@ -117,11 +117,15 @@ impl<'a> EstimatedPoses<'a> {
         }
     }
 
-    /// The same with the noise that another calibration of the same measurements found.
+    /// The same with the noise that another calibration of the same measurements found. Drives that contradict each other
+    /// stay loose: those that a model reconciles say nothing of one that does not.
     #[must_use]
     pub fn with_noise_of(mut self, found: &UnknownPoses) -> Self {
         for rowset in [&mut self.calibration, &mut self.held_out] {
-            rowset.assembly.kinds = found.kinds.iter().map(|kind| kind.kind).collect();
+            let kinds = rowset.assembly.kinds.iter_mut().zip(&found.kinds);
+            for (own, found) in kinds.filter(|(own, _)| !own.is_loose) {
+                *own = found.kind;
+            }
         }
         self
     }

@@ -8,8 +8,9 @@ use tau_robot::robot_file::{RobotFile, Value};
 
 use super::fit::Fit;
 use super::{Kind, KindFit, ObjectEstimate, Rank, Settled, UnknownPoses, heldout, quantity};
-use crate::calibration::error::unsolved;
-use crate::calibration::{self, Calibration, Combination, Error, Fitted, undetermined};
+use crate::calibration::{self, Calibration, Combination, Fitted, undetermined};
+use crate::machine::Error;
+use crate::machine::error::unsolved;
 use crate::numerics::order::extent;
 use crate::numerics::projection::without_noise_of;
 use crate::numerics::triangle;

@@ -12,7 +12,8 @@ use super::fit::Fit;
 use super::predicted::{HeldOutKind, predicted};
 use super::rows::{KindFit, RowPlace};
 use super::{GrossRow, RowDivision};
-use crate::calibration::{self, Error};
+use crate::calibration;
+use crate::machine::Error;
 use crate::problem::POSE_UNKNOWNS;
 
 /// Number of residuals beyond the unknowns of poses that is none but for rounding.

@@ -9,7 +9,7 @@ use tau_robot::robot_file::{Noise, RobotFile, StatedNoise};
 
 use super::measurand::Measurand;
 use super::rows::Kind;
-use crate::calibration::error::Error;
+use crate::machine::error::Error;
 use crate::problem::{CLOSURE_SHARE, Component, POSE_UNKNOWNS};
 
 /// First guess of a noise that is to be estimated (m). It weighs a kind against others in the first round alone; the

@@ -10,7 +10,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix3, Rotation3, Vector3, Vec
 use tau_kinematics::{Machine, Pose, Sample};
 
 use super::starts::AT_REFERENCE;
-use crate::calibration::{Nominal, Prepared, centres, turn_of};
+use crate::machine::{Nominal, Prepared, centres, turn_of};
 use crate::numerics::order::smallest_first;
 use crate::problem::{priors, used_by_plate};
 

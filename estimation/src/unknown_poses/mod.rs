@@ -41,6 +41,7 @@ mod quantity;
 mod recognised;
 mod refusals;
 mod repeats;
+pub mod rounds;
 mod rows;
 mod starts;
 mod stated_noise;
@@ -56,11 +57,15 @@ mod widened;
 use std::collections::BTreeSet;
 
 use tau_kinematics::Machine;
-use tau_robot::measurements::ObjectKind;
+use tau_robot::measurements::{Folder, ObjectKind};
+use tau_robot::robot::Robot;
+use tau_robot::robot_file::RobotFile;
 use tau_solver::{Solution, solve};
 
-use crate::calibration::error::{ended, unsolved};
-use crate::calibration::{self, Combination, EXACT_COST, Error};
+use crate::calibration::serial::refuse_rho;
+use crate::calibration::{self, Combination, EXACT_COST};
+use crate::machine::Error;
+use crate::machine::error::{ended, unsolved};
 use crate::problem::CLOSURE_SHARE;
 use crate::setup::Setup;
 use crate::trust::Mistake;
@@ -109,58 +114,36 @@ const SAME_POSE: f64 = 1e-4;
 /// Standard deviations from which on a square is told from none, one in forty times by chance.
 const TOLD: f64 = 2.0;
 
-/// Rank and gauge before a fit.
+/// True if a folder does not tell poses as they are: it holds measurements that tell less than a pose, or poses with noise of
+/// their own; drives are not exact; or there are more of them than freedoms, so that they measure each other. Every command
+/// then takes true poses for unknown.
+pub fn are_unknown(robot: &Robot, file: &RobotFile, folder: &Folder) -> bool {
+    folder.has_partial_poses() || !file.measuring.drives.is_empty() || robot.is_redundant()
+}
+
+/// Rank and gauge from the nominal values, before the first step of a fit, and the combinations of which the tolerances say
+/// more than the measurements, but for what these leave open.
 ///
 /// # Errors
 /// As [`calibrate`], but for what only a fit can fail on.
-pub fn rank(setup: Setup<'_>, division: &RowDivision) -> Result<Rank, Error> {
-    observed(setup, division, |fit, reduced| {
-        Ok(fit.rank(reduced, &fit.machine))
-    })
-}
-
-/// The same, and the combinations of which the tolerances say more than the measurements, but for what these leave open.
-///
-/// # Errors
-/// As [`rank`].
 pub fn observability(
     setup: Setup<'_>,
     division: &RowDivision,
 ) -> Result<(Rank, Vec<Combination>), Error> {
-    observed(setup, division, |fit, reduced| {
-        let mut weak = fit.undetermined(&reduced.triangle, &fit.start)?;
-        weak.retain(|combination| combination.data_over_prior < 1.0 / UNSEEN);
-        Ok((fit.rank(reduced, &fit.machine), weak))
-    })
-}
-
-/// Result of a function of the fit from the nominal values, before its first step.
-fn observed<T>(
-    setup: Setup<'_>,
-    division: &RowDivision,
-    of: impl FnOnce(&Fit<'_>, &Reduced) -> Result<T, Error>,
-) -> Result<T, Error> {
     let variant = &*of_true_poses(setup)?;
     let file = &setup.file.completed(setup.robot);
-    let fit = Fit::new(
-        Setup {
-            variant,
-            file,
-            ..setup
-        },
-        division,
-    )?;
+    let at = Setup {
+        variant,
+        file,
+        ..setup
+    };
+    let fit = Fit::new(at, division)?;
     refuse_commands(&fit.prepared.machine, setup.folder)?;
     refuse_contradictions(&fit)?;
     let reduced = fit.elimination(&fit.start).reduce();
-    of(&fit, &reduced)
-}
-
-/// True if a scale of the whole machine is free, whatever the number of rows: no fit means anything then.
-pub(crate) fn has_scale(setup: Setup<'_>, division: Option<&RowDivision>) -> bool {
-    let rank = division.map(|division| rank(setup, division));
-    let is_free = |rank: Rank| rank.open.iter().any(|open| open.is_scale);
-    rank.is_some_and(|rank| rank.is_ok_and(is_free))
+    let mut weak = fit.undetermined(&reduced.triangle, &fit.start)?;
+    weak.retain(|combination| combination.data_over_prior < 1.0 / UNSEEN);
+    Ok((fit.rank(&reduced, &fit.machine), weak))
 }
 
 /// Fits a variant to all measurements of a folder; `division` says which rows of the plate take part.
@@ -174,6 +157,7 @@ pub fn calibrate(
     division: &RowDivision,
     options: &calibration::Options,
 ) -> Result<UnknownPoses, Error> {
+    refuse_rho(setup.file)?;
     let variant = &*of_true_poses(setup)?;
     let fitted = Setup { variant, ..setup };
     let (plate, mistakes) = of_plate(fitted, division, options)?;

@@ -8,7 +8,7 @@ use tau_robot::input_error::{InputError, suggestion};
 use tau_robot::measurements::{Folder, ObjectKind, PlateKind};
 use tau_robot::robot_file::{Measuring, Value};
 
-use crate::calibration::error::Error;
+use crate::machine::error::Error;
 use crate::numerics::order::smallest_first;
 
 /// Places of a target, a surface or a ball among the shared unknowns, behind the parameters of the variant.

@@ -16,7 +16,6 @@ use super::rows::{KindFit, RowPlace};
 use crate::calibration::{Calibration, widened};
 use crate::numerics::distribution::chi2_survival;
 use crate::numerics::spread::spread;
-use crate::problem::Component;
 use crate::trust::{LEVEL, Mistake, PoseFit};
 use crate::weighing::{Loss, Outlier};
 
@@ -151,20 +150,6 @@ impl RowDivision {
         self.calibration.is_disjoint(&self.validation)
             && self.distances.is_disjoint(&self.held_out_distances)
     }
-}
-
-/// Fit of a group of measurements.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct GroupFit {
-    /// The measurements.
-    pub group: Component,
-    /// Number of residuals, less that of unknowns of poses.
-    pub residuals: usize,
-    /// Their root mean square, in units of the stated noise.
-    pub rms: f64,
-    /// Factor by which the noise was taken to exceed the stated one: 1 unless the misfit is significantly
-    /// larger.
-    pub noise_factor: f64,
 }
 
 /// A row far off the others.

@@ -4,7 +4,7 @@ use tau_kinematics::Pose;
 use tau_robot::measurements::Conditions;
 
 use super::rows::RowPlace;
-use crate::calibration::Error;
+use crate::machine::Error;
 use crate::samples::Sample;
 
 /// Readings of the drives at a pose.

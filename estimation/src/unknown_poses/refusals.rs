@@ -9,7 +9,7 @@ use super::Rank;
 use super::elimination::Reduced;
 use super::fit::Fit;
 use super::rows::CLOSURES;
-use crate::calibration::Error;
+use crate::machine::Error;
 use crate::trust::hypothesis::{Hypothesis, UNITS};
 use crate::trust::{Mistake, words};
 use crate::weighing::Treatment;

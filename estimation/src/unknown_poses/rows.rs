@@ -13,7 +13,7 @@ use super::coupled::Coupled;
 use super::measurand::Measurand;
 use super::quantity::Measured;
 use super::tracker::{TrackerErrors, WithErrors};
-use crate::calibration::error::Error;
+use crate::machine::error::Error;
 use crate::numerics::order::place;
 use crate::problem::{Component, POSE_UNKNOWNS, Part};
 use crate::samples::Sample;

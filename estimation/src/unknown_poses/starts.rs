@@ -7,10 +7,10 @@ use tau_robot::robot::{Owner, Parameter};
 use tau_solver::{Method, Options};
 
 use super::{RowDivision, UnknownPoses};
-use crate::calibration::Error;
 use crate::calibration::is_along_z;
-use crate::calibration::nominal::Nominal;
-use crate::calibration::prepared::Prepared;
+use crate::machine::Error;
+use crate::machine::nominal::Nominal;
+use crate::machine::prepared::Prepared;
 use crate::numerics::distribution::Random;
 
 /// Draws that are tried beside the nominal values. Of redundant belts with anchors drawn half of the machine off, two

@@ -13,12 +13,12 @@ use super::elimination::Reduced;
 use super::fit::Fit;
 use super::{EstimatedPoses, Measurand, RowDivision, Side, calibrate};
 use crate::calibration::{Options, machine_from_file};
-use crate::joint::unknown::closure_derivatives;
 use crate::numerics::triangle::scaled;
 use crate::problem::Eliminated;
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
 use crate::setup::Setup;
+use crate::unknown_poses::rounds::closure_derivatives;
 use crate::weighing::{Loss, Treatment};
 
 /// Positions, heights and distances at some of the prototype's poses.

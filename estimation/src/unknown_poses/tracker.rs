@@ -11,8 +11,8 @@ use tau_robot::measurements::{PlateRow, TcpPose};
 use tau_robot::robot::{Input, Instance, ResidualKind, Variant};
 use tau_runtime::{Pattern, ResidualFamily, Shape};
 
-use crate::calibration::error::Error;
 use crate::joint::variant::at_true_poses;
+use crate::machine::error::Error;
 use crate::numerics::number;
 use crate::numerics::order::place;
 use crate::samples::Sample;

@@ -9,7 +9,8 @@ use tau_robot::measurements::{DISTANCES, Folder, PlateKind, PlateRow, TCP_POSES}
 use super::RowDivision;
 use super::fit::Fit;
 use super::frames::{self, files_of_places};
-use crate::calibration::{self, Nominal};
+use crate::calibration;
+use crate::machine::Nominal;
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
 use crate::setup::Setup;

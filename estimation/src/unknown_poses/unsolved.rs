@@ -6,7 +6,8 @@ use tau_solver::Problem;
 use super::rows::CLOSURES;
 use super::tracker::of_true_poses;
 use super::{RowDivision, carts, fit::Fit, starts};
-use crate::calibration::{Calibration, Error};
+use crate::calibration::Calibration;
+use crate::machine::Error;
 use crate::setup::Setup;
 
 /// The first least-squares problem of a calibration, for other solvers to be compared with ours.

@@ -5,8 +5,8 @@ use tau_kinematics::Sample;
 use super::outcome::{GrossRow, SIGNIFICANT};
 use super::rows::{Kind, KindFit};
 use super::{ROUGH_NOISE, ROUNDS, UnknownPoses};
+use crate::joint::judged::Deviation;
 use crate::numerics::distribution::chi2_survival;
-use crate::trust::judged::Deviation;
 use crate::trust::reason::{Estimate, Reason, Repeated, Size};
 use crate::trust::tried::beyond_tolerance;
 use crate::trust::{
@@ -181,21 +181,6 @@ impl UnknownPoses {
     pub fn verdict(&self) -> Verdict {
         // Noise that was estimated from residuals holds what the model misses.
         let is_missed = |fit: &KindFit| fit.kind.is_estimated() && self.lacks_fit(fit);
-        let (is_consistent, mut why) = if self.is_consistent() {
-            let is_missed = self.kinds.iter().any(is_missed);
-            let mut why: Vec<Reason> = self.ratio_to_noise().into_iter().collect();
-            why.extend(if is_missed {
-                self.causes(Kind::is_estimated)
-            } else {
-                self.shared_within_noise()
-            });
-            (!is_missed, why)
-        } else {
-            (false, self.misfit_reasons())
-        };
-        if !self.is_settled {
-            why.push(Reason::Unsettled(ROUNDS));
-        }
         let kinds = self.kinds.iter().filter(|kind| kind.is_listed());
         let by_file = kinds.map(|fit| fit.kind.fit(fit.rows, fit.rms(), fit.expected_rms()));
         let gross = self.gross.iter().map(|row| (row.place.pose, row.sigmas));
@@ -203,23 +188,35 @@ impl UnknownPoses {
         let worst = self.worst.iter().filter(|own| !is_gross(own.pose));
         let worst = worst.map(|own| (own.pose, own.sigmas));
         let mut verdict = Verdict {
-            status: if is_consistent {
-                Status::Consistent
-            } else {
-                Status::Inconsistent
-            },
             chi2: self.chi2,
             dof: self.dof,
             residual_over_noise: self.residual_over_noise(),
             by_file: by_file.collect(),
             worst: PoseFit::worst(gross.chain(worst)),
             pulls: Pull::largest(self.pulls()),
-            why,
             outliers: self.gross.iter().map(GrossRow::outlier).collect(),
             means_over_noise: self.means_over_noise(),
             loss: self.loss,
             ..Verdict::default()
         };
+        if self.is_consistent() {
+            self.ratio_to_noise()
+                .into_iter()
+                .for_each(|why| verdict.meet_noise(why));
+            if self.kinds.iter().any(is_missed) {
+                verdict.status = Status::Inconsistent;
+                verdict.why.extend(self.causes(Kind::is_estimated));
+            } else {
+                verdict.why.extend(self.shared_within_noise());
+            }
+        } else {
+            verdict.status = Status::Inconsistent;
+            verdict.why.extend(self.misfit_reasons());
+        }
+        verdict.say_contradiction(self.kinds.iter().map(|fit| &fit.kind));
+        if !self.is_settled {
+            verdict.why.push(Reason::Unsettled(ROUNDS));
+        }
         let parameters = &self.calibration.parameters;
         if let Some(deviation) = self.beyond_tolerance() {
             let pull = Pull::named(&parameters[deviation.parameter].name, &deviation);
@@ -254,12 +251,14 @@ impl UnknownPoses {
         let (chi2, dof) = self.of_stated();
         // Noise that readings of a pose share is not seen between them: that it is smaller than stated is no mistake.
         let is_shared = self.kinds.iter().any(|fit| self.lacks_fit(fit));
-        let is_too_large = !is_shared && chi2_survival(chi2, dof) > 1.0 - LEVEL;
+        // Loose drives count as far noisier than they are.
+        let is_loose = self.kinds.iter().any(|fit| fit.kind.is_loose);
+        let is_too_large = !is_shared && !is_loose && chi2_survival(chi2, dof) > 1.0 - LEVEL;
         (dof > 0.0).then(|| Reason::Within {
             over_noise: (chi2 / dof).sqrt(),
             left: Some(dof),
             size: if is_too_large {
-                too_large(self.kinds.iter().map(|fit| &fit.kind))
+                Size::TooLarge
             } else {
                 Size::Unsaid
             },
@@ -331,11 +330,11 @@ fn estimated_noise(fit: &KindFit) -> Reason {
     Reason::Estimated(fit.kind.words(), estimate, of.unit())
 }
 
-/// Noise of residuals that are less than it by more than chance.
-pub(super) fn too_large<'a>(mut kinds: impl Iterator<Item = &'a Kind>) -> Size {
-    if kinds.any(|kind| kind.is_loose) {
-        Size::Contradiction
-    } else {
-        Size::TooLarge
+impl Verdict {
+    /// Says that exact drives contradict each other, where some of the kinds are loose.
+    pub(super) fn say_contradiction<'a>(&mut self, mut kinds: impl Iterator<Item = &'a Kind>) {
+        if kinds.any(|kind| kind.is_loose) {
+            self.say(Status::Inconsistent, Reason::DrivesContradict);
+        }
     }
 }

@@ -9,7 +9,8 @@ use tau_robot::robot_file::StatedNoise;
 
 use super::fit::Fit;
 use super::{GrossRow, ROUGH_COST, ROUGH_NOISE, ROUNDS, Settled, UnknownPoses};
-use crate::calibration::{self, Error};
+use crate::calibration;
+use crate::machine::Error;
 use crate::numerics::order::largest_first;
 use crate::problem::CLOSURE_SHARE;
 

@@ -3,9 +3,9 @@
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use crate::joint::descent::Descent;
+use crate::joint::judged::Judged;
 use crate::numerics::factor::Factor;
 use crate::samples::outliers;
-use crate::trust::judged::Judged;
 
 /// Variance of most poses of a fit over the stated one.
 pub(crate) fn variance_of_most(fit: &Judged) -> f64 {

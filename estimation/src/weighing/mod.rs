@@ -20,15 +20,14 @@ use tau_kinematics::Machine;
 use tau_robot::measurements::TCP_POSES;
 use tau_robot::robot_file::Noise;
 
-use crate::calibration::error::{Error, not_finite};
-use crate::calibration::prepared::Prepared;
 use crate::joint::descent::{Descent, not_converged};
+use crate::joint::judged::Judged;
 use crate::joint::{Component, Joint, exact};
+use crate::machine::error::{Error, not_finite};
+use crate::machine::prepared::Prepared;
 use crate::numerics::parallel;
 use crate::samples::Sample;
 use crate::samples::outliers;
-use crate::trust::NEARER;
-use crate::trust::judged::Judged;
 use deleted::deleted;
 
 use repeats::ByVisit;
@@ -99,6 +98,9 @@ pub struct Weighing {
     pub is_unsettled: bool,
 }
 
+/// A factor of a thousand, or other measurements, are believed in where they bring residuals nearer to the stated noise by
+/// so many times.
+pub(crate) const NEARER: f64 = 3.0;
 /// More poses than these are weighed and judged by as many of them, in whole visits: their six thousand residuals tell the
 /// scale to one percent, and whitened derivatives of all would need gigabytes.
 pub(crate) const MOST_POSES: usize = 1000;

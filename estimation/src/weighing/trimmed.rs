@@ -3,9 +3,9 @@
 use tau_robot::robot_file::Noise;
 
 use super::{ROUNDS, Robust, sums_at};
-use crate::calibration::error::Error;
-use crate::calibration::prepared::Prepared;
 use crate::joint::exact;
+use crate::machine::error::Error;
+use crate::machine::prepared::Prepared;
 use crate::numerics::order::largest_first;
 use crate::samples::{Sample, outliers};
 

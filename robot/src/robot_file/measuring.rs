@@ -19,6 +19,9 @@ const LINKS: &str = "links";
 /// Word in place of a noise that the calibration is to find.
 const ESTIMATE: &str = "estimate";
 
+/// Strongest correlation of the noise of poses that follow each other: beyond it noise drifts, as time does.
+pub const STRONGEST_RHO: f64 = 0.999;
+
 /// A standard deviation as the file states it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum StatedNoise {
@@ -42,6 +45,8 @@ pub struct Surface {
 pub struct Measuring {
     /// `[noise.NAME]`, by name of the file without its ending: noise of its lengths (m).
     pub noise: BTreeMap<String, StatedNoise>,
+    /// `rho` of `[noise]`: correlation of the noise of poses that follow each other in the file; `None` where it is estimated.
+    pub rho: Option<f64>,
     /// `[noise.tcp_positions]` by axis, those that are stated.
     pub axes: [Option<StatedNoise>; 3],
     /// `[drives]`: noise of each command (m or rad), or one for all; empty: exact drives.
@@ -166,7 +171,10 @@ impl Document<'_> {
         let noise = root
             .get("noise")
             .and_then(|value| value.get_ref().as_table());
-        let mut found = Measuring::default();
+        let mut found = Measuring {
+            rho: noise.and_then(|noise| self.rho(noise.get("rho")?)),
+            ..Measuring::default()
+        };
         for (section, key) in sections() {
             let Some(value) = noise.and_then(|noise| noise.get(section)) else {
                 continue;
@@ -216,6 +224,23 @@ impl Document<'_> {
             .filter_map(|(name, surface)| Some((name, surface?)))
             .collect();
         found
+    }
+
+    /// A correlation of neighbours, or `"estimate"`.
+    fn rho(&mut self, value: &Spanned<DeValue<'_>>) -> Option<f64> {
+        if matches!(value.get_ref(), DeValue::String(text) if text == ESTIMATE) {
+            return None;
+        }
+        let rho = self.number(value)?;
+        if (0.0..=STRONGEST_RHO).contains(&rho) {
+            return Some(rho);
+        }
+        let message = format!("found a correlation of {rho:?}, expected 0 to {STRONGEST_RHO}");
+        let help = "of 1, no pose would tell more than the one before; 0 takes the noise of each for its own, \
+                    and \"estimate\" estimates it";
+        self.mistakes
+            .push_with_help(files::OUT_OF_BOUNDS, value.span(), message, help.to_owned());
+        None
     }
 
     fn drives(&mut self, table: &DeTable<'_>, section: &Spanned<DeValue<'_>>) -> Vec<StatedNoise> {
@@ -339,6 +364,12 @@ impl fmt::Display for StatedNoise {
 impl Measuring {
     /// Sections of `[noise]`, then the others.
     pub(super) fn write(&self, out: &mut String) -> fmt::Result {
+        if let Some(rho) = self.rho {
+            writeln!(
+                out,
+                "rho = {rho:?}  # correlation of poses that follow each other"
+            )?;
+        }
         for (section, quantity) in sections() {
             let own = self.noise.get(section).map(|noise| (quantity, noise));
             let is_positions = section == section_of(PlateKind::Position.file());

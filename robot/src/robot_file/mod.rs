@@ -23,7 +23,7 @@ pub use covariance::{Covariance, TRACK_SCALE};
 pub(crate) use described::PLACEHOLDER;
 pub use dimensions::Dimensions;
 use keys::effect_key;
-pub use measuring::{Measuring, StatedNoise, Surface};
+pub use measuring::{Measuring, STRONGEST_RHO, StatedNoise, Surface};
 pub use provenance::{MeasuredPath, Provenance};
 use tau_codes::{Remark, files};
 

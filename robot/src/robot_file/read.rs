@@ -208,7 +208,7 @@ impl<'a> Document<'a> {
         let of_files = noise_sections();
         self.known_keys(
             table,
-            &[&["position_m", "rotation_rad"], &of_files[..]].concat(),
+            &[&["position_m", "rotation_rad", "rho"], &of_files[..]].concat(),
         );
         // Who states the noise of other files may have no tracker.
         let is_optional = has_drives || of_files.iter().any(|section| table.contains_key(*section));

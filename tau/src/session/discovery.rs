@@ -88,8 +88,16 @@ impl<R> Session<R> {
         if let Some(fitted) = unknown.and_then(|unknown| unknown.fitted.clone()) {
             return self.judged(Fit::UnknownPoses(fitted), &self.parts()?);
         }
+        if let Some(own) = &found.calibration {
+            let poses: Vec<usize> = own.weighing.taking_part(&found.poses).collect();
+            let widening = verdict.as_ref().map_or(1.0, Verdict::widening);
+            let record = self.provenance(own, &self.folder, &poses, widening);
+            let mut calibration = own.clone();
+            calibration.file.calibration = Some(record);
+            return Ok(Calibrated::new(Fit::Poses(calibration), verdict));
+        }
         let folder = unknown.map_or(&self.folder, |unknown| &unknown.folder);
-        let mut calibration = found.calibration(&found.robot(), &self.robot_file, folder)?;
+        let mut calibration = found.stated(&self.robot_file, folder)?;
         // Its covariance holds the noise that was found already.
         let record = self.provenance(&calibration, folder, &found.poses, 1.0);
         calibration.file.calibration = Some(record);

@@ -1,6 +1,7 @@
 //! Sessions whose poses are unknown.
 
 use tau_codes::fit;
+use tau_estimation::unknown_poses;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::PlateKind;
 use tau_robot::robot_file::StatedNoise;
@@ -8,13 +9,10 @@ use tau_robot::robot_file::StatedNoise;
 use super::Session;
 
 impl<R> Session<R> {
-    /// True if the folder holds measurements that tell less than the plate's pose, drives are not exact, or there are
-    /// more of them than freedoms, so that they measure each other: then a calibration is one of all rows, with the true
+    /// True if true poses are unknown: see [`unknown_poses::are_unknown`]. Then a calibration is one of all rows, with the true
     /// pose of each unknown.
     pub fn has_unknown_poses(&self) -> bool {
-        self.folder.has_partial_poses()
-            || !self.robot_file.measuring.drives.is_empty()
-            || self.robot.is_redundant()
+        unknown_poses::are_unknown(&self.robot, &self.robot_file, &self.folder)
     }
 
     /// True if something was measured of the plate, but none of its poses, so that measurements are compared, not poses.

@@ -2,7 +2,8 @@
 
 use tau_codes::fit;
 use tau_estimation::calibration::{Calibration, Error};
-use tau_estimation::trust::{self, Check, Mistake, Verdict};
+use tau_estimation::check::{self, Check};
+use tau_estimation::trust::{self, Mistake, Verdict};
 use tau_estimation::uncertainty::Uncertainty;
 use tau_estimation::unknown_poses::{self, RowDivision};
 use tau_estimation::weighing::Outlier;
@@ -119,7 +120,6 @@ impl<R> Session<R> {
             Some(name) => vec![self.robot.find(name, "--variant")?],
             None => {
                 let all = self.robot.variants.iter();
-                // The last tells most of the machine, and what is wrong with the input is looked for by the first.
                 all.filter(|variant| variant.effects.is_empty()).collect()
             }
         };
@@ -134,7 +134,7 @@ impl<R> Session<R> {
             .into());
         }
         let (division, rows, none) = self.looked_at();
-        let found = trust::check(
+        let found = check::check(
             &self.robot,
             &variants,
             &self.robot_file,

@@ -7,12 +7,13 @@ use tau_discovery as discovery;
 use tau_estimation::Setup;
 use tau_estimation::assumptions;
 use tau_estimation::calibration::{Calibration, Error};
+use tau_estimation::check;
 use tau_estimation::evaluation::{Evaluation, evaluate_knowing};
 use tau_estimation::expected::Expected;
 use tau_estimation::numerics::order::extent;
 use tau_estimation::numerics::parallel;
 use tau_estimation::sensitivity;
-use tau_estimation::trust::{self, Mistake, Reason, Status, Verdict, of_calibration};
+use tau_estimation::trust::{Mistake, Reason, Status, Verdict, of_calibration};
 use tau_estimation::uncertainty::Uncertainty;
 use tau_estimation::unknown_poses::{self, EstimatedPoses, HeldErrors, UnknownPoses};
 use tau_estimation::weighing::Treatment;
@@ -65,7 +66,7 @@ pub fn run<R>(
     // Where other measurements or redundant drives say something of the poses, all of them calibrate.
     let rows = session.has_unknown_poses().then_some(&parts.rows);
     let checks = || {
-        let check = trust::check(robot, &variants, file, folder, &parts.poses, rows);
+        let check = check::check(robot, &variants, file, folder, &parts.poses, rows);
         let assumed = are_measured.then(|| assumptions::check(robot, file, folder));
         (check, assumed.unwrap_or_default())
     };

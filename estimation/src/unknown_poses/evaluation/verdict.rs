@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 
 use super::super::outcome::GrossRow;
-use super::super::verdict::too_large;
 use super::HeldErrors;
 use super::known::Sum;
 use crate::numerics::distribution::{chi2_survival, f_survival};
@@ -74,23 +73,25 @@ impl HeldErrors {
             let is_tested = !is_estimated && sum.degrees > 0.0;
             is_tested && chi2_survival(sum.squares, sum.degrees) > 1.0 - LEVEL
         };
+        let is_loose = self.kinds.iter().any(|own| own.kind.is_loose);
         let size = if is_misfit || has_moved {
             verdict.status = Status::Inconsistent;
             Size::Unsaid
-        } else if is_small(&self.rest) {
-            too_large(self.kinds.iter().map(|own| &own.kind))
+        } else if is_small(&self.rest) && !is_loose {
+            Size::TooLarge
         } else if is_small(&self.all) {
             Size::Unsaid
         } else {
             Size::Chance
         };
-        let why = &mut verdict.why;
-        why.push(Reason::Held {
+        verdict.meet_noise(Reason::Held {
             over_noise: verdict.residual_over_noise,
             squares: [self.all.squares, self.all.degrees],
             by,
             size,
         });
+        verdict.say_contradiction(self.kinds.iter().map(|own| &own.kind));
+        let why = &mut verdict.why;
         if has_moved {
             why.push(Reason::Changed([squares, degrees]));
             let beyond = squares - degrees;

@@ -5,14 +5,15 @@ use tau_kinematics::Machine;
 use tau_robot::robot::ResidualKind;
 use tau_robot::robot_file::Noise;
 
-use super::fit::Fit;
-use super::{Component, Joint, Linear, Origin, RowPlace};
-use crate::calibration::error::Error;
-use crate::calibration::nominal::Nominal;
+use super::{EstimatedPoses, GrossRow, Placed, RowPlace, Side};
+use crate::joint::fit::Fit;
+use crate::joint::predicted::Predicted;
+use crate::joint::{Component, Joint, Linear, Origin};
+use crate::machine::error::Error;
+use crate::machine::nominal::Nominal;
 use crate::numerics::distribution::{chi2_survival, narrower};
 use crate::samples::Sample;
 use crate::samples::outliers::LEVEL;
-use crate::unknown_poses::{EstimatedPoses, GrossRow, Placed, Side};
 
 /// Rounds of fits, each about the poses of the one before; two or three are usual.
 const ROUNDS: usize = 8;
@@ -163,8 +164,25 @@ impl Fit {
         Ok(found)
     }
 
+    /// Predictions where poses are unknown, without outliers; `samples` are those of the readings.
+    ///
+    /// # Errors
+    /// As [`Joint::new`].
+    pub fn predicted_of_unknown_poses(
+        &self,
+        poses: &EstimatedPoses<'_>,
+        samples: &[Sample],
+        noise: Noise,
+    ) -> Result<Predicted, Error> {
+        let (poses, _) = self.without_gross(poses, samples, noise)?;
+        let (joint, linear) = self.linear_held_out(&poses, samples, noise)?;
+        let wanted = |&row: &usize| joint.rows[row].component == Component::Closure;
+        let rows: Vec<usize> = (0..joint.rows.len()).filter(wanted).collect();
+        Ok(self.told(&joint, &linear, &rows))
+    }
+
     /// Poses without held-out measurements that are outliers, and these outliers.
-    pub(super) fn without_gross<'a>(
+    fn without_gross<'a>(
         &self,
         poses: &EstimatedPoses<'a>,
         samples: &[Sample],
@@ -195,7 +213,7 @@ impl Fit {
     }
 
     /// Measurements that took no part, linearised where the fit is.
-    pub(super) fn linear_held_out(
+    fn linear_held_out(
         &self,
         poses: &EstimatedPoses<'_>,
         samples: &[Sample],

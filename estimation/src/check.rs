@@ -12,9 +12,10 @@ use tau_robot::measurements::{
 use tau_robot::robot::{ResidualKind, Robot, Variant};
 use tau_robot::robot_file::RobotFile;
 
-use crate::calibration::error::unsolved;
 use crate::calibration::known::Known;
-use crate::calibration::{Combination, Error, Prepared, check_places, check_poses};
+use crate::calibration::{Combination, check_places, check_poses};
+use crate::machine::error::unsolved;
+use crate::machine::{Error, Prepared};
 use crate::numerics::spread::spread;
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
@@ -23,7 +24,7 @@ use crate::trust::numbering;
 use crate::trust::observability::{Gap, Observability, missing, observabilities};
 use crate::trust::of_folder::looked_at as of_poses;
 use crate::trust::of_folder::plain;
-use crate::trust::{mistake::Mistake, reach::Reach, reason::Reason};
+use crate::trust::{Mistake, Reach, Reason};
 use crate::uncertainty::Uncertainty;
 use crate::unknown_poses::{self, Rank, RowDivision};
 
@@ -135,9 +136,15 @@ pub fn check(
     let setups: Vec<Setup<'_>> = (variants.iter())
         .map(|variant| Setup::new(robot, variant, file, folder))
         .collect();
-    let has_scale = |setup: &&Setup<'_>| unknown_poses::has_scale(**setup, rows);
-    let told = setups.iter().find(|setup| !has_scale(setup));
-    let looked_at = told.or(setups.first());
+    let mut checked: Vec<Checked> = (setups.iter())
+        .map(|&setup| checked(setup, poses, rows))
+        .collect();
+    // A variant that is too simple has a misfit that is no mistake. Measured poses are judged by tolerances, however few they
+    // are; of others, no fit tells a mistake where they can't calibrate.
+    let tells = |own: &Checked| rows.is_none() || own.why_not.is_none();
+    let telling = setups.iter().zip(&checked).filter(|(_, own)| tells(own));
+    let largest = telling.max_by_key(|(_, own)| own.parameters);
+    let looked_at = largest.map(|(setup, _)| setup).or(setups.first());
     let found = looked_at.map(|&setup| match rows {
         None => of_poses(setup, poses),
         Some(rows) => {
@@ -147,9 +154,6 @@ pub fn check(
     });
     // Where a variant can't be fitted for want of something, that is said of the variant.
     let found = found.and_then(Result::ok).unwrap_or_default();
-    let mut checked: Vec<Checked> = (setups.iter())
-        .map(|&setup| checked(setup, poses, rows))
-        .collect();
     for (own, variant) in checked.iter_mut().zip(variants) {
         let is_without_fit = found.is_without_fit
             && looked_at.is_some_and(|setup| setup.variant.name == variant.name);

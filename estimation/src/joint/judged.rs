@@ -3,12 +3,12 @@
 use nalgebra::{Cholesky, DMatrix, DVector};
 use tau_robot::robot_file::Noise;
 
-use crate::calibration::error::{Error, not_finite};
-use crate::calibration::nominal::Nominal;
-use crate::calibration::prepared::Prepared;
 use crate::joint::Component;
 use crate::joint::descent::{Descent, not_converged};
 use crate::joint::exact::descent as closures_descent;
+use crate::machine::error::{Error, not_finite};
+use crate::machine::nominal::Nominal;
+use crate::machine::prepared::Prepared;
 use crate::numerics::projection::inverse_factor;
 use crate::samples::Sample;
 

@@ -3,6 +3,7 @@
 use tau_robot::robot::Variant;
 use tau_solver::{Options, Parameter, Problem};
 
+use crate::numerics::order::extent;
 use crate::numerics::spread::even_in_reciprocals;
 
 /// Dips of the cost from which the whole fit is tried.
@@ -79,6 +80,12 @@ pub fn start(
         parameter.fixed = given;
     }
     Ok(())
+}
+
+/// Width of the range of some commands (m).
+pub fn widest<'a>(commands_m: impl Iterator<Item = &'a f64>) -> f64 {
+    let (low, high) = extent(commands_m.copied());
+    (high - low).max(1e-3)
 }
 
 fn searches(problem: &Problem<'_>, variant: &Variant, used: &[usize]) -> Vec<Search> {

@@ -58,10 +58,10 @@ pub struct Prepared {
 }
 
 impl Prepared {
-    /// From a robot file, its own paths of piecewise tracks before those of the folder: see [`super::machine_from_file`].
+    /// From a robot file, its own paths of piecewise tracks before those of the folder: see [`crate::calibration::machine_from_file`].
     ///
     /// # Errors
-    /// As [`super::machine_from_file`].
+    /// As [`crate::calibration::machine_from_file`].
     pub fn from_file(
         robot: &Robot,
         variant: &Variant,
@@ -86,7 +86,7 @@ impl Prepared {
         Self::registered(robot, variant, file, Some(&own), registration, poses)
     }
 
-    /// From a robot file, completed from the description; folder and poses as for [`super::machine_from_file`].
+    /// From a robot file, completed from the description; folder and poses as for [`crate::calibration::machine_from_file`].
     ///
     /// # Errors
     /// A parameter for which nothing gives a value; a piecewise track without its path.
