@@ -103,8 +103,6 @@ pub(super) struct Study {
     pub(super) outliers: Outliers,
     #[command(flatten)]
     pub(super) judgement: Judgement,
-    #[command(flatten)]
-    pub(super) json: Json,
 }
 
 impl Study {
@@ -156,8 +154,6 @@ pub(super) struct Calibrate {
     pub(super) out: PathBuf,
     #[command(flatten)]
     pub(super) judgement: Judgement,
-    #[command(flatten)]
-    pub(super) json: Json,
 }
 
 /// Compare predicted with measured poses, or what was measured instead
@@ -181,8 +177,6 @@ pub(super) struct Evaluate {
     pub(super) outliers: KeepOutliers,
     #[command(flatten)]
     pub(super) judgement: Judgement,
-    #[command(flatten)]
-    pub(super) json: Json,
 }
 
 /// Compute how much each parameter of each link matters
@@ -203,8 +197,6 @@ pub(super) struct Sensitivity {
     /// Step, in the SI unit of each parameter
     #[arg(long, value_name = "STEP", default_value_t = tau::sensitivity::PAPER_STEP, value_parser = positive)]
     pub(super) step: f64,
-    #[command(flatten)]
-    pub(super) json: Json,
 }
 
 /// Find the physical effects that a variant lacks
@@ -251,8 +243,6 @@ pub(super) struct Discover {
     pub(super) out: PathBuf,
     #[command(flatten)]
     pub(super) strict: Strict,
-    #[command(flatten)]
-    pub(super) json: Json,
 }
 
 /// Poses for a fit.
@@ -453,6 +443,8 @@ pub(super) struct Input {
     /// Seed of the random choice of --split fraction:F
     #[arg(long, value_name = "SEED")]
     pub(super) seed: Option<u64>,
+    #[command(flatten)]
+    pub(super) json: Json,
 }
 
 impl Input {
@@ -504,6 +496,6 @@ pub(super) struct Variant {
 #[derive(Debug, Default, Args)]
 pub(super) struct Json {
     /// Write the results as JSON; `-` prints them, and nothing else, on standard output
-    #[arg(long = "json", value_name = "FILE")]
+    #[arg(long = "json", value_name = "FILE", display_order = 800)]
     pub(super) target: Option<PathBuf>,
 }

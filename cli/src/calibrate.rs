@@ -6,9 +6,8 @@ use tau::session::CALIBRATION_FILES;
 use tau::study;
 use tau::trust::Status;
 use tau_report as report;
-use tau_robot::input_error::both;
 
-use super::deliver::{Outcome, Target, check_results, named};
+use super::deliver::{Outcome, check_results, named, titled};
 use super::kept::Kept;
 use super::{Console, Failure, arguments, resolve, trust};
 
@@ -21,14 +20,8 @@ pub(super) fn run(
 ) -> Result<Outcome, Failure> {
     let out = &arguments.out;
     let kept = Kept::from(&arguments.input);
-    let outputs = both(
-        Target::resolve(&arguments.json, &kept),
-        (kept.check_all(out, names())).and_then(|()| check_results(out)),
-    );
-    let (session, (target, ())) = both(
-        resolve::with_variant(&arguments.input, &arguments.variant),
-        outputs,
-    )?;
+    let outputs = (kept.check_all(out, names())).and_then(|()| check_results(out));
+    let (session, target) = resolve::session(&arguments.input, Some(&arguments.variant), outputs)?;
     let session = session.outliers(resolve::treatment(&arguments.outliers));
     let variant = arguments.variant.name.as_str();
     let explained = |error| trust::explained(&session, variant, error, target.as_ref());
@@ -42,38 +35,26 @@ pub(super) fn run(
         session.calibrate_with(variant, &options)
     };
     let found = found.map_err(explained)?;
-    let (robot, folder) = (&session.robot().name, &session.folder().name);
-    let mut summary = format!("{robot}, {variant}, {folder}\n\n");
-    let mut remarks = session.remarks_on(&found)?;
     let verdict = found.verdict().cloned().unwrap_or_default();
-    let statistics = if let Some(unknown) = found.unknown_poses() {
-        summary += &report::unknown_poses::terminal(unknown, console.width);
-        report::unknown_poses::json(unknown)
-    } else {
-        let result = match study::result_of(&session, &found) {
-            // A machine that can't be predicted has its reason.
-            Err(_) if verdict.status == Status::Absurd && !arguments.judgement.force => {
-                let outcome = Outcome {
-                    json: trust::of_verdict(&session, variant, &verdict, target.as_ref()),
-                    ..Outcome::default()
-                };
-                return Ok(outcome.judged(&verdict, &arguments.judgement));
-            }
-            result => result?,
-        };
-        remarks.extend(result.not_predicted.iter().map(NotPredicted::remark));
-        let poses = session.poses()?;
-        let is_held_out = poses.division.is_disjoint();
-        let architecture = session.robot().architecture();
-        summary += &report::terminal::variant(&result, is_held_out, architecture, console.width);
-        let beside = found.errors_in_variables().map(|fitted| {
-            let closure = &fitted.closure_fit;
-            let closure = study::result(closure, session.folder(), &poses.division)?;
-            summary += &report::errors_in_variables::terminal(fitted, &result, &closure);
-            Ok::<_, Failure>(report::errors_in_variables::json(fitted, &result, &closure))
-        });
-        report::json::calibration(&found, &result, &poses, beside.transpose()?)
+    let result = match study::result_of(&session, &found) {
+        // A machine that can't be predicted has its reason.
+        Err(_) if verdict.status == Status::Absurd && !arguments.judgement.force => {
+            let outcome = Outcome {
+                json: trust::of_verdict(&session, variant, &verdict, target.as_ref()),
+                ..Outcome::default()
+            };
+            return Ok(outcome.judged(&verdict, &arguments.judgement));
+        }
+        result => result?,
     };
+    let mut remarks = session.remarks_on(&found)?;
+    let not_predicted = result.evaluation.not_predicted.iter();
+    remarks.extend(not_predicted.map(NotPredicted::remark));
+    let parts = session.parts()?;
+    let (is_held_out, architecture) = (parts.rows.is_disjoint(), session.robot().architecture());
+    let summary = titled(&session, variant)
+        + &report::terminal::calibration(&found, &result, is_held_out, architecture, console.width);
+    let statistics = report::json::calibration(&found, &result, &parts);
     let mut statistics = named(statistics, &session, variant);
     report::json::remarks(&mut statistics, &remarks);
     let (tables, document) = rayon::join(|| found.files(), || report::json::document(statistics));

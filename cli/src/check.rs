@@ -3,18 +3,13 @@
 use serde_json::json;
 use tau_codes::{Remark, fit};
 use tau_report as report;
-use tau_robot::input_error::both;
 
-use super::deliver::{Outcome, Target};
-use super::kept::Kept;
+use super::deliver::{Outcome, document};
 use super::{Console, Failure, arguments, resolve};
 
 pub(super) fn run(arguments: &arguments::Check, console: &Console<'_>) -> Result<Outcome, Failure> {
     let variant = arguments.variant.as_deref();
-    let (session, target) = both(
-        resolve::session(&arguments.input),
-        Target::resolve(&arguments.json, &Kept::from(&arguments.input)),
-    )?;
+    let (session, target) = resolve::session(&arguments.input, None, Ok(()))?;
     let found = session.check(variant)?;
     let (robot, folder) = (&session.robot().name, &session.folder().name);
     let failure = (!found.is_meaningful()).then(|| {
@@ -43,21 +38,13 @@ pub(super) fn run(arguments: &arguments::Check, console: &Console<'_>) -> Result
             report::trust::terminal::check(&found, console.width)
         ),
         remarks: session.remarks(),
-        json: target.map(|target| {
+        json: document(target, || {
             let mut value = report::trust::json::check(&found);
             value["robot"] = json!(robot);
             value["folder"] = json!(folder);
-            value["poses"] = if session.has_unknown_poses() {
-                report::unknown_poses::division_json(&session.row_division())
-            } else {
-                json!(
-                    session
-                        .poses()
-                        .ok()
-                        .map(|poses| report::json::poses(poses.counts))
-                )
-            };
-            (report::json::document(value), target)
+            let parts = session.parts().ok();
+            value["poses"] = json!(parts.map(|parts| report::json::parts(&parts)));
+            value
         }),
         failure,
         ..Outcome::default()

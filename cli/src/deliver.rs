@@ -117,12 +117,26 @@ pub(super) fn written(files: &[(PathBuf, String)]) -> String {
     listed("Written", files.iter().map(|(path, _)| path.as_path()))
 }
 
+/// Results for programs as the text of a file, where they are asked for.
+pub(super) fn document(
+    target: Option<Target>,
+    results: impl FnOnce() -> Value,
+) -> Option<(String, Target)> {
+    target.map(|target| (report::json::document(results()), target))
+}
+
 /// Results for programs, with the names of what they are of.
 pub(super) fn named(mut results: Value, session: &Session, variant: &str) -> Value {
     results["variant"] = json!(variant);
     results["robot"] = json!(session.robot().name);
     results["folder"] = json!(session.folder().name);
     results
+}
+
+/// The first line of a summary, which names the same.
+pub(super) fn titled(session: &Session, variant: &str) -> String {
+    let (robot, folder) = (&session.robot().name, &session.folder().name);
+    format!("{robot}, {variant}, {folder}\n\n")
 }
 
 /// Says which files of an earlier run are removed.

@@ -3,6 +3,7 @@
 use tau::discovery::{Discovery, Options};
 use tau::input_error::InputError;
 use tau::session::{CALIBRATION_FILES, Record};
+use tau::study::results::Setting;
 use tau::trust::Status;
 use tau::{Session, study};
 use tau_codegen::CompiledRobot;
@@ -11,7 +12,7 @@ use tau_report as report;
 use tau_robot::input_error::both;
 
 use super::arguments::Refit;
-use super::deliver::{Outcome, Target, check_results};
+use super::deliver::{Outcome, Target, check_results, document};
 use super::kept::Kept;
 use super::progress::Spinner;
 use super::{Console, Failure, arguments, resolve};
@@ -26,10 +27,9 @@ pub(super) fn run(
     console: &Console<'_>,
 ) -> Result<Outcome, Failure> {
     let out = &arguments.out;
-    let named = arguments.input.robot.files().chain(&arguments.effects);
-    let kept = Kept::of(arguments.input.folder.as_ref(), named);
+    let kept = Kept::from(arguments);
     let outputs = both(
-        Target::resolve(&arguments.json, &kept),
+        Target::resolve(&arguments.input.json, &kept),
         (kept.check_all(out, names())).and_then(|()| check_results(out)),
     );
     let (session, (target, ())) = both(resolve::of_search(&arguments.input), outputs)?;
@@ -38,12 +38,8 @@ pub(super) fn run(
         session.catalogues(&arguments.effects),
     )?;
     let session = session.placing_poses()?;
-    let known = if session.folder().tcp_poses.is_empty() {
-        None
-    } else {
-        Some(session.poses()?.counts)
-    };
-    let (robot, file, folder) = (session.robot(), session.robot_file(), session.folder());
+    let known = session.parts()?.counts;
+    let (robot, folder) = (session.robot(), session.folder());
 
     let options = Options {
         seed: arguments.input.seed.unwrap_or_default(),
@@ -72,26 +68,17 @@ pub(super) fn run(
             }?;
             let unknown = found.unknown.as_ref();
             let placed = unknown.map_or(folder, |unknown| &unknown.folder);
-            let layout = study::layout(&calibrated, placed);
-            let counts = unknown.map(|unknown| unknown.counts).or(known);
-            let setting = report::Setting {
-                poses: counts.map_or_else(|| session.poses().map(|poses| poses.counts), Ok)?,
-                has_cart_poses: !folder.cart_poses.is_empty(),
-                noise: (file.noise.position_m, file.noise.rotation_rad),
-                architecture: robot.architecture(),
-                layout,
-                measured_m: placed
-                    .tcp_poses
-                    .iter()
-                    .map(|pose| pose.position_m)
-                    .collect(),
+            let counts = unknown.map_or(known, |unknown| unknown.counts);
+            let setting = Setting {
+                layout: study::layout(&calibrated, placed),
                 rows: unknown.map(|unknown| unknown.rows.clone()),
-                record: Record {
-                    arguments: arguments.input.words(),
-                    ..session.record()
-                },
+                ..study::setting(&session, counts, placed)
             };
-            let page = report::html::discovery_page(discovery, &setting, &robot.name, &folder.name);
+            let record = Record {
+                arguments: arguments.input.words(),
+                ..session.record()
+            };
+            let page = report::html::discovery_page(discovery, &setting, &record);
             Ok::<_, Failure>((calibrated, page))
         },
     );
@@ -107,12 +94,7 @@ pub(super) fn run(
         summary,
         verdict: Some(report::terminal::found(discovery)),
         remarks: [session.remarks(), catalogues.remarks].concat(),
-        json: target.map(|target| {
-            (
-                report::json::document(report::json::discovery(discovery)),
-                target,
-            )
-        }),
+        json: document(target, || report::json::discovery(discovery)),
         ..Outcome::default()
     };
     let verdict = discovery.fit.as_ref();

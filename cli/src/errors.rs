@@ -6,13 +6,18 @@ use serde_json::{Value, json};
 use tau::input_error::Problem;
 use tau_report as report;
 
-use super::arguments::{Command, Kinematics};
+use super::arguments::{
+    Calibrate, Check, Command, Evaluate, Forward, Inverse, Json, Kinematics, Sensitivity, Study,
+};
 use super::kept::Kept;
 use super::{Console, Failure};
 
 /// Writes why a command failed to the target of its `--json`; a file that the command reads stays as it is.
 pub(super) fn deliver(failure: &Failure, command: &Command, console: &mut Console<'_>) {
-    let Some(target) = target(command) else {
+    let Some((json, kept)) = asked(command) else {
+        return;
+    };
+    let Some(target) = json.target.as_deref() else {
         return;
     };
     let errors: Vec<Value> = match failure {
@@ -31,7 +36,7 @@ pub(super) fn deliver(failure: &Failure, command: &Command, console: &mut Consol
     // The errors themselves stand on standard error, whatever becomes of these.
     if target == Path::new("-") {
         let _ = console.print(&text);
-    } else if !target.is_dir() && read(command).check("--json", target).is_ok() {
+    } else if !target.is_dir() && kept.check("--json", target).is_ok() {
         let _ = report::write_files(&[(target.to_owned(), text)]);
     }
 }
@@ -60,61 +65,35 @@ fn of_input(problem: &Problem) -> Value {
     })
 }
 
-/// Target of the JSON that was asked for.
-fn target(command: &Command) -> Option<&Path> {
-    let json = match command {
-        Command::Study(arguments) => &arguments.json,
-        Command::Check(arguments) => &arguments.json,
-        Command::Calibrate(arguments) => &arguments.json,
-        Command::Evaluate(arguments) => &arguments.json,
-        Command::Sensitivity(arguments) => &arguments.json,
-        Command::Discover(arguments) => &arguments.json,
-        Command::Simulate(arguments) => &arguments.json,
-        Command::Kinematics(Kinematics::Forward(arguments)) => &arguments.with.json,
-        Command::Kinematics(Kinematics::Inverse(arguments)) => &arguments.with.json,
+/// The JSON that was asked for, and the files that the command reads, or finds where it would write measurements.
+fn asked(command: &Command) -> Option<(&Json, Kept)> {
+    Some(match command {
+        Command::Study(Study { input, .. })
+        | Command::Check(Check { input, .. })
+        | Command::Calibrate(Calibrate { input, .. })
+        | Command::Evaluate(Evaluate { input, .. })
+        | Command::Sensitivity(Sensitivity { input, .. }) => (&input.json, Kept::from(input)),
+        Command::Discover(arguments) => (&arguments.input.json, Kept::from(arguments)),
+        Command::Simulate(arguments) => {
+            let truth = arguments.out.join("truth.json");
+            let named = arguments.model.iter().chain(&arguments.robot);
+            let kept = Kept::of(Some(&arguments.out), named.chain([&truth]));
+            (&arguments.json, kept)
+        }
+        Command::Kinematics(
+            Kinematics::Forward(Forward { with, poses, .. })
+            | Kinematics::Inverse(Inverse { with, poses, .. }),
+        ) => {
+            let named = with.robot.files().chain(poses);
+            (&with.json, Kept::of(with.folder.as_ref(), named))
+        }
         Command::Init(_)
         | Command::Import(_)
         | Command::Export(_)
         | Command::Robots
         | Command::Generate(_)
         | Command::Completions(_) => return None,
-    };
-    json.target.as_deref()
-}
-
-/// Files that a command with JSON reads, or finds where it would write measurements.
-fn read(command: &Command) -> Kept {
-    let of_kinematics = |with: &super::arguments::Kinematic, poses: &Option<_>| {
-        Kept::of(with.folder.as_ref(), with.robot.files().chain(poses))
-    };
-    match command {
-        Command::Study(arguments) => Kept::from(&arguments.input),
-        Command::Check(arguments) => Kept::from(&arguments.input),
-        Command::Calibrate(arguments) => Kept::from(&arguments.input),
-        Command::Evaluate(arguments) => Kept::from(&arguments.input),
-        Command::Sensitivity(arguments) => Kept::from(&arguments.input),
-        Command::Discover(arguments) => {
-            let named = arguments.input.robot.files().chain(&arguments.effects);
-            Kept::of(arguments.input.folder.as_ref(), named)
-        }
-        Command::Simulate(arguments) => {
-            let truth = arguments.out.join("truth.json");
-            let named = arguments.model.iter().chain(&arguments.robot);
-            Kept::of(Some(&arguments.out), named.chain([&truth]))
-        }
-        Command::Kinematics(Kinematics::Forward(arguments)) => {
-            of_kinematics(&arguments.with, &arguments.poses)
-        }
-        Command::Kinematics(Kinematics::Inverse(arguments)) => {
-            of_kinematics(&arguments.with, &arguments.poses)
-        }
-        Command::Init(_)
-        | Command::Import(_)
-        | Command::Export(_)
-        | Command::Robots
-        | Command::Generate(_)
-        | Command::Completions(_) => Kept::of(None, []),
-    }
+    })
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@ use tau::input_error::InputError;
 use tau_codegen::emit;
 use tau_codegen::language;
 use tau_codes::{Remark, files};
+use tau_report::shell_word;
 use tau_robot::input_error::read;
 
 use super::Failure;
@@ -31,16 +32,13 @@ pub(super) fn run(arguments: &arguments::Generate) -> Result<Outcome, Failure> {
         check_file(&path)?;
     }
 
+    let [from, out] = [source, &arguments.out].map(|path| slashed(path));
     let command = format!(
         "tau generate {} --out {}",
-        shell_word(source),
-        shell_word(&arguments.out)
+        shell_word(&from),
+        shell_word(&out)
     );
-    let code = emit::file(
-        &compiled,
-        &one_line(&source.display().to_string().replace('\\', "/")),
-        &one_line(&command),
-    );
+    let code = emit::file(&compiled, &one_line(&from), &one_line(&command));
     let current = fs::read_to_string(&path).ok();
     let is_fresh = current
         .as_deref()
@@ -67,6 +65,11 @@ pub(super) fn run(arguments: &arguments::Generate) -> Result<Outcome, Failure> {
             ..Outcome::default()
         }),
     }
+}
+
+/// A path as it is typed on any system.
+fn slashed(path: &Path) -> String {
+    path.display().to_string().replace('\\', "/")
 }
 
 /// For a comment, which ends where the line does.
@@ -101,15 +104,4 @@ fn first_difference(current: &str, expected: &str) -> usize {
     let same = |(a, b): &(&str, &str)| a == b;
     let equal = body(current).lines().zip(body(expected).lines());
     equal.take_while(same).count() + 2
-}
-
-/// A path as it is typed, with quotes where a shell needs them.
-fn shell_word(path: &Path) -> String {
-    let text = path.display().to_string().replace('\\', "/");
-    let is_plain = |c: char| c.is_alphanumeric() || "/._-+,:@%".contains(c);
-    if text.chars().all(is_plain) {
-        text
-    } else {
-        format!("'{}'", text.replace('\'', r"'\''"))
-    }
 }

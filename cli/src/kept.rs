@@ -56,3 +56,11 @@ impl From<&arguments::Input> for Kept {
         Self::of(input.folder.as_ref(), input.robot.files())
     }
 }
+
+impl From<&arguments::Discover> for Kept {
+    fn from(arguments: &arguments::Discover) -> Self {
+        let input = &arguments.input;
+        let named = input.robot.files().chain(&arguments.effects);
+        Self::of(input.folder.as_ref(), named)
+    }
+}

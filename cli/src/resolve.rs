@@ -12,27 +12,29 @@ use tau_codes::files;
 use tau_robot::input_error::{both, quoted};
 
 use super::arguments;
+use super::deliver::Target;
+use super::kept::Kept;
 
-/// Input of a command; mistakes of several sources are reported together.
-pub(super) fn session(input: &arguments::Input) -> Result<Session, InputError> {
-    let (session, ()) = both(of_search(input), check_seed(input))?;
-    Ok(session)
+/// Input of a command, with the variant of a name where one is asked for, and the target of its JSON; mistakes of several
+/// sources, and of outputs that were looked at, are reported together.
+pub(super) fn session(
+    input: &arguments::Input,
+    variant: Option<&arguments::Variant>,
+    outputs: Result<(), InputError>,
+) -> Result<(Session, Option<Target>), InputError> {
+    let target = Target::resolve(&input.json, &Kept::from(input));
+    let opened = robot_of(input).and_then(|robot| {
+        let known = variant.map(|own| robot.find(&own.name, "--variant").map(|_| ()));
+        let known = known.unwrap_or(Ok(()));
+        both(open(robot, input), both(known, check_seed(input)))
+    });
+    let ((session, _), (target, ())) = both(opened, both(target, outputs))?;
+    Ok((session, target))
 }
 
 /// Input of a search, whose resamples have the seed, too.
 pub(super) fn of_search(input: &arguments::Input) -> Result<Session, InputError> {
     open(robot_of(input)?, input)
-}
-
-/// The same where the variant of a name is asked for, which must be there.
-pub(super) fn with_variant(
-    input: &arguments::Input,
-    variant: &arguments::Variant,
-) -> Result<Session, InputError> {
-    let robot = robot_of(input)?;
-    let known = robot.find(&variant.name, "--variant").map(|_| ());
-    let (session, ((), ())) = both(open(robot, input), both(known, check_seed(input)))?;
-    Ok(session)
 }
 
 fn robot_of(input: &arguments::Input) -> Result<Robot, InputError> {

@@ -2,10 +2,8 @@
 
 use tau_codes::Remark;
 use tau_report as report;
-use tau_robot::input_error::both;
 
-use super::deliver::{Outcome, Target};
-use super::kept::Kept;
+use super::deliver::{Outcome, document};
 use super::{Console, Failure, arguments, resolve};
 
 /// Difference of the two ways of differentiation, as a share of an entry, from which one of them has no digit right. Steps of a
@@ -16,10 +14,7 @@ pub(super) fn run(
     arguments: &arguments::Sensitivity,
     console: &Console<'_>,
 ) -> Result<Outcome, Failure> {
-    let (session, target) = both(
-        resolve::with_variant(&arguments.input, &arguments.variant),
-        Target::resolve(&arguments.json, &Kept::from(&arguments.input)),
-    )?;
+    let (session, target) = resolve::session(&arguments.input, Some(&arguments.variant), Ok(()))?;
     let variant = arguments.variant.name.as_str();
     let session = session.comparing_poses()?;
     let found = session.sensitivity(&session.machine(variant)?, arguments.step)?;
@@ -38,12 +33,7 @@ pub(super) fn run(
             console.width,
         ),
         remarks: session.remarks_for(variant)?,
-        json: target.map(|target| {
-            (
-                report::json::document(report::json::sensitivity(&found)),
-                target,
-            )
-        }),
+        json: document(target, || report::json::sensitivity(&found)),
         ..Outcome::default()
     })
 }

@@ -7,11 +7,10 @@ use tau::Files;
 use tau::input_error::InputError;
 use tau::simulation::{Request, Simulation, Summary};
 use tau_codes::{Remark, files};
-use tau_report as report;
 use tau_robot::input_error::both;
 use tau_robot::measurements::FILES;
 
-use super::deliver::{Outcome, Target, check_folder};
+use super::deliver::{Outcome, Target, check_folder, document};
 use super::kept::Kept;
 use super::resolve::robot;
 use super::{Failure, arguments, kinematics};
@@ -35,15 +34,13 @@ pub(super) fn run(arguments: &arguments::Simulate) -> Result<Outcome, Failure> {
         let misplaced = simulation.as_ref().and_then(misplaced);
         misplaced.unwrap_or(error)
     })?;
-    let effects: Vec<String> = made
-        .effects
-        .iter()
+    let effects = made.effects.iter();
+    let effects: Vec<String> = effects
         .map(|(name, place)| format!("{name}({place})"))
         .collect();
-    let effects = if effects.is_empty() {
-        "no effect".to_owned()
-    } else {
-        effects.join(", ")
+    let effects = match effects.as_slice() {
+        [] => "no effect".to_owned(),
+        some => some.join(", "),
     };
     let out_of_reach = (made.out_of_reach > 0).then(|| {
         let text = format!(
@@ -67,8 +64,8 @@ pub(super) fn run(arguments: &arguments::Simulate) -> Result<Outcome, Failure> {
             .chain(made.remarks.clone())
             .chain(exact)
             .collect(),
-        json: target.map(|target| {
-            let value = json!({
+        json: document(target, || {
+            json!({
                 "folder": out,
                 "rows": rows(&made),
                 "effects": made.effects.iter()
@@ -76,8 +73,7 @@ pub(super) fn run(arguments: &arguments::Simulate) -> Result<Outcome, Failure> {
                     .collect::<Vec<_>>(),
                 "outliers": made.outliers,
                 "out_of_reach": made.out_of_reach,
-            });
-            (report::json::document(value), target)
+            })
         }),
         ..Outcome::default()
     })

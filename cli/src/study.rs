@@ -6,20 +6,14 @@ use tau::session::Record;
 use tau::study;
 use tau::trust::Status;
 use tau_report as report;
-use tau_robot::input_error::both;
 
-use super::deliver::{Outcome, Target, check_folder, removed, written};
-use super::kept::Kept;
+use super::deliver::{Outcome, check_folder, removed, written};
 use super::progress::{Bar, Spinner};
 use super::{Console, Failure, arguments, resolve, trust};
 
 pub(super) fn run(arguments: &arguments::Study, console: &Console<'_>) -> Result<Outcome, Failure> {
     let out = arguments.out();
-    let outputs = both(
-        Target::resolve(&arguments.json, &Kept::from(&arguments.input)),
-        check_folder(out),
-    );
-    let (session, (target, ())) = both(resolve::session(&arguments.input), outputs)?;
+    let (session, target) = resolve::session(&arguments.input, None, check_folder(out))?;
     let session = session
         .placing_poses()?
         .outliers(resolve::treatment(&arguments.outliers));

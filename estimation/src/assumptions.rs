@@ -1,6 +1,7 @@
 //! Checks of what the models assume, on the measurements alone (section III-C of the paper).
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
+use serde::Serialize;
 use tau_kinematics::{Path, Pose, nearest_rotation, track_axes, zyz};
 use tau_robot::measurements::Folder;
 use tau_robot::robot::Robot;
@@ -12,18 +13,19 @@ use crate::machine::{
 use crate::numerics::order::smallest_first;
 
 /// Checks of what the models assume.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize)]
 pub struct Assumptions {
     /// Orientation over the grid, as deviation from the mean (Figure 4).
     pub orientation: Vec<OrientationPoint>,
     /// Deviation of each cart from a straight line (Figures 5 and 6); empty without set 2.
     pub linearity: Vec<TrackLinearity>,
     /// Set 3 against the paths of set 2; empty without both.
+    #[serde(rename = "set_3_against_set_2")]
     pub sets: Vec<TrackComparison>,
 }
 
 /// Orientation of one pose against the mean orientation.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct OrientationPoint {
     /// Pose number.
     pub pose: u32,
@@ -34,7 +36,7 @@ pub struct OrientationPoint {
 }
 
 /// Deviation of a cart's path from a straight line with even scale.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize)]
 pub struct TrackLinearity {
     /// Name of the track.
     pub track: String,
@@ -43,7 +45,7 @@ pub struct TrackLinearity {
 }
 
 /// Deviation of a cart at a command, split parallel and orthogonal to the track.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PathDeviation {
     /// Command (m).
     pub q_m: f64,
@@ -56,7 +58,7 @@ pub struct PathDeviation {
 }
 
 /// Set 3 against the path of set 2, for one track.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize)]
 pub struct TrackComparison {
     /// Name of the track.
     pub track: String,

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use serde::Serialize;
 use tau_codes::{Remark, fit};
 use tau_robot::measurements::set::POSITION;
 use tau_robot::measurements::{
@@ -32,18 +33,20 @@ use crate::unknown_poses::{self, Rank, RowDivision};
 const MOST_POSES: usize = 4000;
 
 /// A column's range.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Range {
     /// Name of the column.
     pub column: String,
-    /// Lowest and highest value, SI.
-    pub range: (f64, f64),
+    /// Lowest value, SI.
+    pub low: f64,
+    /// Highest value.
+    pub high: f64,
     /// The widest stretch between two neighbouring values.
-    pub gap: (f64, f64),
+    pub widest_gap: (f64, f64),
 }
 
 /// A file of a folder.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FileFacts {
     /// Name of the file.
     pub file: &'static str,
@@ -186,8 +189,9 @@ fn range(column: String, values: impl Iterator<Item = f64>) -> Option<Range> {
         .max_by(|a, b| (a.1 - a.0).total_cmp(&(b.1 - b.0)));
     Some(Range {
         column,
-        range: (low, high),
-        gap: gap.unwrap_or((low, low)),
+        low,
+        high,
+        widest_gap: gap.unwrap_or((low, low)),
     })
 }
 
@@ -483,6 +487,7 @@ mod tests {
     #[test]
     fn the_widest_gap_is_found() {
         let found = range("q1_m".to_owned(), [0.5, -1.0, 0.4, f64::NAN].into_iter()).unwrap();
-        assert_eq!((found.range, found.gap), ((-1.0, 0.5), (-1.0, 0.4)));
+        assert_eq!((found.low, found.high), (-1.0, 0.5));
+        assert_eq!(found.widest_gap, (-1.0, 0.4));
     }
 }

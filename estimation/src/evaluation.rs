@@ -1,27 +1,24 @@
 //! Errors of predicted poses: Table I and Figure 8 of the paper.
 
+use serde::Serialize;
 use std::fmt;
 
 use tau_codes::{Remark, fit};
 use tau_kinematics::{self as kinematics, Machine, Sample};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Folder, TCP_POSES, TcpPose};
-use tau_robot::robot::Arm;
 
-use crate::calibration::{Combination, LinkResult, ParameterEstimate};
 pub use crate::expected::ErrorSigma;
 use crate::expected::Expected;
 use crate::machine::Error;
 use crate::numerics::parallel;
-use crate::trust::Verdict;
-use crate::unknown_poses::HeldErrors;
 use crate::weighing::Outlier;
 
 /// Poses that a thread predicts at once: whole blocks of samples, and parts for every core where there are some hundred.
 const AT_ONCE: usize = 64;
 
 /// Mean, largest and root-mean-square of a length, in µm.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Summary {
     /// Mean.
     pub mean: f64,
@@ -86,64 +83,8 @@ impl fmt::Display for NotPredicted {
     }
 }
 
-/// One calibrated variant.
-#[derive(Debug, Clone)]
-pub struct VariantResult {
-    /// Name.
-    pub name: String,
-    /// One closure per link, or one per cluster.
-    pub arm: Arm,
-    /// Position error on the validation poses (Table I).
-    pub position_um: Summary,
-    /// Largest magnitude of each component of the orientation error (rad), where the model predicts orientation.
-    pub orientation_rad_max_abs: Option<[f64; 3]>,
-    /// Root mean square of the position error to be expected of parameters and stated noise (µm), where it is known.
-    pub expected_rms_um: Option<f64>,
-    /// Error at each validation pose.
-    pub pose_errors: Vec<PoseError>,
-    /// Validation poses without one.
-    pub not_predicted: Vec<NotPredicted>,
-    /// One row per link (full arm) or cluster (reduced arm): Table II.
-    pub links: Vec<LinkResult>,
-    /// Every parameter with its standard deviation.
-    pub parameters: Vec<ParameterEstimate>,
-    /// Pairs with the largest correlations.
-    pub correlations: Vec<(String, String, f64)>,
-    /// Combinations of which the tolerances say more than the data, worst first.
-    pub undetermined: Vec<Combination>,
-    /// Iterations of the solver, summed over independent parts.
-    pub iterations: usize,
-    /// Why the solver stopped, in words.
-    pub termination: String,
-    /// Verdict on the fit, where that was asked.
-    pub fit: Option<Verdict>,
-    /// Outliers among the validation poses, where that was asked.
-    pub validation_outliers: Vec<Outlier>,
-    /// Errors of measurements that were held out, where poses were not measured; then there are no errors of poses.
-    pub held: Option<HeldErrors>,
-}
-
-impl VariantResult {
-    /// Position error (µm), or, where poses were not measured, that of lengths which were held out.
-    pub fn error_um(&self) -> Summary {
-        let Some(held) = &self.held else {
-            return self.position_um;
-        };
-        let judged = held.errors.iter().filter(|own| own.expected.is_some());
-        let lengths_m = judged.filter_map(|own| own.error_m);
-        let errors: Vec<f64> = lengths_m.map(|error_m| 1e6 * error_m.abs()).collect();
-        let mean =
-            |of: &dyn Fn(&f64) -> f64| errors.iter().map(of).sum::<f64>() / errors.len() as f64;
-        Summary {
-            mean: mean(&|error| *error),
-            max: errors.iter().copied().fold(f64::NAN, f64::max),
-            rms: mean(&|error| error * error).sqrt(),
-        }
-    }
-}
-
-/// Errors of the predicted poses.
-#[derive(Debug, Clone, PartialEq)]
+/// Errors of the predicted poses; by default of none.
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Evaluation {
     /// Position error (µm).
     pub position_um: Summary,

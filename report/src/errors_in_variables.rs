@@ -1,77 +1,84 @@
-//! Errors in variables beside the ordinary calibration, in words, as a table and as JSON.
+//! Errors in variables beside the ordinary calibration, as tables and as JSON.
 
 use serde_json::{Value, json};
 use tau::calibration::ParameterEstimate;
 use tau::errors_in_variables::{Component, ErrorsInVariables};
-use tau::evaluation::{Summary, VariantResult};
+use tau::study::results::VariantResult;
+
+use crate::number::general;
+use crate::screen::Screen;
+use crate::table::{Cell, Table, columns, number, text};
 
 /// Parameters listed in the terminal: those that differ most.
 const LISTED: usize = 8;
 
-/// A parameter in both fits.
-struct Difference<'a> {
-    fitted: &'a ParameterEstimate,
-    closure: &'a ParameterEstimate,
-    /// Difference in standard deviations of the closure fit; zero where it has none.
-    sigmas: f64,
-}
-
-/// Results of the fit besides the variant's own; `closure` are those of the ordinary fit.
-pub fn terminal(
-    found: &ErrorsInVariables,
-    fitted: &VariantResult,
-    closure: &VariantResult,
-) -> String {
-    let mut text = format!(
-        "\nErrors in variables: {} unknowns, closures held to {:.2} µm of link length\n\n",
+/// Results of the fit besides the variant's own.
+pub(crate) fn terminal(screen: &mut Screen, found: &ErrorsInVariables, result: &VariantResult) {
+    screen.gap();
+    screen.say(&format!(
+        "Errors in variables: {} unknowns, closures held to {:.2} µm of link length.",
         found.unknowns,
         found.closure_m * 1e6
-    );
-    text += &format!(
-        "  {:<28}{:>10}{:>22}{:>15}\n",
-        "measurements", "residuals", "rms / stated noise", "noise factor"
-    );
-    for group in &found.groups {
-        text += &format!(
-            "  {:<28}{:>10}{:>22.2}{:>15.2}\n",
-            name(group.group),
-            group.residuals,
-            group.rms,
-            group.noise_factor
-        );
-    }
-    text += "\nAgainst the closure fit of set 1\n\n";
-    text += &format!("  {:<28}{:>12}{:>12}\n", "validation, µm", "mean", "max");
-    for (label, summary) in [
-        ("closure fit", closure.position_um),
-        ("errors in variables", fitted.position_um),
-    ] {
-        text += &format!("  {label:<28}{:>12.1}{:>12.1}\n", summary.mean, summary.max);
-    }
-    let mut differences = differences(found);
-    let squares: f64 = differences.iter().map(|d| d.sigmas * d.sigmas).sum();
-    text += &format!(
-        "\n  parameters differ by {:.2} sigma of the closure fit (rms); most:\n",
-        (squares / differences.len().max(1) as f64).sqrt()
-    );
-    differences.sort_by(|a, b| b.sigmas.abs().total_cmp(&a.sigmas.abs()));
-    for difference in differences.iter().take(LISTED) {
-        text += &format!(
-            "  {:<28}{:>+10.2} sigma   sigma {:.2e} -> {:.2e} {}\n",
-            difference.fitted.name,
-            difference.sigmas,
-            difference.closure.sigma,
-            difference.fitted.sigma,
-            difference.fitted.unit
-        );
-    }
-    text
+    ));
+    screen.gap();
+    let groups = found.groups.iter().map(|group| {
+        vec![
+            text(name(group.group)),
+            Cell::Number(group.residuals.to_string()),
+            number(group.rms, 2),
+            number(group.noise_factor, 2),
+        ]
+    });
+    let headings = [
+        "Measurements",
+        "residuals",
+        "rms / stated noise",
+        "noise factor",
+    ];
+    screen.table(&Table {
+        title: "Residuals by set".to_owned(),
+        columns: columns(&[("", &headings)]),
+        rows: groups.collect(),
+    });
+    let fits = [
+        ("closure fit", result.closure_um.unwrap_or_default()),
+        ("errors in variables", result.evaluation.position_um),
+    ];
+    let fits = fits.map(|(label, error)| {
+        let [mean, max] = [error.mean, error.max].map(|value| number(value, 1));
+        vec![text(label), mean, max]
+    });
+    screen.gap();
+    screen.table(&Table {
+        title: "Against the closure fit of set 1".to_owned(),
+        columns: columns(&[("", &["Fit"]), ("Position error (µm)", &["mean", "max"])]),
+        rows: fits.into(),
+    });
+    let mut all: Vec<_> = differences(found).collect();
+    let squares: f64 = all.iter().map(|(.., sigmas)| sigmas * sigmas).sum();
+    screen.say(&format!(
+        "Parameters differ by {:.2} standard deviations of the closure fit (rms).",
+        (squares / all.len().max(1) as f64).sqrt()
+    ));
+    all.sort_by(|a, b| b.2.abs().total_cmp(&a.2.abs()));
+    let rows = all.iter().take(LISTED).map(|(fitted, closure, sigmas)| {
+        let [one, other] = [closure, fitted].map(|own| Cell::Number(general(own.sigma, 3)));
+        let unit = text(&fitted.unit);
+        vec![text(&fitted.name), number(*sigmas, 2), one, other, unit]
+    });
+    screen.gap();
+    screen.table(&Table {
+        title: "Parameters that differ most".to_owned(),
+        columns: columns(&[
+            ("", &["Parameter", "difference / σ"]),
+            ("σ", &["closure fit", "errors in variables", "unit"]),
+        ]),
+        rows: rows.collect(),
+    });
 }
 
 /// The same as JSON.
-pub fn json(found: &ErrorsInVariables, fitted: &VariantResult, closure: &VariantResult) -> Value {
-    let position =
-        |summary: Summary| json!({ "mean": summary.mean, "max": summary.max, "rms": summary.rms });
+pub(crate) fn json(found: &ErrorsInVariables, result: &VariantResult) -> Value {
     json!({
         "unknowns": found.unknowns,
         "closure_m": found.closure_m,
@@ -81,14 +88,14 @@ pub fn json(found: &ErrorsInVariables, fitted: &VariantResult, closure: &Variant
             "rms": group.rms,
             "noise_factor": group.noise_factor,
         })).collect::<Vec<_>>(),
-        "position_um": position(fitted.position_um),
+        "position_um": result.evaluation.position_um,
         "closure_fit": {
-            "position_um": position(closure.position_um),
-            "parameters": differences(found).iter().map(|difference| json!({
-                "name": difference.closure.name,
-                "value": difference.closure.value,
-                "sigma": difference.closure.sigma,
-                "difference_sigma": difference.sigmas,
+            "position_um": result.closure_um,
+            "parameters": differences(found).map(|(_, closure, sigmas)| json!({
+                "name": closure.name,
+                "value": closure.value,
+                "sigma": closure.sigma,
+                "difference_sigma": sigmas,
             })).collect::<Vec<_>>(),
         },
     })
@@ -103,18 +110,21 @@ fn name(group: Component) -> &'static str {
     }
 }
 
-fn differences(found: &ErrorsInVariables) -> Vec<Difference<'_>> {
+/// Parameters in this fit and in the closure fit, with their difference in standard deviations of the latter; zero where it
+/// has none.
+fn differences(
+    found: &ErrorsInVariables,
+) -> impl Iterator<Item = (&ParameterEstimate, &ParameterEstimate, f64)> {
     let fitted = found.calibration.parameters.iter();
     fitted
         .zip(&found.closure_fit.parameters)
-        .map(|(fitted, closure)| Difference {
-            sigmas: if closure.sigma > 0.0 {
-                (fitted.value - closure.value) / closure.sigma
+        .map(|(fitted, closure)| {
+            let change = fitted.value - closure.value;
+            let sigmas = if closure.sigma > 0.0 {
+                change / closure.sigma
             } else {
                 0.0
-            },
-            fitted,
-            closure,
+            };
+            (fitted, closure, sigmas)
         })
-        .collect()
 }

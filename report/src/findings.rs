@@ -4,12 +4,9 @@ use std::collections::BTreeSet;
 
 use tau::assumptions::TrackLinearity;
 use tau::calibration::{ParameterEstimate, Source};
-use tau::evaluation::VariantResult;
-use tau::measurements::PoseCounts;
 use tau::robot::{Architecture, Arm};
 use tau::sensitivity::{Sensitivity, Turn};
-use tau::study::results::Study;
-use tau::trust::Verdict;
+use tau::study::results::{Setting, Study, VariantResult};
 use tau::unknown_poses::RowDivision;
 
 use super::number::{fixed, general, largest, shared_decimals};
@@ -40,16 +37,11 @@ pub(super) fn no_sensitivity(sensitivity: &Sensitivity) -> String {
     )
 }
 
-/// Factor on the standard deviations of a variant: above one where residuals are beyond the stated noise.
-pub(super) fn widening(variant: &VariantResult) -> f64 {
-    variant.fit.as_ref().map_or(1.0, Verdict::widening)
-}
-
 /// Meaning of the brackets in Table II.
 pub(super) fn brackets(variant: &VariantResult) -> String {
     format!(
         "In brackets the standard deviation in units of the last digit, from the stated noise{}.{}",
-        wider(widening(variant)),
+        wider(variant.widening()),
         drawn(&variant.parameters)
     )
 }
@@ -85,10 +77,19 @@ pub(super) fn best(study: &Study) -> Option<&VariantResult> {
         .min_by(|a, b| a.error_um().mean.total_cmp(&b.error_um().mean))
 }
 
+/// The measurements that take part, and the noise that is stated of poses.
+pub(super) fn measured(setting: &Setting) -> String {
+    match &setting.rows {
+        Some(rows) => self::rows(rows),
+        None => format!("{} {}", poses(setting), noise(setting)),
+    }
+}
+
 /// Selection of poses, with its reason: set 2 decides on the range, or without it the robot file.
-pub(super) fn poses(poses: PoseCounts, has_cart_poses: bool, of: Architecture) -> String {
+fn poses(setting: &Setting) -> String {
+    let (poses, of) = (setting.poses, setting.architecture);
     let dropped = poses.total.saturating_sub(poses.in_range);
-    let range = if has_cart_poses {
+    let range = if setting.has_cart_poses {
         "the range that the cart measurements (set 2) cover"
     } else if of.carts > 0 {
         "[range] of the robot file, which decides where there is no set 2"
@@ -108,7 +109,7 @@ pub(super) fn poses(poses: PoseCounts, has_cart_poses: bool, of: Architecture) -
             poses.total, poses.in_range
         ),
     };
-    if !held_out(poses) {
+    if !setting.is_held_out() {
         return format!(
             "{selection}. All of these calibrate, and the errors below are those of the fit."
         );
@@ -117,12 +118,6 @@ pub(super) fn poses(poses: PoseCounts, has_cart_poses: bool, of: Architecture) -
         "{selection}. {} calibrate and {} validate; no pose does both.",
         poses.calibration, poses.validation
     )
-}
-
-/// True if a study's folder has a set 2.
-pub(super) fn has_cart_poses(study: &Study) -> bool {
-    let mut tracks = study.assumptions.linearity.iter();
-    tracks.any(|track| !track.points.is_empty())
 }
 
 /// True if a variant has one link in place of each cluster.
@@ -137,24 +132,19 @@ pub(super) fn has_piecewise(study: &Study) -> bool {
     links.any(|link| link.track_rotation_rad.is_some())
 }
 
-/// True if there are poses that took no part in calibration.
-pub(super) fn held_out(poses: PoseCounts) -> bool {
-    poses.validation > 0
-}
-
 /// Number of poses whose errors are shown, and what they are to the calibration: those that calibrated, where none were
 /// held out.
-pub(super) fn compared(poses: PoseCounts) -> (usize, &'static str) {
-    if held_out(poses) {
-        (poses.validation, "validation poses")
+pub(super) fn compared(setting: &Setting) -> (usize, &'static str) {
+    if setting.is_held_out() {
+        (setting.poses.validation, "validation poses")
     } else {
-        (poses.calibration, "poses that calibrated")
+        (setting.poses.calibration, "poses that calibrated")
     }
 }
 
 /// Measurements whose errors are shown, where poses were not measured.
-pub(super) fn compared_rows(rows: &RowDivision) -> &'static str {
-    if rows.is_disjoint() {
+pub(super) fn compared_rows(setting: &Setting) -> &'static str {
+    if setting.is_held_out() {
         "were held out"
     } else {
         "calibrated"
@@ -162,7 +152,7 @@ pub(super) fn compared_rows(rows: &RowDivision) -> &'static str {
 }
 
 /// Division of measurements that tell no poses.
-pub(super) fn rows(rows: &RowDivision) -> String {
+fn rows(rows: &RowDivision) -> String {
     let poses = rows.calibration.union(&rows.validation).count();
     let mut text = format!("Something was measured of {poses} poses, none of which is known.");
     if !rows.is_disjoint() {
@@ -185,8 +175,9 @@ pub(super) fn rows(rows: &RowDivision) -> String {
 }
 
 /// The stated noise, of rotation where the plate turns.
-pub(super) fn noise((position, rotation): (f64, f64), of: Architecture) -> String {
-    let in_rotation = if of.plate.turning_axes().is_empty() {
+fn noise(setting: &Setting) -> String {
+    let (position, rotation) = setting.noise;
+    let in_rotation = if setting.architecture.plate.turning_axes().is_empty() {
         String::new()
     } else {
         format!(" and {} µrad in rotation", general(1e6 * rotation, 2))
@@ -200,9 +191,9 @@ pub(super) fn noise((position, rotation): (f64, f64), of: Architecture) -> Strin
 /// The best variant, against the first one.
 pub(super) fn comparison(study: &Study) -> Option<String> {
     let best = best(study)?;
-    let (error, of) = match &study.rows {
-        Some(rows) => (
-            format!("error of lengths that {}", compared_rows(rows)),
+    let (error, of) = match &study.setting.rows {
+        Some(_) => (
+            format!("error of lengths that {}", compared_rows(&study.setting)),
             "row",
         ),
         None => ("position error".to_owned(), "pose"),
@@ -258,14 +249,14 @@ pub(super) fn comparison(study: &Study) -> Option<String> {
 pub(super) fn assumptions(study: &Study) -> Vec<String> {
     let mut sentences = Vec::new();
     let found = &study.assumptions;
-    let axes = study.architecture.plate.turning_axes();
+    let axes = study.setting.architecture.plate.turning_axes();
     if !found.orientation.is_empty() && !axes.is_empty() {
         let deviations = axes.iter().map(|&axis| {
             let points = found.orientation.iter();
             1e3 * largest(points.map(|point| point.deviation_rad[axis]))
         });
         let deviations: Vec<f64> = deviations.collect();
-        let ratio = largest(deviations.iter().copied()) / (1e3 * study.noise.1);
+        let ratio = largest(deviations.iter().copied()) / (1e3 * study.setting.noise.1);
         let meaning = if !ratio.is_finite() || !has_reduced(study) {
             String::new()
         } else if ratio > 5.0 {
@@ -282,7 +273,7 @@ pub(super) fn assumptions(study: &Study) -> Vec<String> {
             parts::about_axes(axes, &deviations, 2)
         ));
     }
-    if study.architecture.carts == 0 {
+    if study.setting.architecture.carts == 0 {
         return sentences;
     }
     let linearity = || {

@@ -4,13 +4,13 @@ use tau::assumptions::{
     Assumptions, OrientationPoint, PathDeviation, TrackComparison, TrackLinearity,
 };
 use tau::calibration::{Combination, LinkResult, LinkSigma, ParameterEstimate};
-use tau::evaluation::{PoseError, Summary, VariantResult};
+use tau::evaluation::{Evaluation, PoseError, Summary};
 use tau::kinematics::{Layout, Rail, Rod};
 use tau::measurements::PoseCounts;
 use tau::robot::{Architecture, Arm, Owner};
 use tau::sensitivity::{LinkSensitivity, ParameterSensitivity, Sensitivity, Turn};
 use tau::session::{Input, Record, Stamp};
-use tau::study::results::Study;
+use tau::study::results::{Setting, Study, VariantResult};
 use tau_codes::{Remark, files, fit};
 
 const LINKS: [&str; 6] = ["l1", "l2a", "l2b", "l3a", "l3b", "l3c"];
@@ -47,31 +47,35 @@ pub(super) fn study() -> Study {
         ("FullPiecewise", 86.0, true),
         ("BestPerLink", 73.0, true),
     ];
+    let variants = variants.map(|(name, size, full)| variant(&mut numbers, name, size, full));
+    let assumptions = assumptions(&mut numbers);
+    let positions = assumptions.orientation.iter();
     Study {
-        robot: "GantryTau".to_owned(),
-        architecture: Architecture {
-            carts: 3,
-            is_gantry_tau: true,
-            ..Architecture::default()
+        setting: Setting {
+            robot: "GantryTau".to_owned(),
+            architecture: Architecture {
+                carts: 3,
+                is_gantry_tau: true,
+                ..Architecture::default()
+            },
+            folder: "data/prototype".to_owned(),
+            poses: PoseCounts {
+                total: 176,
+                in_range: 121,
+                calibration: 61,
+                validation: 60,
+            },
+            rows: None,
+            has_cart_poses: true,
+            noise: (1e-5, 4e-5),
+            positions_m: positions.map(|point| point.position_m).collect(),
+            layout: Some(layout()),
         },
-        folder: "data/prototype".to_owned(),
-        poses: PoseCounts {
-            total: 176,
-            in_range: 121,
-            calibration: 61,
-            validation: 60,
-        },
-        noise: (1e-5, 4e-5),
-        variants: variants
-            .map(|(name, size, full)| variant(&mut numbers, name, size, full))
-            .into(),
-        assumptions: assumptions(&mut numbers),
+        variants: variants.into(),
+        assumptions,
         check: None,
         sensitivity: Some(sensitivity(&mut numbers)),
         discovery: None,
-        rows: None,
-        placed_m: vec![],
-        layout: Some(layout()),
         remarks: vec![
             Remark::new(
                 fit::POSES_DROPPED,
@@ -249,11 +253,13 @@ fn variant(numbers: &mut Numbers, name: &str, size: f64, full: bool) -> VariantR
     VariantResult {
         name: name.to_owned(),
         arm: if full { Arm::Full } else { Arm::Reduced },
-        position_um,
-        orientation_rad_max_abs: full.then_some([1.9e-4, 2.1e-4, 1.8e-4]),
-        expected_rms_um: None,
-        pose_errors,
-        not_predicted: vec![],
+        evaluation: Evaluation {
+            position_um,
+            orientation_rad_max_abs: full.then_some([1.9e-4, 2.1e-4, 1.8e-4]),
+            expected_rms_um: None,
+            errors: pose_errors,
+            not_predicted: vec![],
+        },
         links,
         parameters,
         correlations,
@@ -263,6 +269,7 @@ fn variant(numbers: &mut Numbers, name: &str, size: f64, full: bool) -> VariantR
         fit: None,
         validation_outliers: vec![],
         held: None,
+        closure_um: None,
     }
 }
 

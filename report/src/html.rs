@@ -4,9 +4,8 @@
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use tau::discovery::Discovery;
 use tau::session::Record;
-use tau::study::results::Study;
+use tau::study::results::{Setting, Study};
 
-use super::discovery::method::Setting;
 use super::discovery::section;
 use super::elements::Section;
 use super::figures::{self, Figure};
@@ -20,39 +19,25 @@ struct Contents {
     appendices: Vec<Section>,
 }
 
-/// Head of the first page.
-struct Heading<'a> {
-    kind: &'a str,
-    robot: &'a str,
-    folder: &'a str,
-    record: &'a Record,
-}
-
 /// The report as an HTML document that needs no other file.
 pub fn page(study: &Study, figures: &[Figure], record: &Record) -> String {
-    let heading = Heading {
-        kind: "Calibration report",
-        robot: &study.robot,
-        folder: &study.folder,
-        record,
-    };
-    let (evidence, appendices) = sections::of_study(study, figures, record);
+    let (evidence, appendices) = sections::of_study(study, figures);
     let contents = Contents {
         evidence,
         appendices,
     };
-    document(&heading, &first_page::of_study(study, record), &contents)
+    let first = first_page::of_study(study, record);
+    document(
+        "Calibration report",
+        (&study.setting, record),
+        &first,
+        &contents,
+    )
 }
 
 /// A discovery as an HTML document that needs no other file.
-pub fn discovery_page(found: &Discovery, setting: &Setting, robot: &str, folder: &str) -> String {
+pub fn discovery_page(found: &Discovery, setting: &Setting, record: &Record) -> String {
     let figures = figures::discovery(found);
-    let heading = Heading {
-        kind: "Discovery report",
-        robot,
-        folder,
-        record: &setting.record,
-    };
     let found_section = Section::new("found", "What the model lacks", section::sentences(found));
     let evidence = section::evidence(found, setting, &figures).into_iter();
     let (appendices, evidence): (Vec<_>, Vec<_>) = evidence.partition(|part| part.is_appendix);
@@ -66,20 +51,17 @@ pub fn discovery_page(found: &Discovery, setting: &Setting, robot: &str, folder:
             .collect(),
         appendices: sections(appendices).collect(),
     };
-    document(
-        &heading,
-        &first_page::of_discovery(found, setting, robot),
-        &contents,
-    )
+    let first = first_page::of_discovery(found, setting, record);
+    document("Discovery report", (setting, record), &first, &contents)
 }
 
-fn document(heading: &Heading<'_>, first: &Markup, contents: &Contents) -> String {
-    let Heading {
-        kind,
-        robot,
-        folder,
-        record,
-    } = heading;
+fn document(
+    kind: &str,
+    (setting, record): (&Setting, &Record),
+    first: &Markup,
+    contents: &Contents,
+) -> String {
+    let (robot, folder) = (&setting.robot, &setting.folder);
     let style = format!("{STYLE}{}", figures::dark_style());
     let page = html! {
         (DOCTYPE)

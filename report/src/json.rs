@@ -9,23 +9,22 @@ use std::io;
 use serde::Serialize;
 use serde_json::ser::{Formatter, PrettyFormatter, Serializer};
 use serde_json::{Map, Value, json};
-use tau::assumptions::{Assumptions, PathDeviation, TrackComparison, TrackLinearity};
-use tau::calibration::{Calibration, LinkResult, LinkSigma};
+use tau::assumptions::Assumptions;
+use tau::calibration::{LinkResult, LinkSigma, ParameterEstimate};
 use tau::discovery::Discovery;
-use tau::evaluation::{
-    Evaluation, NotPredicted, PoseError, Summary, VariantResult, without_outliers,
-};
-use tau::measurements::{PoseCounts, Poses};
-use tau::sensitivity::{LinkSensitivity, ParameterSensitivity, Sensitivity, Turn};
-use tau::session::Basis;
-use tau::study::results::Study;
-use tau::trust::Verdict;
+use tau::evaluation::{Evaluation, NotPredicted, PoseError, Summary, without_outliers};
+use tau::measurements::PoseCounts;
+use tau::sensitivity::{ParameterSensitivity, Sensitivity, Turn};
+use tau::session::{Basis, Calibrated, Evaluated, Parts};
+use tau::study::results::{Study, VariantResult};
+use tau::weighing::Outlier;
 use tau_codes::Remark;
 
 use super::discovery::findings::unconfirmed;
-use super::findings::held_out;
-use super::held_errors;
-use super::parameter_json::parameter;
+use super::errors_in_variables;
+use super::gauge::gauge_json;
+use super::measured::{self, gross_row};
+use super::terminal::kinds_of_fit;
 use super::trust::json as trust;
 
 /// Version of the fields: raised where one changes its meaning or goes, not where one is added.
@@ -94,10 +93,9 @@ impl Formatter for FieldPerLine {
 
 /// The result of `tau study`: of many poses it is long, and never stands in memory as a tree of values.
 ///
-/// Here and below fields stand in the order of their names, as those of a [`Value`] do.
 #[derive(Debug, Serialize)]
 pub struct Results<'a> {
-    assumptions: AssumptionFields<'a>,
+    assumptions: &'a Assumptions,
     check: Option<Value>,
     discovery: Option<Value>,
     evaluated_on: &'static str,
@@ -127,7 +125,10 @@ impl Results<'_> {
 
     /// The text of a file.
     pub fn document(&self) -> String {
-        let errors = self.variants.values().map(|own| own.pose_errors.len());
+        let errors = self
+            .variants
+            .values()
+            .map(|own| own.evaluation.pose_errors.len());
         text(self, errors.sum::<usize>() * BYTES_OF_POSE)
     }
 }
@@ -137,10 +138,7 @@ impl Results<'_> {
 /// `discovery` is `null` where the search for effects was left out, or failed; then a remark says why.
 pub fn study(study: &Study) -> Results<'_> {
     let variants = study.variants.iter();
-    let is_held_out = match &study.rows {
-        Some(rows) => rows.is_disjoint(),
-        None => held_out(study.poses),
-    };
+    let is_held_out = study.setting.is_held_out();
     let fields = |own| {
         let mut fields = VariantFields::from(own);
         if !is_held_out {
@@ -148,9 +146,9 @@ pub fn study(study: &Study) -> Results<'_> {
         }
         fields
     };
-    let (position_m, rotation_rad) = study.noise;
+    let (position_m, rotation_rad) = study.setting.noise;
     Results {
-        assumptions: assumptions(&study.assumptions),
+        assumptions: &study.assumptions,
         check: study.check.as_ref().map(trust::check),
         discovery: study.discovery.as_ref().map(discovery),
         evaluated_on: basis(if is_held_out {
@@ -159,17 +157,13 @@ pub fn study(study: &Study) -> Results<'_> {
             Basis::Calibration
         }),
         fit: study.fit().map(|(_, verdict)| trust::verdict(verdict)),
-        folder: &study.folder,
+        folder: &study.setting.folder,
         noise: json!({ "position_m": position_m, "rotation_rad": rotation_rad }),
-        of: if study.rows.is_some() {
-            "measurements"
-        } else {
-            "poses"
-        },
-        poses: poses(study.poses),
+        of: of(study.setting.rows.is_none()),
+        poses: poses(study.setting.poses),
         remark_codes: remark_codes(&study.remarks),
         remarks: remark_texts(&study.remarks),
-        robot: &study.robot,
+        robot: &study.setting.robot,
         schema: SCHEMA,
         sensitivity: study.sensitivity.as_ref().map(sensitivity),
         variant_order: variants.clone().map(|own| own.name.as_str()).collect(),
@@ -206,25 +200,20 @@ fn remark_codes(remarks: &[Remark]) -> Vec<String> {
     (remarks.iter().map(|remark| remark.code.to_string())).collect()
 }
 
+/// Numbers of poses by the part that they take, and of the distances between poses that calibrate.
+pub fn parts(parts: &Parts) -> Value {
+    let mut own = poses(parts.counts);
+    own["distances"] = json!(parts.rows.distances.len());
+    own
+}
+
 /// Numbers of poses by the part that they took.
-pub fn poses(poses: PoseCounts) -> Value {
+fn poses(poses: PoseCounts) -> Value {
     json!({
         "total": poses.total,
         "in_range": poses.in_range,
         "calibration": poses.calibration,
         "validation": poses.validation,
-    })
-}
-
-/// Errors of predicted poses, with the field names of [`variant`].
-///
-/// `sigma` and `expected_rms` are as the stated noise makes them, and widened by the misfit of the calibration.
-pub fn evaluation(evaluation: &Evaluation, widening: f64) -> Value {
-    json!({
-        "position_um": position(evaluation.position_um, evaluation.expected_rms_um, widening),
-        "orientation_rad": evaluation.orientation_rad_max_abs.map(|max_abs| json!({ "max_abs": max_abs })),
-        "pose_errors": evaluation.errors.iter().map(|own| PoseErrorFields::new(own, widening)).collect::<Vec<_>>(),
-        "not_predicted": evaluation.not_predicted.iter().map(not_predicted).collect::<Vec<_>>(),
     })
 }
 
@@ -236,23 +225,8 @@ fn not_predicted(own: &NotPredicted) -> Value {
     })
 }
 
-fn position(found: Summary, expected_rms_um: Option<f64>, widening: f64) -> Value {
-    json!({
-        "mean": found.mean,
-        "max": found.max,
-        "rms": found.rms,
-        "expected_rms": expected_rms_um,
-        "expected_rms_widened": expected_rms_um.map(|expected| widening * expected),
-    })
-}
-
-/// Mean, largest and root mean square.
-pub fn summary(summary: Summary) -> Value {
-    json!({ "mean": summary.mean, "max": summary.max, "rms": summary.rms })
-}
-
 /// Relation of evaluated poses to the calibration of the parameters.
-pub fn basis(basis: Basis) -> &'static str {
+fn basis(basis: Basis) -> &'static str {
     match basis {
         Basis::Split => "split",
         Basis::HeldOut => "held_out",
@@ -261,31 +235,120 @@ pub fn basis(basis: Basis) -> &'static str {
     }
 }
 
-/// One variant, as it stands under its name in the result of [`study`].
-pub fn variant(variant: &VariantResult) -> Value {
-    json!(VariantFields::from(variant))
+/// The result of `tau evaluate`. What only measured poses have, or only unknown ones, is `null` elsewhere, or empty.
+pub fn evaluation(found: &Evaluated) -> Value {
+    let rows = found.rows.as_ref();
+    let (outliers, widening) = (&found.verdict.outliers, found.widening);
+    let none = Evaluation::default();
+    let poses = found.poses.as_ref().unwrap_or(&none);
+    let kinds = json!({ "kinds": measured::kinds(&found.verdict.by_file) });
+    let mut own = rows.map_or(kinds, measured::held_json);
+    extend(
+        &mut own,
+        json!(EvaluationFields::new(poses, outliers, widening)),
+    );
+    own["of"] = json!(of(found.poses.is_some()));
+    own["errors"] = json!(rows.map_or_else(Vec::new, measured::errors_json));
+    own["poses"] = self::poses(found.counts);
+    own["poses"]["evaluated"] = json!(found.compared);
+    own["evaluated_on"] = json!(basis(found.basis));
+    own["fit"] = trust::verdict(&found.verdict);
+    own
 }
 
-/// The result of `tau calibrate` where poses were measured: [`variant`], and what the calibration took; `beside` compares a
-/// fit with errors in variables.
-pub fn calibration(
-    found: &Calibration,
-    result: &VariantResult,
-    taken: &Poses,
-    beside: Option<Value>,
-) -> Value {
-    let mut own = variant(result);
-    own["poses"] = poses(taken.counts);
-    own["evaluated_on"] = json!(basis(if taken.division.is_disjoint() {
-        Basis::HeldOut
+/// What errors are of.
+fn of(are_poses_measured: bool) -> &'static str {
+    if are_poses_measured {
+        "poses"
     } else {
-        Basis::Calibration
-    }));
-    own["cost"] = json!(found.cost);
-    if let Some(beside) = beside {
-        own["errors_in_variables"] = beside;
+        "measurements"
     }
+}
+
+/// Adds the fields of another object.
+fn extend(own: &mut Value, more: Value) {
+    if let (Value::Object(own), Value::Object(more)) = (own, more) {
+        own.extend(more);
+    }
+}
+
+/// The result of `tau calibrate`: fields of a variant in a study, and what the calibration took and found.
+pub fn calibration(found: &Calibrated, result: &VariantResult, parts: &Parts) -> Value {
+    let widening = result.widening();
+    let mut own = json!(VariantFields::from(result));
+    let unknown = found.unknown_poses();
+    let rank = unknown.map(|own| &own.rank);
+    let held_out = unknown.and_then(|own| own.held_out.as_ref().map(|held| (own, held)));
+    let counts = unknown.map_or(parts.counts, |own| PoseCounts {
+        calibration: own.poses,
+        validation: held_out.map_or(0, |(_, held)| held.poses),
+        ..parts.counts
+    });
+    let gross = unknown.map_or(&[][..], |own| &own.gross);
+    let gross_poses = unknown.map_or(&[][..], |own| &own.gross_poses);
+    let objects = unknown
+        .into_iter()
+        .flat_map(|own| &own.objects)
+        .map(|object| {
+            let mut own = json!(object);
+            own["sigma_widened"] = json!(object.sigma_widened(widening));
+            own
+        });
+    let machine = &found.machine;
+    let more = json!({
+        "poses": poses(counts),
+        "evaluated_on": basis(if parts.rows.is_disjoint() { Basis::HeldOut } else { Basis::Calibration }),
+        "cost": found.cost,
+        "kinds": kinds_of_fit(found),
+        "rows": rank.map(|own| own.rows),
+        "pose_unknowns": rank.map(|own| own.spent),
+        "unknowns": rank.map(|own| own.unknowns),
+        "determined": rank.map(|own| own.determined),
+        "gauge": rank.map(gauge_json),
+        "objects": objects.collect::<Vec<_>>(),
+        "gross_rows": gross.iter().map(|row| gross_row(row, row.drive(machine))).collect::<Vec<_>>(),
+        "gross_poses": gross_poses.iter().map(|own| json!({
+            "pose": own.pose, "file": own.commands.map(|at| at.0), "line": own.commands.map(|at| at.1),
+            "far": own.far, "rows": own.rows,
+        })).collect::<Vec<_>>(),
+        "held_out": held_out.map(|(own, held)| measured::held_out_json(own, held)),
+        "noise_factor": unknown.map(|own| own.widened),
+        "errors_in_variables": found.errors_in_variables().map(|own| errors_in_variables::json(own, result)),
+    });
+    extend(&mut own, more);
     own
+}
+
+/// Errors of poses.
+#[derive(Debug, Serialize)]
+struct EvaluationFields {
+    not_predicted: Vec<Value>,
+    orientation_rad: Option<Value>,
+    pose_errors: Vec<PoseErrorFields>,
+    position_um: Option<Value>,
+    position_um_without_outliers: Option<Summary>,
+}
+
+impl EvaluationFields {
+    fn new(found: &Evaluation, outliers: &[Outlier], widening: f64) -> Self {
+        let largest = found.orientation_rad_max_abs;
+        let errors = found.errors.iter();
+        let expected = found.expected_rms_um;
+        Self {
+            not_predicted: found.not_predicted.iter().map(not_predicted).collect(),
+            orientation_rad: largest.map(|max_abs| json!({ "max_abs": max_abs })),
+            pose_errors: errors
+                .map(|own| PoseErrorFields::new(own, widening))
+                .collect(),
+            position_um: (!found.errors.is_empty()).then(|| {
+                let mut own = json!(found.position_um);
+                own["expected_rms"] = json!(expected);
+                own["expected_rms_widened"] = json!(expected.map(|own| widening * own));
+                own
+            }),
+            position_um_without_outliers: without_outliers(&found.errors, outliers),
+        }
+    }
 }
 
 #[derive(Debug, Serialize)]
@@ -293,16 +356,13 @@ struct VariantFields<'a> {
     correlations: Vec<Value>,
     /// Those of measurements that calibrated, where none were held out.
     errors_of_fit: Option<Value>,
+    #[serde(flatten)]
+    evaluation: EvaluationFields,
     fit: Option<Value>,
     held_out: Option<Value>,
     iterations: usize,
     links: BTreeMap<&'a str, Value>,
-    not_predicted: Vec<Value>,
-    orientation_rad: Option<Value>,
     parameters: Vec<Value>,
-    pose_errors: Vec<PoseErrorFields>,
-    position_um: Value,
-    position_um_without_outliers: Option<Value>,
     termination: &'a str,
     undetermined: Vec<Value>,
     validation_outliers: Vec<Value>,
@@ -310,39 +370,39 @@ struct VariantFields<'a> {
 
 impl<'a> From<&'a VariantResult> for VariantFields<'a> {
     fn from(variant: &'a VariantResult) -> Self {
-        let without = without_outliers(&variant.pose_errors, &variant.validation_outliers);
-        let widening = variant.fit.as_ref().map_or(1.0, Verdict::widening);
-        let outliers = variant.validation_outliers.iter();
+        let widening = variant.widening();
+        let outliers = &variant.validation_outliers;
         let correlations = variant.correlations.iter();
-        let largest = variant.orientation_rad_max_abs;
         Self {
             correlations: correlations
                 .map(|(one, other, value)| json!({ "parameters": [one, other], "value": value }))
                 .collect(),
             errors_of_fit: None,
+            evaluation: EvaluationFields::new(&variant.evaluation, outliers, widening),
             fit: variant.fit.as_ref().map(trust::verdict),
-            held_out: variant.held.as_ref().map(held_errors::of_variant),
+            held_out: variant.held.as_ref().map(measured::held_json),
             iterations: variant.iterations,
             links: (variant.links.iter())
                 .map(|own| (own.name.as_str(), link(own, widening)))
                 .collect(),
-            not_predicted: variant.not_predicted.iter().map(not_predicted).collect(),
-            orientation_rad: largest.map(|max_abs| json!({ "max_abs": max_abs })),
             parameters: (variant.parameters.iter())
                 .map(|own| parameter(own, widening))
                 .collect(),
-            pose_errors: (variant.pose_errors.iter())
-                .map(|own| PoseErrorFields::new(own, widening))
-                .collect(),
-            position_um: position(variant.position_um, variant.expected_rms_um, widening),
-            position_um_without_outliers: without.map(summary),
             termination: &variant.termination,
             undetermined: (variant.undetermined.iter())
                 .map(trust::combination)
                 .collect(),
-            validation_outliers: outliers.map(trust::outlier).collect(),
+            validation_outliers: outliers.iter().map(trust::outlier).collect(),
         }
     }
+}
+
+/// `sigma` as stated noise makes it, and widened by the misfit.
+fn parameter(parameter: &ParameterEstimate, widening: f64) -> Value {
+    let mut own = json!(parameter);
+    own["sigma_widened"] = json!(parameter.sigma_widened(widening));
+    own["from"] = json!(parameter.source().name());
+    own
 }
 
 fn link(link: &LinkResult, widening: f64) -> Value {
@@ -397,74 +457,18 @@ impl PoseErrorFields {
     }
 }
 
-#[derive(Debug, Serialize)]
-struct AssumptionFields<'a> {
-    linearity: Vec<Value>,
-    orientation: Vec<OrientationFields<'a>>,
-    set_3_against_set_2: Vec<Value>,
-}
-
-#[derive(Debug, Serialize)]
-struct OrientationFields<'a> {
-    deviation_rad: &'a [f64; 3],
-    pose: u32,
-    position_m: &'a [f64; 3],
-}
-
-fn assumptions(found: &Assumptions) -> AssumptionFields<'_> {
-    let linearity = found.linearity.iter();
-    let orientation = found.orientation.iter();
-    let sets = found.sets.iter();
-    AssumptionFields {
-        linearity: linearity
-            .map(|TrackLinearity { track, points }| json!({ "track": track, "points": deviations(points) }))
-            .collect(),
-        orientation: orientation
-            .map(|point| OrientationFields {
-                deviation_rad: &point.deviation_rad,
-                pose: point.pose,
-                position_m: &point.position_m,
-            })
-            .collect(),
-        set_3_against_set_2: sets
-            .map(
-                |TrackComparison {
-                     track,
-                     points,
-                     rms_um,
-                 }| json!({ "track": track, "rms_um": rms_um, "points": deviations(points) }),
-            )
-            .collect(),
-    }
-}
-
-fn deviations(points: &[PathDeviation]) -> Vec<Value> {
-    points
-        .iter()
-        .map(|point| {
-            json!({
-                "q_m": point.q_m,
-                "parallel_um": point.parallel_um,
-                "horizontal_um": point.horizontal_um,
-                "vertical_um": point.vertical_um,
-            })
-        })
-        .collect()
-}
-
 /// The result of `tau sensitivity`: Table III by steps, and by implicit differentiation under `analytic`.
 pub fn sensitivity(sensitivity: &Sensitivity) -> Value {
     let table = |value: fn(&ParameterSensitivity) -> f64| -> Map<String, Value> {
-        let row = |link: &LinkSensitivity| -> Map<String, Value> {
-            link.parameters
-                .iter()
-                .map(|parameter| (parameter.parameter.clone(), json!(value(parameter))))
-                .collect()
-        };
-        sensitivity
-            .links
-            .iter()
-            .map(|link| (link.link.clone(), Value::Object(row(link))))
+        let entry = |own: &ParameterSensitivity| (own.parameter.clone(), json!(value(own)));
+        let links = sensitivity.links.iter();
+        links
+            .map(|link| {
+                (
+                    link.link.clone(),
+                    link.parameters.iter().map(entry).collect(),
+                )
+            })
             .collect()
     };
     json!({

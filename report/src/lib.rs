@@ -6,19 +6,18 @@
 
 mod discovery;
 mod elements;
-pub mod errors_in_variables;
+mod errors_in_variables;
 pub mod figures;
 mod findings;
 mod first_page;
 #[cfg(test)]
 mod fixture;
 mod gauge;
-pub mod held_errors;
 pub mod html;
 pub mod json;
 mod machine;
+mod measured;
 mod number;
-mod parameter_json;
 mod parts;
 mod screen;
 mod sections;
@@ -29,10 +28,8 @@ pub mod terminal;
 #[cfg(test)]
 mod tests;
 pub mod trust;
-pub mod unknown_poses;
 mod write;
 
-pub use discovery::method::Setting;
 pub use figures::Figure;
 pub use stale::stale_figures;
-pub use write::{finish_writing, folder_of, study_files, write_files};
+pub use write::{finish_writing, folder_of, shell_word, study_files, write_files};

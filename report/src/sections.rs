@@ -1,15 +1,13 @@
 //! Sections of the report on a study, from Table I to the last parameter.
 
 use maud::{Markup, PreEscaped, html};
-use tau::evaluation::VariantResult;
-use tau::session::Record;
-use tau::study::results::Study;
+use tau::study::results::{Study, VariantResult};
 
-use super::discovery::method::Setting;
 use super::discovery::section;
 use super::elements::{Section, figure, number_markup, table};
 use super::figures::Figure;
 use super::findings;
+use super::measured::{by_kind, kinds};
 use super::number::general;
 use super::parts;
 use super::tables;
@@ -19,17 +17,13 @@ use super::trust::tables as verdict_tables;
 const CORRELATIONS: usize = 10;
 
 /// The evidence, and the appendices.
-pub(super) fn of_study(
-    study: &Study,
-    figures: &[Figure],
-    record: &Record,
-) -> (Vec<Section>, Vec<Section>) {
+pub(super) fn of_study(study: &Study, figures: &[Figure]) -> (Vec<Section>, Vec<Section>) {
     let mut evidence = vec![Section::new(
         "errors",
-        match &study.rows {
-            Some(rows) if rows.is_disjoint() => "Errors of what was held out",
-            None if findings::held_out(study.poses) => "Errors at the validation poses",
-            _ => "Errors of the fit",
+        match &study.setting.rows {
+            _ if !study.setting.is_held_out() => "Errors of the fit",
+            Some(_) => "Errors of what was held out",
+            None => "Errors at the validation poses",
         },
         errors(study, figures),
     )];
@@ -40,13 +34,13 @@ pub(super) fn of_study(
             residuals(variant),
         )
     }));
-    evidence.push(lacking(study, figures, record));
+    evidence.push(lacking(study, figures));
     let mut appendices = vec![Section::new(
         "method",
         "How the figures were obtained",
         method(study),
     )];
-    if study.rows.is_none() && (turns(study) || study.architecture.carts > 0) {
+    if study.setting.rows.is_none() && (turns(study) || study.setting.architecture.carts > 0) {
         appendices.push(Section::new(
             "assumptions",
             "What the models assume",
@@ -74,16 +68,12 @@ pub(super) fn of_study(
 
 fn errors(study: &Study, figures: &[Figure]) -> Markup {
     html! {
-        @if let Some(rows) = &study.rows {
-            p { (findings::rows(rows)) }
-        } @else {
-            p { (findings::poses(study.poses, findings::has_cart_poses(study), study.architecture)) " " (findings::noise(study.noise, study.architecture)) }
-        }
+        p { (findings::measured(&study.setting)) }
         @if study.variants.is_empty() {
             p { "No variant was calibrated." }
-        } @else if let Some(rows) = &study.rows {
+        } @else if study.setting.rows.is_some() {
             p {
-                "Each calibrated model, its parameters held, is compared with the measurements that " (findings::compared_rows(rows)) "; poses follow \
+                "Each calibrated model, its parameters held, is compared with the measurements that " (findings::compared_rows(&study.setting)) "; poses follow \
                  the drives and these measurements, and so do places of targets, surfaces and balls as far as the robot file \
                  leaves them open. What is expected follows from the noise and from the covariance of the parameters. What \
                  poses and places follow whatever the machine is can't be judged, and is left out."
@@ -94,7 +84,7 @@ fn errors(study: &Study, figures: &[Figure]) -> Markup {
             p {
                 "Each calibrated model predicts the pose of the plate from the commands; the error is predicted minus measured. Position errors are lengths of the three-dimensional difference."
                 @if turns(study) && findings::has_reduced(study) { " A reduced arm predicts no orientation." }
-                @if study.architecture.is_gantry_tau {
+                @if study.setting.architecture.is_gantry_tau {
                     " Tables I to III and the numbered figures follow those of Dressler, Brogårdh and Robertsson, A Kinematic \
                      Error Model for a Parallel Gantry-Tau Manipulator (ICRA 2010)."
                 }
@@ -129,7 +119,7 @@ fn residuals(variant: &VariantResult) -> Markup {
                 (general(fit.widening(), 3)) " times as large."
             }
         }
-        @if let Some(files) = verdict_tables::by_file(fit) { (table(&files, "")) }
+        @if !fit.by_file.is_empty() { (table(&by_kind(&kinds(&fit.by_file)), "")) }
         div.columns {
             @if let Some(worst) = verdict_tables::worst(fit) { (table(&worst, "compact")) }
             @if let Some(pulls) = verdict_tables::pulls(fit) { (table(&pulls, "compact")) }
@@ -137,10 +127,9 @@ fn residuals(variant: &VariantResult) -> Markup {
     }
 }
 
-fn lacking(study: &Study, figures: &[Figure], record: &Record) -> Section {
-    let setting = Setting::of(study, record);
+fn lacking(study: &Study, figures: &[Figure]) -> Section {
     let parts = study.discovery.as_ref().map_or_else(Vec::new, |found| {
-        section::evidence(found, &setting, figures)
+        section::evidence(found, &study.setting, figures)
     });
     let id = |part: &section::Part| format!("discovery-{}", part.id);
     let body = html! {
@@ -181,21 +170,21 @@ fn method_of_measurements(study: &Study) -> Markup {
             ". Where drives are exact, closures hold to a hundredth of the smallest noise of a length. Nominal values and tolerances \
              (one standard deviation) are those of the robot file."
         }
-        @if let Some(rows) = &study.rows { p { (findings::rows(rows)) } }
+        p { (findings::measured(&study.setting)) }
         @if !study.variants.is_empty() { (table(&tables::solver(study), "")) }
     }
 }
 
 /// True if the plate has an orientation.
 fn turns(study: &Study) -> bool {
-    !study.architecture.plate.turning_axes().is_empty()
+    !study.setting.architecture.plate.turning_axes().is_empty()
 }
 
 fn method(study: &Study) -> Markup {
-    if study.rows.is_some() {
+    if study.setting.rows.is_some() {
         return method_of_measurements(study);
     }
-    let of = study.architecture;
+    let of = study.setting.architecture;
     let is_carried = of.carts + of.cranks > 0;
     let has_driven = of.driven_lengths > 0;
     let is_point = of.plate.is_point();
@@ -269,9 +258,9 @@ fn method(study: &Study) -> Markup {
             ". Nominal values and tolerances (one standard deviation) are those of the robot file."
         }
         p {
-            @if findings::held_out(study.poses) {
+            @if study.setting.is_held_out() {
                 "Of the poses in range, in the order of the file, the split decides which calibrate and which validate: here "
-                (study.poses.calibration) " and " (study.poses.validation)
+                (study.setting.poses.calibration) " and " (study.setting.poses.validation)
             } @else {
                 "All poses in range calibrate, and none are held out"
             }
@@ -285,7 +274,7 @@ fn method(study: &Study) -> Markup {
 const ANGLES: PreEscaped<&str> = PreEscaped("<var>α</var>, <var>β</var>, <var>γ</var>");
 
 fn assumptions(study: &Study, figures: &[Figure]) -> Markup {
-    let has_carts = study.architecture.carts > 0;
+    let has_carts = study.setting.architecture.carts > 0;
     html! {
         @for sentence in findings::assumptions(study) { p { (sentence) } }
         @for found in tables::assumptions(study) { (table(&found, "")) }
@@ -308,14 +297,14 @@ fn assumptions(study: &Study, figures: &[Figure]) -> Markup {
 fn geometry(study: &Study) -> Markup {
     html! {
         p {
-            "Lengths and coordinates in the measurement frame" @if study.rows.is_none() { " of set 1" } " at " var { "q" }
-            " = 0" @if !study.architecture.plate.is_point() { "; the plate joint in TCP coordinates" } "."
-            @if study.rows.is_none() {
+            "Lengths and coordinates in the measurement frame" @if study.setting.rows.is_none() { " of set 1" } " at " var { "q" }
+            " = 0" @if !study.setting.architecture.plate.is_point() { "; the plate joint in TCP coordinates" } "."
+            @if study.setting.rows.is_none() {
                 " The cost is the sum of squared residuals " var { "r" } " over the calibration poses, without weights or priors."
             }
         }
         @for variant in &study.variants {
-            (table(&tables::geometry(variant, study.architecture), "wide compact"))
+            (table(&tables::geometry(variant, study.setting.architecture), "wide compact"))
             @if let Some(machine) = tables::machine(variant) {
                 (table(&machine, "compact"))
             }
@@ -328,7 +317,7 @@ fn sensitivity(study: &Study, figures: &[Figure]) -> Markup {
     let Some(found) = &study.sensitivity else {
         return html! { p { "No variant with all links was calibrated, so there is no sensitivity to show." } };
     };
-    let Some(letters) = parts::letters(found, study.architecture) else {
+    let Some(letters) = parts::letters(found, study.setting.architecture) else {
         return html! { p { (findings::no_sensitivity(found)) } };
     };
     html! {
@@ -338,8 +327,8 @@ fn sensitivity(study: &Study, figures: &[Figure]) -> Markup {
              and both signs. Implicit differentiation of the residuals gives the same within "
             (number_markup(&general(100.0 * found.disagreement, 2))) " %. " (letters)
         }
-        @if let Some(remark) = findings::turn(found, study.architecture) { p { (remark) } }
-        @for quantity in tables::sensitivity(found, study.architecture) { (table(&quantity, "wide compact even")) }
+        @if let Some(remark) = findings::turn(found, study.setting.architecture) { p { (remark) } }
+        @for quantity in tables::sensitivity(found, study.setting.architecture) { (table(&quantity, "wide compact even")) }
         (figure(figures, "figure_9_sensitivity_position.svg"))
         (figure(figures, "figure_10_sensitivity_orientation.svg"))
     }
@@ -385,7 +374,7 @@ fn parameters(study: &Study) -> Markup {
             }
         }
         @for variant in study.variants.iter().filter(shown) {
-            (table(&tables::parameters(variant), "wide compact long"))
+            (table(&tables::parameters(&variant.name, &variant.parameters, 1.0), "wide compact long"))
         }
     }
 }

@@ -2,13 +2,13 @@
 
 use tau::assumptions::{OrientationPoint, PathDeviation};
 use tau::calibration::{Combination, LinkResult, LinkSigma, ParameterEstimate, Source};
-use tau::evaluation::VariantResult;
 use tau::robot::{Architecture, Arm, Owner};
 use tau::sensitivity::{ParameterSensitivity, Sensitivity, Turn};
-use tau::study::results::Study;
+use tau::session::Calibrated;
+use tau::study::results::{Study, VariantResult};
 
 use super::findings;
-use super::held_errors;
+use super::measured;
 use super::number::{
     concise, decimals, fixed, general, largest, rms, scientific, shared_decimals, with_sigma,
 };
@@ -17,17 +17,18 @@ use super::table::{Cell, Column, Table, columns, number, text};
 
 /// Errors of each variant: Table I, or, where poses were not measured, those of measurements that were held out.
 pub(super) fn errors(study: &Study) -> Table {
-    if study.rows.is_some() {
-        return held_errors::table(study);
+    if study.setting.rows.is_some() {
+        return measured::of_study(study);
     }
     let positions = study.variants.iter().flat_map(|variant| {
-        let position = variant.position_um;
+        let position = variant.evaluation.position_um;
         [position.mean, position.max, position.rms]
     });
-    let axes = study.architecture.plate.turning_axes();
+    let axes = study.setting.architecture.plate.turning_axes();
     let angles_mrad = |variant: &VariantResult| {
-        let about = variant.orientation_rad_max_abs;
-        about.map(|about| parts::turning(study.architecture, about.map(|angle| 1e3 * angle)))
+        let about = variant.evaluation.orientation_rad_max_abs;
+        about
+            .map(|about| parts::turning(study.setting.architecture, about.map(|angle| 1e3 * angle)))
     };
     let all_angles = study.variants.iter().filter_map(angles_mrad).flatten();
     let decimals = shared_decimals(positions);
@@ -36,7 +37,7 @@ pub(super) fn errors(study: &Study) -> Table {
         .variants
         .iter()
         .map(|variant| {
-            let position = variant.position_um;
+            let position = variant.evaluation.position_um;
             let mut row = vec![text(&variant.name)];
             row.extend(
                 [position.mean, position.max, position.rms].map(|value| number(value, decimals)),
@@ -51,15 +52,15 @@ pub(super) fn errors(study: &Study) -> Table {
     Table {
         title: numbered(
             "Table I",
-            &format!("Errors at the {}", findings::compared(study.poses).1),
-            study.architecture,
+            &format!("Errors at the {}", findings::compared(&study.setting).1),
+            study.setting.architecture,
         ),
         columns: columns(&[
             ("", &["Variant"]),
             ("Position error (µm)", &["mean", "max", "rms"]),
             (
                 "Largest orientation error (mrad)",
-                &parts::turning(study.architecture, ["|ωx|", "|ωy|", "|ωz|"]),
+                &parts::turning(study.setting.architecture, ["|ωx|", "|ωy|", "|ωz|"]),
             ),
         ]),
         rows,
@@ -136,7 +137,7 @@ pub(super) fn geometry(variant: &VariantResult, of: Architecture) -> Table {
     if cost {
         groups.push(("Cost (m⁴)", &["Σ r²"]));
     }
-    let widening = findings::widening(variant);
+    let widening = variant.widening();
     let sigmas: Vec<LinkSigma> = (links.iter())
         .map(|link| link.sigma_widened(widening))
         .collect();
@@ -205,7 +206,7 @@ fn is_drawn(variant: &VariantResult, name: &str) -> bool {
 pub(super) fn machine(variant: &VariantResult) -> Option<Table> {
     let is_own = |own: &&ParameterEstimate| matches!(own.owner, Owner::Crank(_) | Owner::Robot);
     let own: Vec<_> = variant.parameters.iter().filter(is_own).collect();
-    let widening = findings::widening(variant);
+    let widening = variant.widening();
     let rows = own.iter().map(|parameter| {
         let sigma = parameter.sigma_widened(widening);
         let value = concise(parameter.value, sigma, decimals(sigma, 2));
@@ -393,7 +394,7 @@ pub(super) fn assumptions(study: &Study) -> Vec<Table> {
         .iter()
         .map(|t| (t.track.as_str(), t.points.as_slice()));
     [
-        orientation(&assumptions.orientation, study.architecture),
+        orientation(&assumptions.orientation, study.setting.architecture),
         paths(
             "Linearity of the tracks, deviation from a straight line with even scale",
             linearity,
@@ -405,15 +406,42 @@ pub(super) fn assumptions(study: &Study) -> Vec<Table> {
     .collect()
 }
 
-/// Every parameter of a variant with its standard deviation.
-pub(super) fn parameters(variant: &VariantResult) -> Table {
+/// Parameters that moved most in a calibration that are listed.
+const MOVED: usize = 12;
+
+/// The parameters of a calibration that moved most, and what it found besides them, such as places of targets.
+pub(super) fn moved(found: &Calibrated) -> Table {
+    let tolerances = |own: &ParameterEstimate| {
+        own.tolerance
+            .map_or(0.0, |tolerance| (own.value - own.nominal).abs() / tolerance)
+    };
+    let mut moved = found.parameters.clone();
+    moved.sort_by(|a, b| tolerances(b).total_cmp(&tolerances(a)));
+    moved.truncate(MOVED);
+    let objects = found.unknown_poses().map_or(&[][..], |own| &own.objects);
+    moved.extend(objects.iter().map(|own| ParameterEstimate {
+        name: own.name.clone(),
+        owner: Owner::Robot,
+        unit: own.unit.to_owned(),
+        nominal: f64::NAN,
+        tolerance: own.tolerance,
+        value: own.value,
+        sigma: own.sigma,
+    }));
+    parameters("Parameters that moved most", &moved, found.widening())
+}
+
+/// Parameters with their standard deviations.
+pub(super) fn parameters(title: &str, all: &[ParameterEstimate], widening: f64) -> Table {
     let ratio = |value: f64, tolerance: Option<f64>| match tolerance {
-        Some(tolerance) if tolerance > 0.0 => number(value / tolerance, 2),
+        Some(tolerance) if tolerance > 0.0 && value.is_finite() => number(value / tolerance, 2),
         _ => Cell::Empty,
     };
     let row = |parameter: &ParameterEstimate| {
-        let (value, sigma) = with_sigma(parameter.value, parameter.sigma);
+        let sigma = parameter.sigma_widened(widening);
+        let (value, shown) = with_sigma(parameter.value, sigma);
         let decimals = value.split_once('.').map_or(0, |(_, digits)| digits.len());
+        let nominal = number(parameter.nominal, decimals.min(6));
         vec![
             text(&parameter.name),
             text(if parameter.unit.is_empty() {
@@ -421,25 +449,27 @@ pub(super) fn parameters(variant: &VariantResult) -> Table {
             } else {
                 &parameter.unit
             }),
-            number(parameter.nominal, decimals.min(6)),
+            Some(nominal)
+                .filter(|_| parameter.nominal.is_finite())
+                .unwrap_or(Cell::Empty),
             parameter
                 .tolerance
                 .map_or(Cell::Empty, |tolerance| Cell::Number(general(tolerance, 2))),
             Cell::Number(value),
-            Cell::Number(sigma),
+            Cell::Number(shown),
             ratio(parameter.value - parameter.nominal, parameter.tolerance),
-            ratio(parameter.sigma, parameter.tolerance),
+            ratio(sigma, parameter.tolerance),
         ]
     };
     Table {
-        title: variant.name.clone(),
+        title: title.to_owned(),
         columns: columns(&[
             ("", &["Parameter", "Unit"]),
             ("Before", &["nominal", "tolerance"]),
             ("Calibrated", &["value", "σ"]),
             ("In tolerances", &["change", "σ"]),
         ]),
-        rows: variant.parameters.iter().map(row).collect(),
+        rows: all.iter().map(row).collect(),
     }
 }
 

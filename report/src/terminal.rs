@@ -1,23 +1,24 @@
 //! Results for a terminal, no line wider than it.
 
 use tau::discovery::Discovery;
-use tau::evaluation::{self, Evaluation, PoseError, Summary, VariantResult};
+use tau::evaluation::{self, Evaluation, PoseError, Summary};
 use tau::robot::Architecture;
 use tau::sensitivity::Sensitivity;
-use tau::session::Basis;
-use tau::study::results::Study;
-use tau::trust::Verdict;
+use tau::session::{Basis, Calibrated, Evaluated};
+use tau::study::results::{Study, VariantResult};
 use tau::weighing::Outlier;
 use tau_codes::Remark;
 
 use super::discovery;
+use super::errors_in_variables;
 use super::findings;
+use super::gauge;
+use super::measured::{self, KindRow, LEFT_OUT};
 use super::number::general;
 use super::parts;
 use super::screen::Screen;
 use super::tables;
 use super::trust::terminal as trust;
-use super::unknown_poses::LEFT_OUT;
 
 /// Combinations and correlations of a variant that are shown.
 const SHOWN: usize = 3;
@@ -25,19 +26,12 @@ const SHOWN: usize = 3;
 /// Everything a study says.
 pub fn study(study: &Study, width: usize) -> String {
     let mut screen = Screen::new(width);
-    screen.line(&format!("{}, {}", study.robot, study.folder));
+    screen.line(&format!(
+        "{}, {}",
+        study.setting.robot, study.setting.folder
+    ));
     screen.gap();
-    let has_cart_poses = findings::has_cart_poses(study);
-    if let Some(rows) = &study.rows {
-        screen.say(&findings::rows(rows));
-    } else {
-        screen.say(&findings::poses(
-            study.poses,
-            has_cart_poses,
-            study.architecture,
-        ));
-        screen.say(&findings::noise(study.noise, study.architecture));
-    }
+    screen.say(&findings::measured(&study.setting));
     for remark in &study.remarks {
         screen.say(&remark.to_string());
     }
@@ -49,15 +43,15 @@ pub fn study(study: &Study, width: usize) -> String {
     trust::of_study(&mut screen, study);
     screen.gap();
     for variant in &study.variants {
-        geometry(&mut screen, variant, study.architecture);
+        geometry(&mut screen, variant, study.setting.architecture);
         screen.gap();
     }
     if let Some(found) = &study.sensitivity {
-        sensitivities(&mut screen, found, study.architecture);
+        sensitivities(&mut screen, found, study.setting.architecture);
         screen.gap();
     }
     let assumptions = findings::assumptions(study);
-    if study.rows.is_none() && !assumptions.is_empty() {
+    if study.setting.rows.is_none() && !assumptions.is_empty() {
         screen.line("Assumptions");
         for sentence in assumptions {
             screen.say_within("  ", &sentence);
@@ -154,46 +148,57 @@ fn discovered(screen: &mut Screen, found: &Discovery) {
     }
 }
 
-/// One variant: its row of Table I in words, Table II, and what the data determine.
-///
-/// Unless the poses of its errors are held out, they are the calibration's own.
-pub fn variant(
+/// The result of a calibration: errors of what validates, measurements by kind, the verdict, geometry and parameters, and
+/// what the data determine. Unless poses are held out, their errors are the calibration's own.
+pub fn calibration(
+    found: &Calibrated,
     result: &VariantResult,
     is_held_out: bool,
     of: Architecture,
     width: usize,
 ) -> String {
+    let mut screen = Screen::new(width);
     let basis = if is_held_out {
         Basis::HeldOut
     } else {
         Basis::Calibration
     };
-    let mut screen = Screen::new(width);
-    position_and_orientation(
-        &mut screen,
-        result.position_um,
-        result.orientation_rad_max_abs,
-        result.pose_errors.len(),
-        basis,
-        of,
-    );
-    expected(
-        &mut screen,
-        result.expected_rms_um,
-        result.fit.as_ref().map_or(1.0, Verdict::widening),
-    );
-    without_outliers(
-        &mut screen,
-        &result.pose_errors,
-        &result.validation_outliers,
-    );
+    let (evaluation, outliers) = (&result.evaluation, &result.validation_outliers);
+    if !evaluation.errors.is_empty() {
+        errors_of_poses(
+            &mut screen,
+            evaluation,
+            outliers,
+            basis,
+            result.widening(),
+            of,
+        );
+    }
+    let unknown = found.unknown_poses();
+    if let Some(unknown) = unknown {
+        measured::fit(&mut screen, unknown);
+    }
+    screen.gap();
+    screen.table(&measured::by_kind(&kinds_of_fit(found)));
+    if let Some(unknown) = unknown {
+        measured::left_out(&mut screen, unknown);
+    }
+    if let Some(fitted) = found.errors_in_variables() {
+        errors_in_variables::terminal(&mut screen, fitted, result);
+    }
     if let Some(fit) = &result.fit {
+        screen.gap();
         super::trust::line(&mut screen, fit);
     }
     screen.gap();
     geometry(&mut screen, result, of);
     screen.gap();
+    screen.table(&tables::moved(found));
+    screen.gap();
     determined(&mut screen, result);
+    if let Some(unknown) = unknown {
+        gauge::open(&mut screen, &unknown.rank, "  ");
+    }
     screen.into_text()
 }
 
@@ -207,37 +212,81 @@ fn geometry(screen: &mut Screen, result: &VariantResult, of: Architecture) {
     screen.say(&findings::brackets(result));
 }
 
-/// Errors of predicted poses, in words, with what the poses are to the parameters.
-pub fn evaluation(
-    evaluation: &Evaluation,
+/// Errors of measurements with parameters as given, what these measurements are to the parameters, and the verdict.
+pub fn evaluation(found: &Evaluated, of: Architecture, width: usize) -> String {
+    let mut screen = Screen::new(width);
+    let what = match &found.poses {
+        Some(poses) => {
+            let outliers = &found.verdict.outliers;
+            let (basis, widening) = (found.basis, found.widening);
+            errors_of_poses(&mut screen, poses, outliers, basis, widening, of);
+            "poses"
+        }
+        None => "measurements",
+    };
+    match &found.rows {
+        Some(rows) => measured::held(&mut screen, rows, found.basis == Basis::Calibration),
+        None => {
+            screen.gap();
+            let kinds = measured::kinds(&found.verdict.by_file);
+            screen.table(&measured::by_kind(&kinds));
+        }
+    }
+    screen.gap();
+    let relation = match found.basis {
+        Basis::Split => String::new(),
+        Basis::HeldOut => {
+            format!("The robot file was calibrated on other {what} of this folder.")
+        }
+        Basis::NewFolder => format!(
+            "The robot file was not calibrated on this folder: all its {what} are compared."
+        ),
+        Basis::Calibration => "The robot file was calibrated on all of them, so this is how well it fits, not how well it predicts."
+            .to_owned(),
+    };
+    if !relation.is_empty() {
+        screen.say(&relation);
+    }
+    super::trust::line(&mut screen, &found.verdict);
+    screen.into_text()
+}
+
+/// Errors of predicted poses, in words.
+fn errors_of_poses(
+    screen: &mut Screen,
+    found: &Evaluation,
     outliers: &[Outlier],
     basis: Basis,
     widening: f64,
     of: Architecture,
-    width: usize,
-) -> String {
-    let mut screen = Screen::new(width);
-    position_and_orientation(
-        &mut screen,
-        evaluation.position_um,
-        evaluation.orientation_rad_max_abs,
-        evaluation.errors.len(),
-        basis,
-        of,
-    );
-    expected(&mut screen, evaluation.expected_rms_um, widening);
-    without_outliers(&mut screen, &evaluation.errors, outliers);
-    screen.say(match basis {
-        Basis::Split => "",
-        Basis::HeldOut => "The robot file was calibrated on other poses of this folder.",
-        Basis::NewFolder => {
-            "The robot file was not calibrated on this folder: all its poses are compared."
-        }
-        Basis::Calibration => {
-            "The robot file was calibrated on all of them, so this is how well it fits, not how well it predicts."
-        }
-    });
-    screen.into_text()
+) {
+    let poses = found.errors.len();
+    let poses = match basis {
+        Basis::Split | Basis::HeldOut => format!("{poses} validation poses"),
+        Basis::NewFolder => format!("{poses} poses"),
+        Basis::Calibration => format!("the {poses} poses that calibrated, none being held out"),
+    };
+    let Summary { mean, max, rms } = found.position_um;
+    let [mean, max, rms] = [mean, max, rms].map(|value| general(value, 3));
+    screen.say(&format!(
+        "Position error at {poses}: mean {mean} µm, largest {max} µm, rms {rms} µm."
+    ));
+    let axes = of.plate.turning_axes();
+    if let (Some(angles), false) = (found.orientation_rad_max_abs, axes.is_empty()) {
+        let angles = parts::turning(of, angles.map(|angle| 1e3 * angle));
+        let about = parts::about_axes(axes, &angles, 3);
+        screen.say(&format!("Largest orientation error: {about}."));
+    }
+    expected(screen, found.expected_rms_um, widening);
+    without_outliers(screen, &found.errors, outliers);
+}
+
+/// Kinds of measurements that a calibration was fitted to.
+pub(crate) fn kinds_of_fit(found: &Calibrated) -> Vec<KindRow> {
+    match (found.unknown_poses(), found.verdict()) {
+        (Some(unknown), _) => measured::kinds(&unknown.kinds),
+        (None, verdict) => measured::kinds(verdict.map_or(&[], |own| own.by_file.as_slice())),
+    }
 }
 
 /// Root mean square of the position error that parameters and noise let expect.
@@ -278,32 +327,6 @@ fn without_outliers(screen: &mut Screen, errors: &[PoseError], outliers: &[Outli
 
 /// Outliers that are named one by one.
 const NAMED: usize = 8;
-
-fn position_and_orientation(
-    screen: &mut Screen,
-    position_um: Summary,
-    orientation_rad: Option<[f64; 3]>,
-    poses: usize,
-    basis: Basis,
-    of: Architecture,
-) {
-    let poses = match basis {
-        Basis::Split | Basis::HeldOut => format!("{poses} validation poses"),
-        Basis::NewFolder => format!("{poses} poses"),
-        Basis::Calibration => format!("the {poses} poses that calibrated, none being held out"),
-    };
-    let Summary { mean, max, rms } = position_um;
-    let [mean, max, rms] = [mean, max, rms].map(|value| general(value, 3));
-    screen.say(&format!(
-        "Position error at {poses}: mean {mean} µm, largest {max} µm, rms {rms} µm."
-    ));
-    let axes = of.plate.turning_axes();
-    if let (Some(angles), false) = (orientation_rad, axes.is_empty()) {
-        let angles = parts::turning(of, angles.map(|angle| 1e3 * angle));
-        let about = parts::about_axes(axes, &angles, 3);
-        screen.say(&format!("Largest orientation error: {about}."));
-    }
-}
 
 /// Table III, with what it was computed for and how well its two ways agree.
 pub fn sensitivity(sensitivity: &Sensitivity, of: Architecture, width: usize) -> String {

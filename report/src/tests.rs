@@ -139,15 +139,6 @@ fn table_one_says_the_same_everywhere() {
     }
 }
 
-/// As a tree of values would sort them.
-#[test]
-fn fields_of_the_json_stand_in_the_order_of_their_names() {
-    let study = fixture::study();
-    let results = json::study(&study);
-    let tree = serde_json::json!(results);
-    assert_eq!(results.document(), json::document(tree));
-}
-
 #[test]
 fn json_has_a_line_for_each_field_and_none_for_a_component() {
     let value = serde_json::json!({ "a": [1.5, null, "b"], "c": [{ "d": [], "e": {} }, {}] });
@@ -210,8 +201,8 @@ fn json_has_the_fields_that_programs_read() {
 fn names_cannot_break_out() {
     const HOSTILE: &str = "</title><script>alert('&\"')</script>\u{1b}[2J\u{0}";
     let mut study = fixture::study();
-    HOSTILE.clone_into(&mut study.robot);
-    HOSTILE.clone_into(&mut study.folder);
+    HOSTILE.clone_into(&mut study.setting.robot);
+    HOSTILE.clone_into(&mut study.setting.folder);
     study
         .remarks
         .push(tau_codes::Remark::new(tau_codes::files::TOML, HOSTILE));
@@ -327,11 +318,11 @@ fn what_is_missing_is_left_out() {
             .any(|name| name.contains("orientation_errors") || name.contains("sensitivity"))
     );
     let no_poses = with(|study| {
-        study.poses.validation = 0;
+        study.setting.poses.validation = 0;
         study
             .variants
             .iter_mut()
-            .for_each(|variant| variant.pose_errors.clear());
+            .for_each(|variant| variant.evaluation.errors.clear());
         for parameter in study
             .sensitivity
             .iter_mut()
@@ -364,10 +355,10 @@ fn numbers_that_are_not_finite_are_left_out() {
         .enumerate()
     {
         let variant = &mut study.variants[index];
-        variant.position_um.mean = bad;
-        variant.position_um.max = bad;
-        variant.pose_errors[3].error_um = [bad; 3];
-        variant.pose_errors[4].orientation_rad = Some([bad; 3]);
+        variant.evaluation.position_um.mean = bad;
+        variant.evaluation.position_um.max = bad;
+        variant.evaluation.errors[3].error_um = [bad; 3];
+        variant.evaluation.errors[4].orientation_rad = Some([bad; 3]);
         variant.parameters[0].sigma = bad;
         variant.parameters[1].tolerance = Some(bad);
         study.assumptions.orientation[index].deviation_rad = [bad; 3];
@@ -390,8 +381,8 @@ fn poses_that_both_calibrate_and_validate_are_owned_up_to() {
         (page.contains(claim), terminal.contains("no pose does both"))
     };
     assert_eq!(claims(&study), (true, true));
-    study.poses.calibration = study.poses.in_range;
-    study.poses.validation = 0;
+    study.setting.poses.calibration = study.setting.poses.in_range;
+    study.setting.poses.validation = 0;
     assert_eq!(claims(&study), (false, false));
 }
 
@@ -399,7 +390,7 @@ fn poses_that_both_calibrate_and_validate_are_owned_up_to() {
 fn one_pose_and_one_track_make_a_report() {
     let mut study = fixture::study();
     study.variants.truncate(1);
-    study.variants[0].pose_errors.truncate(1);
+    study.variants[0].evaluation.errors.truncate(1);
     study.assumptions.orientation.truncate(1);
     study.assumptions.linearity.truncate(1);
     study.assumptions.linearity[0].points.truncate(1);

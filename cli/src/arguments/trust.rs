@@ -2,7 +2,7 @@
 
 use clap::{Args, ValueEnum};
 
-use super::{Input, Json};
+use super::Input;
 
 /// Look at a measurement folder before anything is fitted
 ///
@@ -26,8 +26,6 @@ pub(crate) struct Check {
     pub(crate) variant: Option<String>,
     #[command(flatten)]
     pub(crate) strict: Strict,
-    #[command(flatten)]
-    pub(crate) json: Json,
 }
 
 /// Refusal of what is not consistent.

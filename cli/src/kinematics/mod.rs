@@ -401,7 +401,8 @@ impl<'a> Setup<'a> {
         if has_orientation {
             header.extend(["alpha_rad", "beta_rad", "gamma_rad"].map(String::from));
         }
-        header.extend(trust::Known::columns(certainty, machine, with_commands));
+        let known_columns = trust::Known::default().cells(certainty, machine, with_commands);
+        header.extend(known_columns.into_iter().map(|(name, _)| name));
         let table = pairs().map(|((row, reached), known)| {
             let angles = if has_orientation {
                 &reached.pose.angles_rad()[..]
@@ -412,7 +413,8 @@ impl<'a> Setup<'a> {
             let numbers = reached.commands_m.iter().copied();
             fields.extend(numbers.chain(reached.pose.position_m()).map(shortest));
             fields.extend(angles.iter().copied().map(shortest));
-            fields.extend(known.cells(certainty, machine, with_commands));
+            let cells = known.cells(certainty, machine, with_commands);
+            fields.extend(cells.into_iter().map(|(_, cell)| cell));
             fields
         });
         let table = csv(header, table);

@@ -19,6 +19,7 @@ pub(super) struct Certainty {
 }
 
 /// Certainty of a result.
+#[derive(Default)]
 pub(super) struct Known {
     /// Of the pose at the commands.
     pub(super) pose: Option<PoseUncertainty>,
@@ -153,55 +154,38 @@ impl Certainty {
 }
 
 impl Known {
-    /// Names of the columns of a table of results.
-    pub(super) fn columns(
-        certainty: &Certainty,
-        machine: &Machine,
-        with_commands: bool,
-    ) -> Vec<String> {
-        let mut names = Vec::new();
-        if certainty.has_sigmas() {
-            names.extend(["x_m", "y_m", "z_m"].map(|name| format!("sigma_{name}")));
-            if machine.turns() {
-                names.extend(["rx_rad", "ry_rad", "rz_rad"].map(|name| format!("sigma_{name}")));
-            }
-            if with_commands {
-                let commands = machine.robot.command_columns();
-                names.extend(commands.iter().map(|name| format!("sigma_{name}")));
-            }
-        }
-        if certainty.has_region() {
-            names.push("inside".to_owned());
-        }
-        names
-    }
-
-    /// Its cells, in the same order.
+    /// Columns of a table of results, with their cells; what is not known has no number.
     pub(super) fn cells(
         &self,
         certainty: &Certainty,
         machine: &Machine,
         with_commands: bool,
-    ) -> Vec<String> {
-        let mut cells = Vec::new();
+    ) -> Vec<(String, String)> {
+        let mut sigmas: Vec<(String, Option<f64>)> = Vec::new();
+        let mut add = |names: Vec<String>, values: Option<Vec<f64>>| {
+            let value = |k: usize| values.as_ref().map(|values| values[k]);
+            let named = names.into_iter().enumerate();
+            sigmas.extend(named.map(|(k, name)| (format!("sigma_{name}"), value(k))));
+        };
         if certainty.has_sigmas() {
-            let nothing = || vec![f64::NAN; 3];
             let pose = self.pose.as_ref();
-            let mut numbers = pose.map_or_else(nothing, |pose| pose.position_m().to_vec());
+            let position_m = pose.map(|pose| pose.position_m().to_vec());
+            add(["x_m", "y_m", "z_m"].map(String::from).into(), position_m);
             if machine.turns() {
-                numbers.extend(pose.map_or_else(nothing, |pose| pose.rotation_rad().to_vec()));
+                let names = ["rx_rad", "ry_rad", "rz_rad"].map(String::from);
+                add(names.into(), pose.map(|pose| pose.rotation_rad().to_vec()));
             }
             if with_commands {
-                let commands = self.commands_m.clone();
-                numbers.extend(commands.unwrap_or_else(|| vec![f64::NAN; machine.robot.commands]));
+                add(machine.robot.command_columns(), self.commands_m.clone());
             }
-            // What is not known has no number.
-            let cell = |number: f64| number.is_finite().then(|| format!("{number:.4e}"));
-            cells.extend(numbers.into_iter().map(|own| cell(own).unwrap_or_default()));
         }
-        if certainty.has_region() {
-            cells.push(u8::from(self.outside.is_empty()).to_string());
-        }
-        cells
+        let cell = |sigma: Option<f64>| {
+            let known = sigma.filter(|sigma| sigma.is_finite());
+            known.map_or_else(String::new, |sigma| format!("{sigma:.4e}"))
+        };
+        let cells = sigmas.into_iter().map(|(name, sigma)| (name, cell(sigma)));
+        let is_inside = u8::from(self.outside.is_empty()).to_string();
+        let inside = (certainty.has_region()).then(|| ("inside".to_owned(), is_inside));
+        cells.chain(inside).collect()
     }
 }

@@ -1,5 +1,6 @@
 //! Output of a calibration: estimates, Table II, the calibrated robot file.
 
+use serde::Serialize;
 use tau_kinematics::{Machine, Sample, Statics, xyz, xyz_angles};
 use tau_robot::measurements::TcpPose;
 use tau_robot::robot::{
@@ -59,11 +60,12 @@ pub(crate) fn widened(sigma: f64, widening: f64, prior: f64) -> f64 {
 }
 
 /// A calibrated parameter.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ParameterEstimate {
     /// Full name.
     pub name: String,
     /// The part of the robot that it belongs to.
+    #[serde(skip)]
     pub owner: Owner,
     /// SI unit.
     pub unit: String,

@@ -1,5 +1,6 @@
 //! Parameters off their nominal values.
 
+use serde::Serialize;
 use tau_robot::robot::Variant;
 
 use crate::joint::judged::Deviation;
@@ -7,7 +8,7 @@ use crate::numerics::order::largest_first;
 use crate::trust::LISTED;
 
 /// A parameter that is pulled off its nominal value.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Pull {
     /// Full name.
     pub parameter: String,

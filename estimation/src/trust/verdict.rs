@@ -1,5 +1,6 @@
 //! The verdict on a fit or a prediction.
 
+use serde::Serialize;
 use std::fmt;
 
 use tau_robot::measurements::{Folder, TcpPose};
@@ -31,7 +32,7 @@ use crate::weighing::{self, Loss, MOST_POSES, Outlier, Repeats, Weighing};
 pub(super) const LEAST_RATIO: f64 = 1.0 / 3.0;
 
 /// A kind of measurement in a file, and how it is met.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FileFit {
     /// Name of the file.
     pub file: &'static str,
@@ -48,7 +49,7 @@ pub struct FileFit {
 }
 
 /// A pose, and how it is met.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct PoseFit {
     /// Number in the file.
     pub pose: u32,

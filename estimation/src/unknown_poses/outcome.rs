@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use serde::Serialize;
 use tau_codes::{Remark, fit as codes};
 use tau_kinematics::Machine;
 use tau_robot::measurements::{Distance, Folder, PoseCounts, Split};
@@ -183,7 +184,7 @@ impl GrossRow {
 }
 
 /// An unknown that is no parameter of the machine.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ObjectEstimate {
     /// Name, such as `ball.x`.
     pub name: String,

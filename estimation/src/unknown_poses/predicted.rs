@@ -2,17 +2,20 @@
 
 use super::elimination::Reduced;
 use super::rows::{CLOSURES, Kind, Rows};
+use serde::Serialize;
 
 /// Errors of a kind of measurement on rows held out.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct HeldOutKind {
     /// Name of the file.
     pub file: &'static str,
     /// Number of residuals.
     pub rows: usize,
     /// Root mean square of measured less predicted (m or rad).
+    #[serde(rename = "rms_m")]
     pub rms: f64,
     /// Largest.
+    #[serde(rename = "max_m")]
     pub max: f64,
 }
 

@@ -177,7 +177,7 @@ impl KindFit {
     }
 
     /// Root mean square of the residuals, in the unit of the kind.
-    pub(super) fn rms(&self) -> f64 {
+    pub fn rms(&self) -> f64 {
         self.noise * (self.squares / self.rows as f64).sqrt()
     }
 
@@ -187,7 +187,7 @@ impl KindFit {
     }
 
     /// Root mean square that the stated noise lets expect, in the unit of the kind.
-    pub(super) fn expected_rms(&self) -> f64 {
+    pub fn expected_rms(&self) -> f64 {
         let left = (self.redundancy / self.rows as f64).max(0.0);
         self.noise / self.kind.excess() * left.sqrt()
     }

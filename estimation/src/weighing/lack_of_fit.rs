@@ -4,18 +4,20 @@
 //! model, and independent of the means, against which the model is judged.
 
 use crate::numerics::distribution::{f_survival, log10_f_survival};
+use serde::Serialize;
 
 /// Variance over that of the noise below which readings do not scatter: all were rounded alike.
 pub(crate) const ROUNDED: f64 = 1e-12;
 
 /// The classical test of residuals between quantities against pure error within them.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct LackOfFit {
     /// Root mean square of the residuals between quantities, a reading's worth, over the noise.
     pub over_noise: f64,
     /// Squares between over squares within quantities, each by its degrees of freedom.
     pub f: f64,
     /// Degrees of freedom between and within.
+    #[serde(rename = "dof")]
     pub degrees: (f64, f64),
     /// Chance of so large a statistic where the model lacks nothing and the machine repeats.
     pub p_value: f64,

@@ -1,5 +1,6 @@
 //! Commands that were misread: outliers that one of them explains.
 
+use serde::Serialize;
 use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
@@ -13,9 +14,10 @@ use crate::numerics::distribution::f_survival;
 use crate::samples::{Sample, outliers::LEVEL};
 
 /// A command that, had it been read otherwise, leaves nothing of an outlier.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Misread {
     /// Its column, which carries its unit.
+    #[serde(rename = "command")]
     pub column: String,
     /// Amount by which it was read too large (m or rad).
     pub off: f64,

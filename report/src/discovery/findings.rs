@@ -12,8 +12,8 @@ use tau_codes::{Remark, discovery as codes};
 use super::words::{self, capital, part, probability};
 use super::{at, chance, listed, readable};
 use crate::figures::typographic;
+use crate::measured;
 use crate::number::{fixed, general, largest};
-use crate::unknown_poses;
 pub(crate) use answer::{Device, device, gap, is_base, rejected, unconfirmed, verdict};
 
 /// Name and place of an effect.
@@ -358,8 +358,8 @@ pub(crate) fn gross_rows(found: &Discovery) -> Vec<String> {
     rows.sort_by(|a, b| b.sigmas.total_cmp(&a.sigmas));
     let words = rows.into_iter().map(|row| {
         let poses = (row.pose, row.other_pose);
-        let place = unknown_poses::place((&row.file, row.line), poses, row.drive.as_deref());
-        unknown_poses::far_off(&place, row.sigmas)
+        let place = measured::place((&row.file, row.line), poses, row.drive.as_deref());
+        measured::far_off(&place, row.sigmas)
     });
     words.collect()
 }

@@ -2,65 +2,18 @@
 
 use maud::{Markup, html};
 use tau::discovery::Discovery;
-use tau::kinematics::Layout;
-use tau::measurements::PoseCounts;
-use tau::robot::Architecture;
-use tau::session::Record;
-use tau::study::results::Study;
-use tau::unknown_poses::RowDivision;
+use tau::study::results::Setting;
 
 use super::words;
 use crate::findings;
 use crate::number::general;
-
-/// The input of a search, by which the reader judges its result.
-#[derive(Debug, Clone)]
-pub struct Setting {
-    /// Numbers of poses by the part that they took.
-    pub poses: PoseCounts,
-    /// True if there is a set 2, whose range decides on the poses.
-    pub has_cart_poses: bool,
-    /// Stated noise: position (m) and rotation (rad), one standard deviation per axis.
-    pub noise: (f64, f64),
-    /// Drives of the robot.
-    pub architecture: Architecture,
-    /// The machine in space, where it is known.
-    pub layout: Option<Layout>,
-    /// Positions of all measured poses (m).
-    pub measured_m: Vec<[f64; 3]>,
-    /// Rows that calibrate and that validate, where poses were not measured; positions are those estimated then.
-    pub rows: Option<RowDivision>,
-    /// Origin of the figures.
-    pub record: Record,
-}
-
-impl Setting {
-    /// That of a study.
-    pub fn of(study: &Study, record: &Record) -> Self {
-        let measured = study.assumptions.orientation.iter();
-        Self {
-            poses: study.poses,
-            has_cart_poses: findings::has_cart_poses(study),
-            noise: study.noise,
-            architecture: study.architecture,
-            layout: study.layout.clone(),
-            measured_m: measured.map(|point| point.position_m).collect(),
-            rows: study.rows.clone(),
-            record: record.clone(),
-        }
-    }
-}
 
 /// From the measurements to the verdict, step by step.
 pub(crate) fn obtained(found: &Discovery, setting: &Setting) -> Markup {
     let base = &found.base;
     html! {
         p {
-            @if let Some(rows) = &setting.rows {
-                (findings::rows(rows))
-            } @else {
-                (findings::poses(setting.poses, setting.has_cart_poses, setting.architecture)) " " (findings::noise(setting.noise, setting.architecture))
-            }
+            (findings::measured(setting))
             @if found.validation.held_out {
                 " What calibrates takes part in the search; what validates takes part in nothing and shows the "
                 (found.validation.of.short()) "."

@@ -2,12 +2,13 @@
 
 use maud::{Markup, html};
 use tau::discovery::Discovery;
+use tau::study::results::Setting;
 
-use super::method::{self, Setting};
+use super::method;
 use super::{at, findings, tables};
 use crate::elements::{figure, prose, table};
 use crate::figures::Figure;
-use crate::unknown_poses::LEFT_OUT;
+use crate::measured::LEFT_OUT;
 
 /// A part of the evidence.
 pub(crate) struct Part {

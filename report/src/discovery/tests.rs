@@ -8,12 +8,12 @@ use tau::discovery::results::{
 };
 use tau::measurements::PoseCounts;
 use tau::robot::Architecture;
+use tau::study::results::Setting;
 use tau::trust::{self, FileFit};
 use tau_codegen::language::check_text;
 use tau_codegen::language::model::Subject;
 use tau_codes::Remark;
 
-use super::method::Setting;
 use super::words::{part, title, variant};
 use super::{chance, findings, readable, tables};
 use crate::{figures, html, json, study_files, terminal};
@@ -218,6 +218,8 @@ fn found() -> Discovery {
 
 fn setting() -> Setting {
     Setting {
+        robot: "Machine".to_owned(),
+        folder: "measured".to_owned(),
         poses: PoseCounts {
             total: 10,
             in_range: 9,
@@ -231,9 +233,8 @@ fn setting() -> Setting {
             ..Architecture::default()
         },
         layout: Some(crate::fixture::layout()),
-        measured_m: vec![[-1.3, -4.2, 0.1]],
+        positions_m: vec![[-1.3, -4.2, 0.1]],
         rows: None,
-        record: crate::fixture::record(),
     }
 }
 
@@ -536,7 +537,7 @@ fn a_verdict_claims_no_more_than_was_found() {
 fn poses_that_were_searched_are_not_said_to_be_kept_apart() {
     let mut found = found();
     let claims = |found: &Discovery| {
-        let page = html::discovery_page(found, &setting(), "Robot", "folder");
+        let page = html::discovery_page(found, &setting(), &crate::fixture::record());
         let (page, text) = (page.to_lowercase(), terminal::discovery(found, 100));
         let of = |text: &str| text.contains("took no part") || text.contains("take no part");
         (of(&page), of(&text))
@@ -569,7 +570,7 @@ fn measurements_without_poses_have_their_words() {
         factor: 1.0,
     }];
     let said = |found: &Discovery| {
-        let page = html::discovery_page(found, &setting(), "Robot", "folder");
+        let page = html::discovery_page(found, &setting(), &crate::fixture::record());
         let where_from = tables::misfit(found).unwrap().rows;
         let noise = tables::noise(found).unwrap().rows;
         (page, format!("{where_from:?} {noise:?}"))
@@ -591,7 +592,12 @@ fn measurements_without_poses_have_their_words() {
 #[test]
 fn the_page_is_well_formed_and_escapes_what_it_is_given() {
     let found = found();
-    let page = html::discovery_page(&found, &setting(), "<Robot>", "a & b");
+    let setting = Setting {
+        robot: "<Robot>".to_owned(),
+        folder: "a & b".to_owned(),
+        ..setting()
+    };
+    let page = html::discovery_page(&found, &setting, &crate::fixture::record());
     let page = crate::tests::parse_html(&page);
     let document = Document::parse(&page).unwrap();
     let count = |name: &str| {

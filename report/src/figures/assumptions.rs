@@ -15,12 +15,12 @@ const COORDINATES: [&str; 3] = ["x", "y", "z"];
 /// Figure 4: deviation of the measured orientation from its mean, against the TCP position.
 pub fn orientation_grid(study: &Study) -> Option<Figure> {
     let points = &study.assumptions.orientation;
-    let axes = study.architecture.plate.turning_axes();
+    let axes = study.setting.architecture.plate.turning_axes();
     if points.is_empty() || axes.is_empty() {
         return None;
     }
     // In the plane, all poses have one height.
-    let coordinates = if study.architecture.plate.is_in_plane() {
+    let coordinates = if study.setting.architecture.plate.is_in_plane() {
         &COORDINATES[..2]
     } else {
         &COORDINATES
@@ -49,10 +49,7 @@ pub fn orientation_grid(study: &Study) -> Option<Figure> {
             for (column, coordinate) in coordinates.iter().enumerate() {
                 let positions = points.iter().map(|point| point.position_m[column]);
                 let x = Axis::linear(&format!("{coordinate} (m)"), positions, 4.0);
-                let show = Show {
-                    x: row + 1 == axes.len(),
-                    y: column == 0,
-                };
+                let show = Show::new(row + 1 == axes.len(), column == 0);
                 let panel = sheet.panel(grid.cell(row, column), &x, &y, show);
                 let marks = points
                     .iter()
@@ -61,28 +58,22 @@ pub fn orientation_grid(study: &Study) -> Option<Figure> {
             }
         }
     });
-    Some(Figure {
-        file_name: "figure_4_orientation.svg".to_owned(),
-        number: Some(4),
-        title: title.to_owned(),
-        caption: format!(
-            "Each point is a measured pose{}; the rows are the components of the rotation vector in the measurement \
-             frame, the columns the coordinates of the TCP.{}{}",
-            if study.architecture.carts > 0 {
-                " of set 1"
-            } else {
-                ""
-            },
-            if has_reduced(study) {
-                " A plate of constant orientation, which the reduced arm assumes, would leave only noise. A trend shows \
+    let caption = format!(
+        "Each point is a measured pose{}; the rows are the components of the rotation vector in the measurement \
+             frame, the columns the coordinates of the TCP.{}",
+        if study.setting.architecture.carts > 0 {
+            " of set 1"
+        } else {
+            ""
+        },
+        if has_reduced(study) {
+            " A plate of constant orientation, which the reduced arm assumes, would leave only noise. A trend shows \
                  that the links of a cluster are not a parallelogram."
-            } else {
-                ""
-            },
-            drawn.note
-        ),
-        svg: drawn.svg,
-    })
+        } else {
+            ""
+        },
+    );
+    Some(drawn.figure("figure_4_orientation.svg", Some(4), caption))
 }
 
 /// A quantity of a path deviation with its name.
@@ -130,14 +121,12 @@ fn linearity(
     let points = || tracks.iter().flat_map(|track| &track.points);
     points().next()?;
     let subtitle = "Deviation of the carts from a straight line with even scale (set 2)";
-    let grid = Grid {
-        rows: directions.len(),
-        columns: 1,
-        margin: [66.0, 86.0, 14.0, 44.0],
-        column_gap: 0.0,
-        row_gap: 34.0,
-        row_height: if directions.len() == 1 { 220.0 } else { 134.0 },
-    };
+    let grid = Grid::column(
+        directions.len(),
+        [66.0, 86.0],
+        34.0,
+        if directions.len() == 1 { 220.0 } else { 134.0 },
+    );
     let all = directions.iter().flat_map(|(_, value)| points().map(value));
     let (factor, unit) = length_unit(largest(all));
     let names: Vec<_> = tracks
@@ -145,20 +134,12 @@ fn linearity(
         .map(|track| format!("track {}", track.track))
         .collect();
     let drawn = chart::draw(title, subtitle, grid.height(), |sheet| {
-        let legend: Vec<_> = names
-            .iter()
-            .enumerate()
-            .map(|(index, name)| (name.as_str(), series(index)))
-            .collect();
-        sheet.legend(&legend, 58.0);
+        sheet.legend(names.iter().map(String::as_str));
         let x = Axis::linear("command q (m)", points().map(|point| point.q_m), 8.0);
         for (row, (direction, value)) in directions.iter().enumerate() {
             let values = points().map(|point| factor * value(point));
             let y = Axis::symmetric(&format!("deviation ({unit})"), values, 6.0);
-            let show = Show {
-                x: row + 1 == directions.len(),
-                y: true,
-            };
+            let show = Show::new(row + 1 == directions.len(), true);
             let panel = sheet.panel(grid.cell(row, 0), &x, &y, show);
             panel.title(direction);
             for (index, track) in tracks.iter().enumerate() {
@@ -174,13 +155,7 @@ fn linearity(
             }
         }
     });
-    Some(Figure {
-        file_name: file_name.to_owned(),
-        number: Some(number),
-        title: title.to_owned(),
-        caption: caption.to_owned() + drawn.note,
-        svg: drawn.svg,
-    })
+    Some(drawn.figure(file_name, Some(number), caption))
 }
 
 /// Cart positions of set 3 against the paths of set 2.
@@ -219,10 +194,7 @@ pub fn set_comparison(study: &Study) -> Option<Figure> {
             let y = Axis::symmetric(&format!("{direction} ({unit})"), [reach], 4.0);
             for (column, track) in tracks.iter().enumerate() {
                 let place = grid.cell(row, column);
-                let show = Show {
-                    x: row + 1 == directions.len(),
-                    y: column == 0,
-                };
+                let show = Show::new(row + 1 == directions.len(), column == 0);
                 let panel = sheet.panel(place, &x, &y, show);
                 if row == 0 {
                     panel.title(&format!("track {}", track.track));
@@ -236,18 +208,12 @@ pub fn set_comparison(study: &Study) -> Option<Figure> {
             }
         }
     });
-    Some(Figure {
-        file_name: "set_comparison.svg".to_owned(),
-        number: None,
-        title: title.to_owned(),
-        caption: format!(
-            "Set 3 is carried into the frame of set 2 by the rigid transform that fits best. Differences beyond the \
+    let caption = format!(
+        "Set 3 is carried into the frame of set 2 by the rigid transform that fits best. Differences beyond the \
              noise mean that a cart's place depends on more than its own command (approach direction, other carts, \
-             load, temperature), or that its error changes between the points of set 2{}.{}",
-            spacing_mm(&study.assumptions.linearity)
-                .map_or_else(String::new, |gap| format!(", {} mm apart", general(gap, 2))),
-            drawn.note
-        ),
-        svg: drawn.svg,
-    })
+             load, temperature), or that its error changes between the points of set 2{}.",
+        spacing_mm(&study.assumptions.linearity)
+            .map_or_else(String::new, |gap| format!(", {} mm apart", general(gap, 2))),
+    );
+    Some(drawn.figure("set_comparison.svg", None, caption))
 }

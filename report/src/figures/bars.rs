@@ -30,7 +30,7 @@ pub(super) fn draw(
     chart::draw(title, subtitle, place.top + place.height + 44.0, |sheet| {
         let legend = [("mean", STRONG), ("largest", PALE), ("noise", ACCENT)];
         let shown = if noise_um.is_some() { 3 } else { 2 };
-        sheet.box_legend(&legend[..shown], 58.0);
+        sheet.box_legend(&legend[..shown]);
         let noise = noise_um.map(|noise_um| factor * noise_um);
         let reach = values().map(|value| 1.06 * factor * value).chain(noise);
         let x = Axis::from_zero(&format!("position error ({unit})"), reach, 8.0);

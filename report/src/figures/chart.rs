@@ -3,26 +3,20 @@
 //! Lengths are in units of 1/96 inch, so that a figure of [`WIDTH`] fills the text width of an A4 page
 //! and a type size of 11 prints as 8 points.
 
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
+use std::fmt::{self, Write as _};
 
-use plotters::coord::cartesian::Cartesian2d;
-use plotters::coord::types::RangedCoordf64;
-use plotters::coord::{CoordTranslate, Shift};
-use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, Pos, VPos};
-
+use super::Figure;
 use super::axis::Axis;
 use super::cells;
 pub(super) use super::palette::{ACCENT, INK, Marker, PALE, STRONG, Style, series};
-use super::palette::{FRAME, GRID, PAPER, SOFT_INK};
+use super::palette::{Color, FRAME, GRID, PAPER, SOFT_INK};
 use crate::number::printable;
 
 /// Width of every figure.
 pub(super) const WIDTH: f64 = 680.0;
-/// The backend knows whole coordinates only; finer ones keep curves smooth.
+/// Coordinates are whole numbers, so many a unit that curves stay smooth.
 const SCALE: f64 = 4.0;
-/// The backend divides the size of a font by this.
-const FONT_FACTOR: f64 = 1.24;
 
 /// A rectangle: left, top, width, height.
 #[derive(Debug, Clone, Copy)]
@@ -46,6 +40,23 @@ pub(super) struct Grid {
 }
 
 impl Grid {
+    /// Panels below each other: their number, the space on the left and above, the gaps, and the height of a panel.
+    pub(super) fn column(
+        rows: usize,
+        [left, top]: [f64; 2],
+        row_gap: f64,
+        row_height: f64,
+    ) -> Self {
+        Self {
+            rows,
+            columns: 1,
+            margin: [left, top, 14.0, 44.0],
+            column_gap: 0.0,
+            row_gap,
+            row_height,
+        }
+    }
+
     /// Height of the whole figure.
     pub(super) fn height(&self) -> f64 {
         let rows = self.rows.max(1) as f64;
@@ -74,19 +85,38 @@ pub(super) enum Anchor {
     Right,
 }
 
-type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
-
 /// A drawn figure.
 pub(super) struct Drawn {
+    title: String,
     /// The SVG document.
-    pub(super) svg: String,
-    /// A sentence for the caption, with a space before it, where marks gave way to shaded cells.
-    pub(super) note: &'static str,
+    svg: String,
+    note: &'static str,
 }
 
-/// A sheet to draw on. Drawing into memory cannot fail, so results of the backend are dropped.
-pub(super) struct Sheet<'a> {
-    area: Area<'a>,
+impl Drawn {
+    /// With the name of its file, its number in the paper, and its caption; a sentence is added where marks gave way to
+    /// shaded cells.
+    pub(super) fn figure(
+        self,
+        file_name: impl Into<String>,
+        number: Option<u32>,
+        caption: impl Into<String>,
+    ) -> Figure {
+        Figure {
+            file_name: file_name.into(),
+            number,
+            title: self.title,
+            caption: caption.into() + self.note,
+            svg: self.svg,
+        }
+    }
+}
+
+/// A sheet to draw on.
+#[derive(Default)]
+pub(super) struct Sheet {
+    /// Elements of SVG, a line each.
+    elements: RefCell<String>,
     /// True once marks have given way to cells.
     has_cells: Cell<bool>,
 }
@@ -95,49 +125,18 @@ fn pixel(length: f64) -> i32 {
     (length * SCALE).round() as i32
 }
 
-/// Draws a figure with its title and returns the SVG document.
+/// Draws a figure with its title.
 pub(super) fn draw(
     title: &str,
     subtitle: &str,
     height: f64,
     content: impl FnOnce(&Sheet),
 ) -> Drawn {
-    let mut buffer = String::new();
-    let size = (pixel(WIDTH).unsigned_abs(), pixel(height).unsigned_abs());
-    let sheet = Sheet {
-        area: SVGBackend::with_string(&mut buffer, size).into_drawing_area(),
-        has_cells: Cell::new(false),
-    };
-    sheet.write(title, (6.0, 18.0), Anchor::Left, 15.0, INK, true);
-    sheet.write(subtitle, (6.0, 37.0), Anchor::Left, 12.0, SOFT_INK, false);
+    let sheet = Sheet::default();
+    sheet.bold(title, (6.0, 18.0), 15.0);
+    sheet.write(subtitle, (6.0, 37.0), Anchor::Left, 12.0, SOFT_INK);
     content(&sheet);
-    let _ = sheet.area.present();
-    let note = if sheet.has_cells.get() {
-        cells::NOTE
-    } else {
-        ""
-    };
-    drop(sheet);
-    Drawn {
-        svg: document(&buffer, title, subtitle, height),
-        note,
-    }
-}
-
-/// Replaces the backend's root element by one with title and description, scaled to its natural size,
-/// and leaves out attributes that say what is the default anyway. Text is escaped, so that no pattern
-/// with a quotation mark occurs in it.
-fn document(drawn: &str, title: &str, subtitle: &str, height: f64) -> String {
-    let body = drawn.split_once('\n').map_or("", |(_, rest)| rest);
-    let body = body.trim_end().strip_suffix("</svg>").unwrap_or(body);
-    let body = body
-        .replace(" opacity=\"1\"", "")
-        .replace(" stroke=\"none\" stroke-width=\"1\"", "")
-        .replace(" stroke=\"none\"", "")
-        .replace(" font-family=\"sans-serif\"", "")
-        .replace(" \"/>", "\"/>")
-        .replace("\">\n", "\">")
-        .replace("\n</text>", "</text>");
+    let has_cells = sheet.has_cells.get();
     let document = format!(
         concat!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {} {}\" width=\"{}\" height=\"{}\" ",
@@ -151,10 +150,14 @@ fn document(drawn: &str, title: &str, subtitle: &str, height: f64) -> String {
         height,
         escape(title),
         escape(subtitle),
-        format_args!("#{:02X}{:02X}{:02X}", PAPER.0, PAPER.1, PAPER.2),
-        body
+        PAPER,
+        sheet.elements.into_inner()
     );
-    printable(&document)
+    Drawn {
+        title: title.to_owned(),
+        svg: printable(&document),
+        note: if has_cells { cells::NOTE } else { "" },
+    }
 }
 
 /// Text as XML content.
@@ -169,166 +172,171 @@ fn text_width(text: &str, size: f64) -> f64 {
     text.chars().count() as f64 * size * 0.54
 }
 
-impl<'a> Sheet<'a> {
-    fn style(size: f64, color: RGBColor, bold: bool) -> TextStyle<'static> {
-        let weight = if bold {
-            FontStyle::Bold
-        } else {
-            FontStyle::Normal
-        };
-        let size = (size * SCALE * FONT_FACTOR * 100.0).round() / 100.0;
-        FontDesc::new(FontFamily::SansSerif, size, weight).color(&color)
+/// Points as SVG writes them.
+fn listed(points: &[(i32, i32)]) -> String {
+    let points: Vec<String> = points.iter().map(|(x, y)| format!("{x},{y}")).collect();
+    points.join(" ")
+}
+
+impl Sheet {
+    fn put(&self, element: fmt::Arguments<'_>) {
+        let _ = writeln!(self.elements.borrow_mut(), "{element}");
     }
 
-    fn write(
+    fn text(
         &self,
         text: &str,
         at: (f64, f64),
         anchor: Anchor,
         size: f64,
-        color: RGBColor,
-        bold: bool,
+        style: fmt::Arguments<'_>,
     ) {
-        let horizontal = match anchor {
-            Anchor::Left => HPos::Left,
-            Anchor::Centre => HPos::Center,
-            Anchor::Right => HPos::Right,
+        let (x, y, size) = (pixel(at.0), pixel(at.1), pixel(size));
+        let anchor = match anchor {
+            Anchor::Left => "start",
+            Anchor::Centre => "middle",
+            Anchor::Right => "end",
         };
-        let style = Self::style(size, color, bold).pos(Pos::new(horizontal, VPos::Center));
-        let _ = self
-            .area
-            .draw_text(text, &style, (pixel(at.0), pixel(at.1)));
+        self.put(format_args!(
+            "<text x=\"{x}\" y=\"{y}\" dy=\"0.5ex\" text-anchor=\"{anchor}\" font-size=\"{size}\" {style}>{}</text>",
+            escape(text)
+        ));
+    }
+
+    fn write(&self, text: &str, at: (f64, f64), anchor: Anchor, size: f64, color: Color) {
+        self.text(text, at, anchor, size, format_args!("fill=\"{color}\""));
+    }
+
+    fn bold(&self, text: &str, at: (f64, f64), size: f64) {
+        let style = format_args!("fill=\"{INK}\" font-weight=\"bold\"");
+        self.text(text, at, Anchor::Left, size, style);
     }
 
     fn write_upwards(&self, text: &str, at: (f64, f64)) {
-        let style = Self::style(12.0, INK, false)
-            .pos(Pos::new(HPos::Center, VPos::Center))
-            .transform(FontTransform::Rotate270);
-        let _ = self
-            .area
-            .draw_text(text, &style, (pixel(at.0), pixel(at.1)));
+        let (x, y) = (pixel(at.0), pixel(at.1));
+        let style = format_args!("fill=\"{INK}\" transform=\"rotate(270, {x}, {y})\"");
+        self.text(text, at, Anchor::Centre, 12.0, style);
     }
 
-    /// A row of marks with names, right-aligned at the height `y`; wraps where it is too long.
-    pub(super) fn legend(&self, entries: &[(&str, Style)], y: f64) {
+    /// The marks of series with their names in a row, right-aligned; wraps where it is too long.
+    pub(super) fn legend<'n>(&self, names: impl Iterator<Item = &'n str>) {
         let width = |name: &str| 20.0 + text_width(name, 12.0) + 12.0;
-        let total: f64 = entries.iter().map(|(name, _)| width(name)).sum();
+        let names: Vec<&str> = names.collect();
+        let total: f64 = names.iter().map(|name| width(name)).sum();
         let mut x = (WIDTH - total).max(10.0);
-        let mut y = y;
-        for (name, style) in entries {
+        let mut y = 58.0;
+        for (index, name) in names.into_iter().enumerate() {
             if x + width(name) > WIDTH && x > 10.0 {
                 x = 10.0;
                 y += 16.0;
             }
-            self.mark((pixel(x + 7.0), pixel(y)), *style, 3.6);
-            self.write(name, (x + 16.0, y), Anchor::Left, 12.0, INK, false);
+            self.mark((pixel(x + 7.0), pixel(y)), series(index), 3.6);
+            self.write(name, (x + 16.0, y), Anchor::Left, 12.0, INK);
             x += width(name);
         }
     }
 
-    /// Filled boxes with names, right-aligned at the height `y`.
-    pub(super) fn box_legend(&self, entries: &[(&str, RGBColor)], y: f64) {
+    /// Filled boxes with names, right-aligned.
+    pub(super) fn box_legend(&self, entries: &[(&str, Color)]) {
+        let y = 58.0;
         let width = |name: &str| 20.0 + text_width(name, 12.0) + 12.0;
         let total: f64 = entries.iter().map(|(name, _)| width(name)).sum();
         let mut x = (WIDTH - total).max(10.0);
         for (name, color) in entries {
-            self.rectangle((x, y - 5.0), (x + 12.0, y + 5.0), *color);
-            self.write(name, (x + 17.0, y), Anchor::Left, 12.0, INK, false);
+            let corners = [(x, y - 5.0), (x + 12.0, y + 5.0)].map(|(x, y)| (pixel(x), pixel(y)));
+            self.rectangle(corners, format_args!("fill=\"{color}\""));
+            self.write(name, (x + 17.0, y), Anchor::Left, 12.0, INK);
             x += width(name);
         }
     }
 
-    fn rectangle(&self, from: (f64, f64), to: (f64, f64), color: RGBColor) {
-        let corners = [(pixel(from.0), pixel(from.1)), (pixel(to.0), pixel(to.1))];
-        let _ = self.area.draw(&Rectangle::new(corners, color.filled()));
+    /// A filled rectangle between two corners in pixels, the upper left one first.
+    fn rectangle(&self, [(left, top), (right, bottom)]: [(i32, i32); 2], fill: fmt::Arguments<'_>) {
+        let (width, height) = (right - left, bottom - top);
+        self.put(format_args!(
+            "<rect x=\"{left}\" y=\"{top}\" width=\"{width}\" height=\"{height}\" {fill}/>"
+        ));
     }
 
-    fn path(&self, points: Vec<(i32, i32)>, color: RGBColor, width: f64) {
-        let style = color.stroke_width(pixel(width).unsigned_abs());
-        let _ = self.area.draw(&PathElement::new(points, style));
+    fn path(&self, points: &[(i32, i32)], color: Color, width: f64) {
+        let (width, points) = (pixel(width), listed(points));
+        self.put(format_args!(
+            "<polyline fill=\"none\" stroke=\"{color}\" stroke-width=\"{width}\" points=\"{points}\"/>"
+        ));
     }
 
-    fn mark(&self, (x, y): (i32, i32), style: Style, radius: f64) {
+    fn mark(&self, (x, y): (i32, i32), Style { color, marker }: Style, radius: f64) {
         let r = pixel(radius);
-        let fill = style.color.filled();
-        let _ = match style.marker {
-            Marker::Disc => self.area.draw(&Circle::new((x, y), r, fill)),
-            Marker::Ring => {
-                let stroke = style.color.stroke_width(pixel(1.4).unsigned_abs());
-                self.area.draw(&Circle::new((x, y), r, stroke))
-            }
+        let stroke = 1.4;
+        let circle = |style: fmt::Arguments<'_>| {
+            self.put(format_args!(
+                "<circle cx=\"{x}\" cy=\"{y}\" r=\"{r}\" {style}/>"
+            ));
+        };
+        let polygon = |corners: &[(i32, i32)]| {
+            let points = listed(corners);
+            self.put(format_args!(
+                "<polygon fill=\"{color}\" points=\"{points}\"/>"
+            ));
+        };
+        match marker {
+            Marker::Disc => circle(format_args!("fill=\"{color}\"")),
+            Marker::Ring => circle(format_args!(
+                "fill=\"none\" stroke=\"{color}\" stroke-width=\"{}\"",
+                pixel(stroke)
+            )),
             Marker::Square => {
                 let half = r * 9 / 10;
                 let corners = [(x - half, y - half), (x + half, y + half)];
-                self.area.draw(&Rectangle::new(corners, fill))
+                self.rectangle(corners, format_args!("fill=\"{color}\""));
             }
             Marker::Triangle => {
-                let corners = vec![(x - r, y + r * 8 / 10), (x + r, y + r * 8 / 10), (x, y - r)];
-                self.area.draw(&Polygon::new(corners, fill))
+                polygon(&[(x - r, y + r * 8 / 10), (x + r, y + r * 8 / 10), (x, y - r)]);
             }
             Marker::Diamond => {
                 let tip = r * 12 / 10;
-                let corners = vec![(x - tip, y), (x, y - tip), (x + tip, y), (x, y + tip)];
-                self.area.draw(&Polygon::new(corners, fill))
+                polygon(&[(x - tip, y), (x, y - tip), (x + tip, y), (x, y + tip)]);
             }
             Marker::Cross => {
-                let stroke = style.color.stroke_width(pixel(1.4).unsigned_abs());
-                let _ = self.area.draw(&PathElement::new(
-                    vec![(x - r, y - r), (x + r, y + r)],
-                    stroke,
-                ));
-                self.area.draw(&PathElement::new(
-                    vec![(x - r, y + r), (x + r, y - r)],
-                    stroke,
-                ))
+                self.path(&[(x - r, y - r), (x + r, y + r)], color, stroke);
+                self.path(&[(x - r, y + r), (x + r, y - r)], color, stroke);
             }
-        };
+        }
     }
 
     /// Draws the frame, grid lines, ticks and names of a panel. Tick labels and names of an axis are
     /// left out where a neighbour that shares the axis has them.
-    pub(super) fn panel<'s>(
-        &'s self,
-        place: Rect,
-        x: &Axis,
-        y: &Axis,
-        show: Show,
-    ) -> Panel<'s, 'a> {
+    pub(super) fn panel(&self, place: Rect, x: &Axis, y: &Axis, show: Show) -> Panel<'_> {
         let (left, top) = (place.left, place.top);
         let (right, bottom) = (left + place.width, top + place.height);
-        let coordinates = Cartesian2d::<RangedCoordf64, RangedCoordf64>::new(
-            x.range.0..x.range.1,
-            y.range.0..y.range.1,
-            (pixel(left)..pixel(right), pixel(bottom)..pixel(top)),
-        );
         let panel = Panel {
             sheet: self,
-            coordinates,
+            ranges: [x.range, y.range],
             place,
         };
         for (value, label) in &x.ticks {
             let (at, _) = panel.at(*value, y.range.0);
             if x.grid {
-                self.path(vec![(at, pixel(top)), (at, pixel(bottom))], GRID, 0.75);
+                self.path(&[(at, pixel(top)), (at, pixel(bottom))], GRID, 0.75);
             }
             if show.x {
                 let at = f64::from(at) / SCALE;
-                self.write(label, (at, bottom + 11.0), Anchor::Centre, 11.0, INK, false);
+                self.write(label, (at, bottom + 11.0), Anchor::Centre, 11.0, INK);
             }
         }
         for (value, label) in &y.ticks {
             let (_, at) = panel.at(x.range.0, *value);
             if y.grid {
-                self.path(vec![(pixel(left), at), (pixel(right), at)], GRID, 0.75);
+                self.path(&[(pixel(left), at), (pixel(right), at)], GRID, 0.75);
             }
             if show.y {
                 let at = f64::from(at) / SCALE;
-                self.write(label, (left - 6.0, at), Anchor::Right, 11.0, INK, false);
+                self.write(label, (left - 6.0, at), Anchor::Right, 11.0, INK);
             }
         }
         if y.grid && y.range.0 < 0.0 && y.range.1 > 0.0 {
             let (_, zero) = panel.at(x.range.0, 0.0);
-            self.path(vec![(pixel(left), zero), (pixel(right), zero)], FRAME, 0.75);
+            self.path(&[(pixel(left), zero), (pixel(right), zero)], FRAME, 0.75);
         }
         let corners = [
             (left, top),
@@ -337,21 +345,11 @@ impl<'a> Sheet<'a> {
             (left, bottom),
             (left, top),
         ];
-        let frame = corners
-            .iter()
-            .map(|(x, y)| (pixel(*x), pixel(*y)))
-            .collect();
-        self.path(frame, FRAME, 0.75);
+        self.path(&corners.map(|(x, y)| (pixel(x), pixel(y))), FRAME, 0.75);
         if show.x && !x.name.is_empty() {
             let centre = left + place.width / 2.0;
-            self.write(
-                &x.name,
-                (centre, bottom + 29.0),
-                Anchor::Centre,
-                12.0,
-                INK,
-                false,
-            );
+            let at = (centre, bottom + 29.0);
+            self.write(&x.name, at, Anchor::Centre, 12.0, INK);
         }
         if show.y && !y.name.is_empty() {
             self.write_upwards(&y.name, (14.0, top + place.height / 2.0));
@@ -363,38 +361,52 @@ impl<'a> Sheet<'a> {
 /// Axes of a panel that carry labels.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Show {
-    pub(super) x: bool,
-    pub(super) y: bool,
+    x: bool,
+    y: bool,
 }
 
 impl Show {
     /// Both axes.
-    pub(super) const BOTH: Self = Self { x: true, y: true };
+    pub(super) const BOTH: Self = Self::new(true, true);
+
+    pub(super) const fn new(x: bool, y: bool) -> Self {
+        Self { x, y }
+    }
 }
 
 /// A pair of axes to draw data on. What is not finite is left out.
-pub(super) struct Panel<'s, 'a> {
-    sheet: &'s Sheet<'a>,
-    coordinates: Cartesian2d<RangedCoordf64, RangedCoordf64>,
+pub(super) struct Panel<'s> {
+    sheet: &'s Sheet,
+    /// Lowest and highest value along x and y.
+    ranges: [(f64, f64); 2],
     place: Rect,
 }
 
-impl Panel<'_, '_> {
+impl Panel<'_> {
     fn at(&self, x: f64, y: f64) -> (i32, i32) {
-        self.coordinates.translate(&(x, y))
+        let share = |value: f64, (low, high): (f64, f64)| (value - low) / (high - low);
+        let Rect {
+            left,
+            top,
+            width,
+            height,
+        } = self.place;
+        (
+            pixel(left + width * share(x, self.ranges[0])),
+            pixel(top + height * (1.0 - share(y, self.ranges[1]))),
+        )
     }
 
     /// A bold name in the panel's upper left corner, above its frame.
     pub(super) fn title(&self, text: &str) {
         let at = (self.place.left, self.place.top - 9.0);
-        self.sheet.write(text, at, Anchor::Left, 12.0, INK, true);
+        self.sheet.bold(text, at, 12.0);
     }
 
     /// A remark in the upper right corner, above the frame.
     pub(super) fn remark(&self, text: &str) {
         let at = (self.place.left + self.place.width, self.place.top - 9.0);
-        self.sheet
-            .write(text, at, Anchor::Right, 11.0, SOFT_INK, false);
+        self.sheet.write(text, at, Anchor::Right, 11.0, SOFT_INK);
     }
 
     /// A mark at each point; cells that are shaded by the number of points in them, where marks would cover each other.
@@ -412,8 +424,9 @@ impl Panel<'_, '_> {
         if cells::are_needed(points.len(), radius, self.place.width * self.place.height) {
             self.sheet.has_cells.set(true);
             for bar in cells::shaded(&points, pixel(2.0 * radius)) {
-                let fill = style.color.mix(bar.shade).filled();
-                let _ = self.sheet.area.draw(&Rectangle::new(bar.corners, fill));
+                let (color, shade) = (style.color, bar.shade);
+                let fill = format_args!("opacity=\"{shade}\" fill=\"{color}\"");
+                self.sheet.rectangle(bar.corners, fill);
             }
             return;
         }
@@ -426,7 +439,7 @@ impl Panel<'_, '_> {
     pub(super) fn line(
         &self,
         points: impl IntoIterator<Item = (f64, f64)>,
-        color: RGBColor,
+        color: Color,
         width: f64,
     ) {
         let points: Vec<_> = points
@@ -435,28 +448,26 @@ impl Panel<'_, '_> {
             .map(|(x, y)| self.at(x, y))
             .collect();
         if points.len() > 1 {
-            self.sheet
-                .path(cells::outlined(&points, pixel(0.5)), color, width);
+            let points = cells::outlined(&points, pixel(0.5));
+            self.sheet.path(&points, color, width);
         }
     }
 
     /// A filled rectangle between two corners in data coordinates.
-    pub(super) fn bar(&self, from: (f64, f64), to: (f64, f64), color: RGBColor) {
+    pub(super) fn bar(&self, from: (f64, f64), to: (f64, f64), color: Color) {
         if [from.0, from.1, to.0, to.1]
             .iter()
             .all(|value| value.is_finite())
         {
             let (a, b) = (self.at(from.0, from.1), self.at(to.0, to.1));
             let corners = [(a.0.min(b.0), a.1.min(b.1)), (a.0.max(b.0), a.1.max(b.1))];
-            let _ = self
-                .sheet
-                .area
-                .draw(&Rectangle::new(corners, color.filled()));
+            self.sheet
+                .rectangle(corners, format_args!("fill=\"{color}\""));
         }
     }
 
     /// A text beside a point.
-    pub(super) fn label(&self, text: &str, at: (f64, f64), anchor: Anchor, color: RGBColor) {
+    pub(super) fn label(&self, text: &str, at: (f64, f64), anchor: Anchor, color: Color) {
         if at.0.is_finite() && at.1.is_finite() {
             let (x, y) = self.at(at.0, at.1);
             let shift = match anchor {
@@ -465,7 +476,7 @@ impl Panel<'_, '_> {
                 Anchor::Right => -5.0,
             };
             let at = (f64::from(x) / SCALE + shift, f64::from(y) / SCALE);
-            self.sheet.write(text, at, anchor, 11.0, color, false);
+            self.sheet.write(text, at, anchor, 11.0, color);
         }
     }
 }

@@ -31,17 +31,12 @@ pub fn gap_by_step(found: &Discovery) -> Option<Figure> {
     let errors = steps.iter().map(|step| [step.gap.mean_um, step.gap.max_um]);
     let rows: Vec<_> = tables::labels(found).into_iter().zip(errors).collect();
     let drawn = bars::draw((title, subtitle), &rows, Some(found.noise_floor_um));
-    Some(Figure {
-        file_name: "discovery_gap_by_step.svg".to_owned(),
-        number: None,
-        title: title.to_owned(),
-        caption: format!(
-            "How the {} shrinks as effects are added to the model, in this order, on {}.",
-            found.validation.of.short(),
-            found.validation.compared()
-        ),
-        svg: drawn.svg,
-    })
+    let caption = format!(
+        "How the {} shrinks as effects are added to the model, in this order, on {}.",
+        found.validation.of.short(),
+        found.validation.compared()
+    );
+    Some(drawn.figure("discovery_gap_by_step.svg", None, caption))
 }
 
 /// The curves of what no effect of the catalogue explains.
@@ -52,14 +47,7 @@ pub fn unnamed_structure(found: &Discovery) -> Option<Figure> {
     let title = "Structure without a name";
     let subtitle =
         "Its size at each sample or measured point, against the quantity that it follows best";
-    let grid = Grid {
-        rows: found.unnamed.len(),
-        columns: 1,
-        margin: [62.0, 82.0, 14.0, 44.0],
-        column_gap: 0.0,
-        row_gap: 66.0,
-        row_height: 120.0,
-    };
+    let grid = Grid::column(found.unnamed.len(), [62.0, 82.0], 66.0, 120.0);
     let drawn = chart::draw(title, subtitle, grid.height(), |sheet| {
         for (row, structure) in found.unnamed.iter().enumerate() {
             let points = || structure.curve.iter().map(|[x, y]| (*x, 1e6 * y));
@@ -72,14 +60,7 @@ pub fn unnamed_structure(found: &Discovery) -> Option<Figure> {
             panel.marks(points(), series(0), 2.2);
         }
     });
-    Some(Figure {
-        file_name: "discovery_unnamed_structure.svg".to_owned(),
-        number: None,
-        title: title.to_owned(),
-        caption: "What no effect of the catalogue explains. A function of several quantities scatters about a curve of \
-                  one."
-            .to_owned()
-            + drawn.note,
-        svg: drawn.svg,
-    })
+    let caption = "What no effect of the catalogue explains. A function of several quantities scatters about a curve of \
+                  one.";
+    Some(drawn.figure("discovery_unnamed_structure.svg", None, caption))
 }

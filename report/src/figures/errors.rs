@@ -1,42 +1,41 @@
 //! Errors of the calibrated variants at the validation poses: Table I as bars, error by pose, Figure 8.
 
-use tau::evaluation::{PoseError, VariantResult};
-use tau::study::results::Study;
+use tau::evaluation::PoseError;
+use tau::study::results::{Study, VariantResult};
 
 use super::axis::Axis;
 use super::chart::{self, ACCENT, Grid, PALE, STRONG, Show, series};
 use super::{Figure, bars, length_unit};
-use crate::findings::{compared, has_reduced, held_out};
+use crate::findings::{compared, has_reduced};
 use crate::number::{fixed, largest, shared_decimals};
 
 /// Table I as bars: mean and largest position error of each variant.
 pub fn error_by_variant(study: &Study) -> Option<Figure> {
     let variants = &study.variants;
-    if variants.is_empty() || study.rows.is_some() {
+    if variants.is_empty() || study.setting.rows.is_some() {
         return None;
     }
     let title = "Position error by variant";
-    let division = if held_out(study.poses) {
+    let division = if study.setting.is_held_out() {
         ", which took no part in calibration"
     } else {
         ""
     };
-    let (count, poses) = compared(study.poses);
+    let (count, poses) = compared(&study.setting);
     let subtitle = format!("Mean and largest error at {count} {poses}{division}");
-    let errors = |variant: &VariantResult| [variant.position_um.mean, variant.position_um.max];
+    let errors = |variant: &VariantResult| {
+        [
+            variant.evaluation.position_um.mean,
+            variant.evaluation.position_um.max,
+        ]
+    };
     let rows = variants
         .iter()
         .map(|variant| (variant.name.clone(), errors(variant)));
     let drawn = bars::draw((title, &subtitle), &rows.collect::<Vec<_>>(), None);
-    Some(Figure {
-        file_name: "position_error_by_variant.svg".to_owned(),
-        number: None,
-        title: title.to_owned(),
-        caption: "The figures of the table. The error of a pose is the distance between the TCP position that the \
-                  calibrated model predicts from the commands and the measured one."
-            .to_owned(),
-        svg: drawn.svg,
-    })
+    let caption = "The figures of the table. The error of a pose is the distance between the TCP position that the \
+                  calibrated model predicts from the commands and the measured one.";
+    Some(drawn.figure("position_error_by_variant.svg", None, caption))
 }
 
 /// Bars beside each other that a panel has room for: narrower ones run into each other.
@@ -56,9 +55,12 @@ fn centre(group: &[PoseError]) -> f64 {
 
 /// Distance between the numbers of neighbouring poses, in the mean.
 fn step(variant: &VariantResult) -> f64 {
-    let ends = [variant.pose_errors.first(), variant.pose_errors.last()];
+    let ends = [
+        variant.evaluation.errors.first(),
+        variant.evaluation.errors.last(),
+    ];
     let [first, last] = ends.map(|pose| pose.map_or(0.0, |pose| f64::from(pose.pose)));
-    (last - first) / variant.pose_errors.len().max(2) as f64
+    (last - first) / variant.evaluation.errors.len().max(2) as f64
 }
 
 /// Position error of each validation pose, one panel a variant.
@@ -66,13 +68,17 @@ pub fn error_by_pose(study: &Study) -> Option<Figure> {
     let variants: Vec<_> = study
         .variants
         .iter()
-        .filter(|variant| !variant.pose_errors.is_empty())
+        .filter(|variant| !variant.evaluation.errors.is_empty())
         .collect();
     if variants.is_empty() {
         return None;
     }
     let title = "Position error by pose";
-    let size = group_size(variants.iter().map(|variant| variant.pose_errors.len()));
+    let size = group_size(
+        variants
+            .iter()
+            .map(|variant| variant.evaluation.errors.len()),
+    );
     let subtitle = if size == 1 {
         "Each bar is a pose; the line marks the mean".to_owned()
     } else {
@@ -80,16 +86,13 @@ pub fn error_by_pose(study: &Study) -> Option<Figure> {
             "Each bar is {size} poses in turn: their mean (dark) and largest error (pale); the line marks the mean"
         )
     };
-    let errors = || variants.iter().flat_map(|variant| &variant.pose_errors);
-    let (factor, unit) = length_unit(largest(errors().map(PoseError::length_um)));
-    let grid = Grid {
-        rows: variants.len(),
-        columns: 1,
-        margin: [62.0, 70.0, 14.0, 44.0],
-        column_gap: 0.0,
-        row_gap: 28.0,
-        row_height: 70.0,
+    let errors = || {
+        variants
+            .iter()
+            .flat_map(|variant| &variant.evaluation.errors)
     };
+    let (factor, unit) = length_unit(largest(errors().map(PoseError::length_um)));
+    let grid = Grid::column(variants.len(), [62.0, 70.0], 28.0, 70.0);
     let drawn = chart::draw(title, &subtitle, grid.height(), |sheet| {
         let x = Axis::linear(
             "pose number in the file",
@@ -99,24 +102,22 @@ pub fn error_by_pose(study: &Study) -> Option<Figure> {
         let lengths = errors().map(|error| factor * error.length_um());
         let y = Axis::from_zero(&format!("error ({unit})"), lengths, 3.0);
         // Bars fill their share of the panel, at most a third of a pose number apart from touching.
-        let bars = variants[0].pose_errors.len().div_ceil(size);
+        let bars = variants[0].evaluation.errors.len().div_ceil(size);
         let half = (0.3 * (x.range.1 - x.range.0) / bars as f64).min(0.8 * size as f64);
         let means = variants
             .iter()
-            .map(|variant| factor * variant.position_um.mean);
+            .map(|variant| factor * variant.evaluation.position_um.mean);
         let decimals = shared_decimals(means);
         for (row, variant) in variants.iter().enumerate() {
-            let show = Show {
-                x: row + 1 == variants.len(),
-                y: true,
-            };
+            let show = Show::new(row + 1 == variants.len(), true);
             let panel = sheet.panel(grid.cell(row, 0), &x, &y, show);
             let worst = variant
-                .pose_errors
+                .evaluation
+                .errors
                 .iter()
                 .max_by(|a, b| a.length_um().total_cmp(&b.length_um()))
                 .filter(|worst| worst.length_um().is_finite());
-            for group in variant.pose_errors.chunks(size) {
+            for group in variant.evaluation.errors.chunks(size) {
                 let lengths = || group.iter().map(|error| factor * error.length_um());
                 let at = centre(group);
                 let has_worst = worst.is_some_and(|worst| group.contains(worst));
@@ -128,7 +129,7 @@ pub fn error_by_pose(study: &Study) -> Option<Figure> {
                     panel.bar((at - half, 0.0), (at + half, of_group), mean);
                 }
             }
-            let mean = factor * variant.position_um.mean;
+            let mean = factor * variant.evaluation.position_um.mean;
             let line = [(x.range.0, mean), (x.range.1, mean)];
             // A pale seam keeps the line apart from the bars in print without colour.
             panel.line(line, PALE, 3.0);
@@ -145,21 +146,16 @@ pub fn error_by_pose(study: &Study) -> Option<Figure> {
             }
         }
     });
-    Some(Figure {
-        file_name: "position_error_by_pose.svg".to_owned(),
-        number: None,
-        title: title.to_owned(),
-        caption: format!(
-            "All panels share one scale. {} each variant is drawn in orange. Errors that come back at neighbouring \
+    let caption = format!(
+        "All panels share one scale. {} each variant is drawn in orange. Errors that come back at neighbouring \
              poses point to something that the model lacks rather than to noise.",
-            if size == 1 {
-                "The largest error of"
-            } else {
-                "The bar that holds the largest error of"
-            }
-        ),
-        svg: drawn.svg,
-    })
+        if size == 1 {
+            "The largest error of"
+        } else {
+            "The bar that holds the largest error of"
+        }
+    );
+    Some(drawn.figure("position_error_by_pose.svg", None, caption))
 }
 
 /// Figure 8: orientation errors at the validation poses, for the variants that predict orientation.
@@ -169,19 +165,20 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
         .iter()
         .filter(|variant| {
             variant
-                .pose_errors
+                .evaluation
+                .errors
                 .iter()
                 .any(|error| error.orientation_rad.is_some())
         })
         .collect();
-    let axes = study.architecture.plate.turning_axes();
+    let axes = study.setting.architecture.plate.turning_axes();
     if variants.is_empty() || axes.is_empty() {
         return None;
     }
     let errors = || {
         variants
             .iter()
-            .flat_map(|variant| &variant.pose_errors)
+            .flat_map(|variant| &variant.evaluation.errors)
             .filter_map(|error| {
                 error
                     .orientation_rad
@@ -190,8 +187,12 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
     };
     // As in Table I.
     let (factor, unit) = (1e3, "mrad");
-    let title = &format!("Orientation errors at the {}", compared(study.poses).1);
-    let size = group_size(variants.iter().map(|variant| variant.pose_errors.len()));
+    let title = &format!("Orientation errors at the {}", compared(&study.setting).1);
+    let size = group_size(
+        variants
+            .iter()
+            .map(|variant| variant.evaluation.errors.len()),
+    );
     let subtitle = if size == 1 {
         "Rotation vector from the measured to the predicted plate".to_owned()
     } else {
@@ -199,21 +200,9 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
             "Rotation vector from the measured to the predicted plate: mean and range of {size} poses in turn"
         )
     };
-    let grid = Grid {
-        rows: axes.len(),
-        columns: 1,
-        margin: [66.0, 78.0, 14.0, 44.0],
-        column_gap: 0.0,
-        row_gap: 14.0,
-        row_height: 106.0,
-    };
+    let grid = Grid::column(axes.len(), [66.0, 78.0], 14.0, 106.0);
     let drawn = chart::draw(title, &subtitle, grid.height(), |sheet| {
-        let legend: Vec<_> = variants
-            .iter()
-            .enumerate()
-            .map(|(index, variant)| (variant.name.as_str(), series(index)))
-            .collect();
-        sheet.legend(&legend, 58.0);
+        sheet.legend(variants.iter().map(|variant| variant.name.as_str()));
         let x = Axis::linear(
             "pose number in the file",
             errors().map(|(pose, _)| pose),
@@ -227,13 +216,10 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
                 grid.cell(row, 0),
                 &x,
                 &y,
-                Show {
-                    x: row + 1 == axes.len(),
-                    y: true,
-                },
+                Show::new(row + 1 == axes.len(), true),
             );
             for (index, variant) in variants.iter().enumerate() {
-                for group in variant.pose_errors.chunks(size) {
+                for group in variant.evaluation.errors.chunks(size) {
                     let values: Vec<f64> = (group.iter())
                         .filter_map(|error| Some(factor * error.orientation_rad?[axis]))
                         .filter(|value| value.is_finite())
@@ -256,19 +242,14 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
             }
         }
     });
-    Some(Figure {
-        file_name: "figure_8_orientation_errors.svg".to_owned(),
-        number: Some(8),
-        title: title.to_owned(),
-        caption: format!(
-            "{}The largest magnitudes stand in the table above. Errors that keep their sign over many poses are the \
+    let caption = format!(
+        "{}The largest magnitudes stand in the table above. Errors that keep their sign over many poses are the \
              model's, not the noise's.",
-            if has_reduced(study) {
-                "A reduced arm predicts no orientation and is not drawn. "
-            } else {
-                ""
-            }
-        ),
-        svg: drawn.svg,
-    })
+        if has_reduced(study) {
+            "A reduced arm predicts no orientation and is not drawn. "
+        } else {
+            ""
+        }
+    );
+    Some(drawn.figure("figure_8_orientation_errors.svg", Some(8), caption))
 }

@@ -75,10 +75,7 @@ fn residuals(index: usize, evidence: &Evidence) -> Option<Figure> {
             let label = format!("{}, {target} ({unit})", part(&pattern.place));
             let y = Axis::symmetric(&label, reach, 4.0);
             for (column, name) in ["without it in the model", "with it"].iter().enumerate() {
-                let show = Show {
-                    x: true,
-                    y: column == 0,
-                };
+                let show = Show::new(true, column == 0);
                 let panel = sheet.panel(grid.cell(row, column), &x, &y, show);
                 panel.title(name);
                 panel.marks(
@@ -99,17 +96,15 @@ fn residuals(index: usize, evidence: &Evidence) -> Option<Figure> {
             }
         }
     });
-    Some(Figure {
-        file_name: format!("discovery_residuals_{}.svg", index + 1),
-        number: None,
-        caption: format!(
-            "Left: without {effect} in the model, fitted anew. Right: with it.{}{}",
-            two_values(evidence),
-            drawn.note
-        ),
-        title,
-        svg: drawn.svg,
-    })
+    let caption = format!(
+        "Left: without {effect} in the model, fitted anew. Right: with it.{}",
+        two_values(evidence)
+    );
+    Some(drawn.figure(
+        format!("discovery_residuals_{}.svg", index + 1),
+        None,
+        caption,
+    ))
 }
 
 /// Remark on quantities with two values.
@@ -180,14 +175,11 @@ fn spectrum(index: usize, effect: &FoundEffect, spectrum: &Spectrum) -> Option<F
         return None;
     }
     let drawn = chart::draw(&title, subtitle, place.top + place.height + 44.0, |sheet| {
-        sheet.box_legend(
-            &[
-                ("without it", STRONG),
-                ("with it", PALE),
-                ("threshold", ACCENT),
-            ],
-            58.0,
-        );
+        sheet.box_legend(&[
+            ("without it", STRONG),
+            ("with it", PALE),
+            ("threshold", ACCENT),
+        ]);
         let x = reciprocal(&spectrum.parameter, spectrum.unit, low, high);
         let scores = curve
             .iter()
@@ -215,20 +207,19 @@ fn spectrum(index: usize, effect: &FoundEffect, spectrum: &Spectrum) -> Option<F
     } else {
         "The values marked as aliases fit as well."
     };
-    Some(Figure {
-        file_name: format!("discovery_spectrum_{}.svg", index + 1),
-        number: None,
-        caption: format!(
-            "The axis is linear in one over the {}, so that all peaks are equally wide. {also}",
-            spectrum.parameter
-        ),
-        title,
-        svg: drawn.svg,
-    })
+    let caption = format!(
+        "The axis is linear in one over the {}, so that all peaks are equally wide. {also}",
+        spectrum.parameter
+    );
+    Some(drawn.figure(
+        format!("discovery_spectrum_{}.svg", index + 1),
+        None,
+        caption,
+    ))
 }
 
 /// Names the score at a value of what was searched.
-fn mark(panel: &Panel<'_, '_>, curve: &[[f64; 3]], spectrum: &Spectrum, value: f64, prefix: &str) {
+fn mark(panel: &Panel<'_>, curve: &[[f64; 3]], spectrum: &Spectrum, value: f64, prefix: &str) {
     let distance = |point: &[f64; 3]| (point[0].recip() - value.recip()).abs();
     let Some(nearest) = curve
         .iter()

@@ -56,7 +56,9 @@ pub fn all(study: &Study) -> Vec<Figure> {
     .flatten()
     .chain(study.discovery.iter().flat_map(discovery))
     .map(|figure| Figure {
-        number: figure.number.filter(|_| study.architecture.is_gantry_tau),
+        number: figure
+            .number
+            .filter(|_| study.setting.architecture.is_gantry_tau),
         ..figure
     })
     .collect()

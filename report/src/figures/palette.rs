@@ -1,13 +1,14 @@
 //! Colours and marks of all figures, and what the colours become where the reader's screen is dark.
 
-use plotters::style::RGBColor;
+/// A colour as SVG writes it.
+pub(super) type Color = &'static str;
 
 /// The ground of every figure.
-pub(super) const PAPER: RGBColor = RGBColor(0xff, 0xff, 0xff);
-pub(super) const INK: RGBColor = RGBColor(0x22, 0x26, 0x2b);
-pub(super) const SOFT_INK: RGBColor = RGBColor(0x55, 0x5c, 0x66);
-pub(super) const GRID: RGBColor = RGBColor(0xe3, 0xe6, 0xea);
-pub(super) const FRAME: RGBColor = RGBColor(0x8a, 0x91, 0x9a);
+pub(super) const PAPER: Color = "#FFFFFF";
+pub(super) const INK: Color = "#22262B";
+pub(super) const SOFT_INK: Color = "#555C66";
+pub(super) const GRID: Color = "#E3E6EA";
+pub(super) const FRAME: Color = "#8A919A";
 
 /// Shape of a mark, so that series stay apart without colour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -23,36 +24,24 @@ pub(super) enum Marker {
 /// Style of a series.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Style {
-    pub(super) color: RGBColor,
+    pub(super) color: Color,
     pub(super) marker: Marker,
+}
+
+impl Style {
+    pub(super) const fn new(color: Color, marker: Marker) -> Self {
+        Self { color, marker }
+    }
 }
 
 /// Colours by Okabe and Ito, told apart by all common kinds of colour vision.
 const SERIES: [Style; 6] = [
-    Style {
-        color: RGBColor(0x00, 0x72, 0xb2),
-        marker: Marker::Disc,
-    },
-    Style {
-        color: RGBColor(0xd5, 0x5e, 0x00),
-        marker: Marker::Square,
-    },
-    Style {
-        color: RGBColor(0x00, 0x9e, 0x73),
-        marker: Marker::Triangle,
-    },
-    Style {
-        color: RGBColor(0xb0, 0x5a, 0x8a),
-        marker: Marker::Diamond,
-    },
-    Style {
-        color: RGBColor(0xe6, 0x9f, 0x00),
-        marker: Marker::Ring,
-    },
-    Style {
-        color: RGBColor(0x22, 0x26, 0x2b),
-        marker: Marker::Cross,
-    },
+    Style::new("#0072B2", Marker::Disc),
+    Style::new("#D55E00", Marker::Square),
+    Style::new("#009E73", Marker::Triangle),
+    Style::new("#B05A8A", Marker::Diamond),
+    Style::new("#E69F00", Marker::Ring),
+    Style::new("#22262B", Marker::Cross),
 ];
 
 /// Style of the series of this index; they repeat after the sixth.
@@ -61,14 +50,14 @@ pub(super) fn series(index: usize) -> Style {
 }
 
 /// Fill of the bar that matters.
-pub(super) const STRONG: RGBColor = RGBColor(0x00, 0x5a, 0x8f);
+pub(super) const STRONG: Color = "#005A8F";
 /// Fill of the bar behind it, lighter in grey too.
-pub(super) const PALE: RGBColor = RGBColor(0x5b, 0x9b, 0xc8);
+pub(super) const PALE: Color = "#5B9BC8";
 /// Colour of what should catch the eye.
-pub(super) const ACCENT: RGBColor = RGBColor(0xc0, 0x4a, 0x00);
+pub(super) const ACCENT: Color = "#C04A00";
 
 /// Every colour with the one that takes its place on a dark ground: as far from that as the colour is from white.
-const DARK: [(RGBColor, &str); 13] = [
+const DARK: [(Color, &str); 13] = [
     (PAPER, "#14181d"),
     (INK, "#e4e7eb"),
     (SOFT_INK, "#a7b0bb"),
@@ -87,12 +76,8 @@ const DARK: [(RGBColor, &str); 13] = [
 /// Rules of a page that redraw the figures in it for a dark screen. Figures in files of their own stay as they are.
 pub(crate) fn dark_style() -> String {
     let rules = DARK.iter().flat_map(|(color, dark)| {
-        ["fill", "stroke"].map(|property| {
-            let RGBColor(red, green, blue) = color;
-            format!(
-                "figure svg [{property}=\"#{red:02X}{green:02X}{blue:02X}\"]{{{property}:{dark}}}\n"
-            )
-        })
+        ["fill", "stroke"]
+            .map(|property| format!("figure svg [{property}=\"{color}\"]{{{property}:{dark}}}\n"))
     });
     let rules: String = rules.collect();
     format!("@media screen and (prefers-color-scheme: dark) {{\n{rules}}}\n")

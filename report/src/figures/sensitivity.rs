@@ -17,7 +17,7 @@ pub fn position_sensitivity(study: &Study) -> Option<Figure> {
     let values: fn(&ParameterSensitivity) -> &[f64] = |parameter| &parameter.by_pose_um;
     let (factor, unit) = length_unit(largest_of(sensitivity, values));
     draw(
-        (sensitivity, study.architecture),
+        (sensitivity, study.setting.architecture),
         "figure_9_sensitivity_position.svg",
         9,
         "Sensitivity of the position",
@@ -28,12 +28,12 @@ pub fn position_sensitivity(study: &Study) -> Option<Figure> {
 
 /// Figure 10: change of the orientation for a step in each parameter of each link.
 pub fn orientation_sensitivity(study: &Study) -> Option<Figure> {
-    let turns = !study.architecture.plate.turning_axes().is_empty();
+    let turns = !study.setting.architecture.plate.turning_axes().is_empty();
     let sensitivity = study.sensitivity.as_ref().filter(|_| turns)?;
     let values: fn(&ParameterSensitivity) -> &[f64] = |parameter| &parameter.by_pose_rad;
     let (factor, unit) = angle_unit(largest_of(sensitivity, values));
     draw(
-        (sensitivity, study.architecture),
+        (sensitivity, study.setting.architecture),
         "figure_10_sensitivity_orientation.svg",
         10,
         "Sensitivity of the orientation",
@@ -93,15 +93,7 @@ fn draw(
         for (index, link) in links.iter().enumerate() {
             let (row, column) = (index / columns, index % columns);
             let x = Axis::names("", link.parameters.iter().map(|p| short(&p.parameter)));
-            let panel = sheet.panel(
-                grid.cell(row, column),
-                &x,
-                &y,
-                Show {
-                    x: true,
-                    y: column == 0,
-                },
-            );
+            let panel = sheet.panel(grid.cell(row, column), &x, &y, Show::new(true, column == 0));
             panel.title(&format!("link {}", link.link));
             for (parameter, (centre, _)) in link.parameters.iter().zip(&x.ticks) {
                 let finite = || {
@@ -129,15 +121,10 @@ fn draw(
             }
         }
     });
-    Some(Figure {
-        file_name: file_name.to_owned(),
-        number: Some(number),
-        title: title.to_owned(),
-        caption: format!(
-            "Variant {}; one panel a link, all on one scale. {letters} The tables of sensitivity sum these effects over \
+    let caption = format!(
+        "Variant {}; one panel a link, all on one scale. {letters} The tables of sensitivity sum these effects over \
              the poses, with steps both ways.",
-            sensitivity.variant,
-        ),
-        svg: drawn.svg,
-    })
+        sensitivity.variant,
+    );
+    Some(drawn.figure(file_name, Some(number), caption))
 }

@@ -6,7 +6,7 @@ use tau::discovery::results::ErrorOf;
 use tau::study::results::Study;
 
 use crate::discovery::findings::is_base;
-use crate::findings::{best, compared, held_out};
+use crate::findings::{best, compared};
 use crate::number::{fixed, general, largest, shared_decimals};
 
 /// Variants of a study that are shown, at most.
@@ -25,7 +25,7 @@ struct Row {
 pub(super) fn of_study(study: &Study) -> Markup {
     // Where nothing was found, the calibrated variants are what the tables below have.
     if let Some(found) = study.discovery.as_ref().filter(|found| !is_base(found)) {
-        return of_discovery(found, compared(study.poses).0);
+        return of_discovery(found, compared(&study.setting).0);
     }
     let best = best(study).map(|variant| variant.name.as_str());
     let mut variants: Vec<_> = study.variants.iter().collect();
@@ -49,14 +49,16 @@ pub(super) fn of_study(study: &Study) -> Markup {
             },
         })
         .collect();
-    match &study.rows {
-        Some(division) => bars(
+    let (count, _) = compared(&study.setting);
+    let is_held_out = study.setting.is_held_out();
+    match &study.setting.rows {
+        Some(_) => bars(
             ("Error of lengths", &rows),
-            &measurements(division.is_disjoint()),
+            &compared_with(None, is_held_out),
         ),
         None => bars(
             (AT_THE_TOOL, &rows),
-            &poses(compared(study.poses).0, held_out(study.poses)),
+            &compared_with(Some(count), is_held_out),
         ),
     }
 }
@@ -85,15 +87,11 @@ pub(super) fn of_discovery(found: &Discovery, poses: usize) -> Markup {
         errors_um: [found.noise_floor_um, f64::NAN],
         kind: "noise",
     });
-    let title = match found.validation.of {
-        ErrorOf::Position => AT_THE_TOOL,
-        of @ ErrorOf::Measurements => of.title(),
+    let (title, count) = match found.validation.of {
+        ErrorOf::Position => (AT_THE_TOOL, Some(poses)),
+        of @ ErrorOf::Measurements => (of.title(), None),
     };
-    let is_held_out = found.validation.held_out;
-    let of = match found.validation.of {
-        ErrorOf::Position => self::poses(poses, is_held_out),
-        ErrorOf::Measurements => measurements(is_held_out),
-    };
+    let of = compared_with(count, found.validation.held_out);
     // The tables of a study have each variant as it is calibrated, by the poses.
     bars(
         (title, &rows),
@@ -101,29 +99,20 @@ pub(super) fn of_discovery(found: &Discovery, poses: usize) -> Markup {
     )
 }
 
-/// Poses whose errors are shown.
-fn poses(count: usize, held_out: bool) -> String {
-    let count = if count > 0 {
-        format!("{count} ")
-    } else {
-        String::new()
+/// Poses whose errors are shown, so many if that is known, or measurements: a pose may have some that took part and some that
+/// did not.
+fn compared_with(poses: Option<usize>, is_held_out: bool) -> String {
+    let what = match poses {
+        None => "of measurements".to_owned(),
+        Some(0) => "at poses".to_owned(),
+        Some(count) => format!("at {count} poses"),
     };
-    let part = if held_out {
+    let part = if is_held_out {
         "took no part"
     } else {
         "also took part"
     };
-    format!("at {count}poses that {part}")
-}
-
-/// Measurements whose errors are shown: a pose may have some that took part and some that did not.
-fn measurements(held_out: bool) -> String {
-    let part = if held_out {
-        "took no part"
-    } else {
-        "also took part"
-    };
-    format!("of measurements that {part}")
+    format!("{what} that {part}")
 }
 
 fn bars((title, rows): (&str, &[Row]), of: &str) -> Markup {

@@ -11,12 +11,11 @@ mod verdict;
 use maud::{Markup, PreEscaped, html};
 use tau::discovery::Discovery;
 use tau::discovery::results::Place;
-use tau::kinematics::Layout;
+use tau::evaluation::PoseError;
 use tau::session::Record;
-use tau::study::results::Study;
+use tau::study::results::{Setting, Study};
 
 use crate::discovery::findings as discovered;
-use crate::discovery::method::Setting;
 use crate::discovery::words::rest_or_error;
 use crate::elements::prose;
 use crate::findings::compared;
@@ -26,51 +25,70 @@ use crate::machine::{self, Drawing, Errors, Pin, Scene};
 pub(crate) fn of_study(study: &Study, record: &Record) -> Markup {
     let found = study.discovery.as_ref();
     let advice = next::of_study(study, record);
-    html! {
-        section.front aria-label="Summary" {
-            (verdict::of_study(study))
-            (middle(drawing(study).as_ref(), &gap::of_study(study), found))
-            (steps(&advice))
-            (record::table(record, study.poses, study.rows.as_ref()))
-        }
-    }
+    let (verdict, gap) = (verdict::of_study(study), gap::of_study(study));
+    let drawing = drawing(study);
+    page(
+        &study.setting,
+        record,
+        drawing.as_ref(),
+        [verdict, gap],
+        found,
+        &advice,
+    )
 }
 
 /// The first page of a discovery.
-pub(crate) fn of_discovery(found: &Discovery, setting: &Setting, robot: &str) -> Markup {
-    let drawing = setting.layout.as_ref().map(|layout| {
-        let errors = Errors {
-            poses: &[],
-            measured_m: setting.measured_m.clone(),
-            are_estimated: setting.rows.is_some(),
-        };
-        machine::draw(&Scene::new(layout, &errors, &pins(found)), robot)
-    });
+pub(crate) fn of_discovery(found: &Discovery, setting: &Setting, record: &Record) -> Markup {
+    let advice = next::of_discovery(found);
+    let gap = gap::of_discovery(found, compared(setting).0);
+    let verdict = verdict::of_discovery(found);
+    let drawing = drawn(setting, &[], Some(found));
+    page(
+        setting,
+        record,
+        drawing.as_ref(),
+        [verdict, gap],
+        Some(found),
+        &advice,
+    )
+}
+
+fn page(
+    setting: &Setting,
+    record: &Record,
+    drawing: Option<&Drawing>,
+    [verdict, gap]: [Markup; 2],
+    found: Option<&Discovery>,
+    advice: &[String],
+) -> Markup {
     html! {
         section.front aria-label="Summary" {
-            (verdict::of_discovery(found))
-            (middle(drawing.as_ref(), &gap::of_discovery(found, compared(setting.poses).0), Some(found)))
-            (steps(&next::of_discovery(found)))
-            (record::table(&setting.record, setting.poses, setting.rows.as_ref()))
+            (verdict)
+            (middle(drawing, &gap, found))
+            (steps(advice))
+            (record::table(record, setting))
         }
     }
 }
 
 /// The drawing of a study's machine.
 pub(crate) fn drawing(study: &Study) -> Option<Drawing> {
-    let layout: &Layout = study.layout.as_ref()?;
+    let layout = study.setting.layout.as_ref()?;
     let mut variants = study.variants.iter();
     let variant = variants.find(|variant| variant.name == layout.variant);
-    let measured = study.assumptions.orientation.iter();
-    let measured = measured.map(|point| point.position_m);
+    let errors = variant.map_or(&[][..], |variant| &variant.evaluation.errors);
+    drawn(&study.setting, errors, study.discovery.as_ref())
+}
+
+fn drawn(setting: &Setting, errors: &[PoseError], found: Option<&Discovery>) -> Option<Drawing> {
     let errors = Errors {
-        poses: variant.map_or(&[], |variant| &variant.pose_errors),
-        measured_m: measured.chain(study.placed_m.iter().copied()).collect(),
-        are_estimated: study.rows.is_some(),
+        poses: errors,
+        measured_m: setting.positions_m.clone(),
+        are_estimated: setting.rows.is_some(),
     };
-    let pins = study.discovery.as_ref().map_or_else(Vec::new, pins);
-    let scene = Scene::new(layout, &errors, &pins);
-    Some(machine::draw(&scene, &study.robot))
+    let pins = found.map_or_else(Vec::new, pins);
+    let scene = Scene::new(setting.layout.as_ref()?, &errors, &pins);
+    Some(machine::draw(&scene, &setting.robot))
 }
 
 /// Numbers of what was found, in the order of the list, with their places.

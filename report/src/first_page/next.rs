@@ -1,8 +1,6 @@
 //! Next steps, in sentences: from the verdict, from what the search found and could not decide, and from what the
 //! check before the fit missed.
 
-use std::path::MAIN_SEPARATOR;
-
 use tau::discovery::results::FoundEffect;
 use tau::discovery::{Discovery, Status as Found};
 use tau::session::Record;
@@ -13,6 +11,7 @@ use crate::discovery::findings::Device;
 use crate::discovery::words::{capital, part, rest_or_error, title};
 use crate::discovery::{at, findings, listed};
 use crate::number::general;
+use crate::write::shell_word;
 
 /// Worst poses that are named.
 const POSES: usize = 5;
@@ -34,7 +33,7 @@ pub(super) fn of_study(study: &Study, record: &Record) -> Vec<String> {
         verdict,
         arguments: (record.arguments.iter())
             .fold(String::new(), |line, word| line + " " + &shell_word(word)),
-        noise_of: if study.rows.is_some() {
+        noise_of: if study.setting.rows.is_some() {
             "the measurements"
         } else {
             "the tracker and the machine's repeatability"
@@ -230,18 +229,6 @@ fn missing(check: &Check) -> Vec<String> {
         .iter()
         .map(|gap| format!("Add {}: it would bring {}.", gap.what, gap.brings))
         .collect()
-}
-
-/// A word of a command line as a shell reads it back.
-fn shell_word(word: &str) -> String {
-    let is_plain = |letter: char| {
-        letter.is_alphanumeric() || letter == MAIN_SEPARATOR || "_-./:,=+@%".contains(letter)
-    };
-    if !word.is_empty() && word.chars().all(is_plain) {
-        word.to_owned()
-    } else {
-        format!("'{}'", word.replace('\'', r"'\''"))
-    }
 }
 
 /// With a small first letter, unless it is a name.

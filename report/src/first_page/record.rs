@@ -1,12 +1,11 @@
 //! Origin of the report: program, day, split, files.
 
 use maud::{Markup, html};
-use tau::measurements::PoseCounts;
 use tau::session::Record;
-use tau::unknown_poses::RowDivision;
+use tau::study::results::Setting;
 
 /// The record.
-pub(super) fn table(record: &Record, poses: PoseCounts, rows: Option<&RowDivision>) -> Markup {
+pub(super) fn table(record: &Record, Setting { poses, rows, .. }: &Setting) -> Markup {
     html! {
         div.record {
             h2.small { "Record" }

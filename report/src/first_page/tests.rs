@@ -132,7 +132,7 @@ fn advice_suits_the_machine_and_its_measurements() {
     record.arguments = ["my data", "--model", "bob's.tau"]
         .map(str::to_owned)
         .into();
-    study.rows = Some(RowDivision::of(&Folder::default(), Split::All));
+    study.setting.rows = Some(RowDivision::of(&Folder::default(), Split::All));
     let steps = next::of_study(&study, &record);
     assert!(
         steps[0].contains(r"tau discover 'my data' --model 'bob'\''s.tau' --out"),

@@ -34,7 +34,7 @@ pub(super) fn of_study(study: &Study) -> Markup {
             p {
                 b { (variant.name) }
                 @if study.variants.len() > 1 {
-                    @if let Some(rows) = &study.rows { ", the variant with the smallest errors of measurements that " (compared_rows(rows)) }
+                    @if study.setting.rows.is_some() { ", the variant with the smallest errors of measurements that " (compared_rows(&study.setting)) }
                     @else { ", the " (consistent(verdict)) "variant that comes nearest to the noise" }
                 }
                 ": "

@@ -2,36 +2,22 @@
 
 use serde_json::{Map, Value, json};
 use tau::calibration::{Combination, Serial};
-use tau::trust::{Check, Checked, Fact, FileFacts, FileFit, Mistake, Reach, Reason, Verdict};
-use tau::weighing::{LackOfFit, Loss, Outlier, Repeats};
+use tau::trust::{Check, Checked, Fact, FileFit, Mistake, Reach, Reason, Verdict};
+use tau::weighing::{Loss, Outlier, Repeats};
 
 use crate::gauge::gauge_json;
 
 /// `fit` of `calibrate`, `evaluate` and `study`.
 pub fn verdict(verdict: &Verdict) -> Value {
-    let by_file = verdict.by_file.iter().map(|fit| {
-        json!({
-            "file": fit.file,
-            "kind": fit.kind,
-            "rows": fit.rows,
-            "rms": fit.rms,
-            "expected_rms": fit.expected_rms,
-            "unit": fit.unit,
-        })
-    });
-    let worst = verdict.worst.iter();
-    let pulls = verdict.pulls.iter();
     json!({
         "status": verdict.status.name(),
         "chi2": verdict.chi2,
         "dof": verdict.dof,
         "residual_over_noise": verdict.residual_over_noise,
         "widening": verdict.widening(),
-        "by_file": by_file.collect::<Vec<_>>(),
-        "worst": worst.map(|pose| json!({ "pose": pose.pose, "sigmas": pose.sigmas })).collect::<Vec<_>>(),
-        "pulls": pulls
-            .map(|pull| json!({ "parameter": pull.parameter, "tolerances": pull.tolerances }))
-            .collect::<Vec<_>>(),
+        "by_file": verdict.by_file,
+        "worst": verdict.worst,
+        "pulls": verdict.pulls,
         "reach": verdict.reach.map(reach),
         "why": verdict.why.iter().map(Reason::to_string).collect::<Vec<_>>(),
         "reasons": verdict.why.iter().flat_map(Reason::facts).map(reason).collect::<Vec<_>>(),
@@ -80,10 +66,7 @@ pub(crate) fn outlier(outlier: &Outlier) -> Value {
         "sigmas": outlier.sigmas,
         "weight": outlier.weight,
         "left_out": outlier.is_left_out(),
-        "misread": outlier.misread.as_ref().map(|misread| json!({
-            "command": misread.column,
-            "off": misread.off,
-        })),
+        "misread": outlier.misread,
     })
 }
 
@@ -97,19 +80,8 @@ fn repeats(repeats: &Repeats) -> Value {
             "dof": repeats.degrees,
             "over_noise": repeats.within_over_noise,
         },
-        "lack_of_fit": lack_of_fit(&repeats.lack_of_fit),
+        "lack_of_fit": repeats.lack_of_fit,
         "shared_over_noise": repeats.shared_over_noise,
-    })
-}
-
-pub(crate) fn lack_of_fit(test: &LackOfFit) -> Value {
-    let (between, within) = test.degrees;
-    json!({
-        "over_noise": test.over_noise,
-        "f": test.f,
-        "dof": [between, within],
-        "p_value": test.p_value,
-        "log10_p_value": test.log10_p_value,
     })
 }
 
@@ -153,7 +125,7 @@ pub fn check(check: &Check) -> Value {
     let missing = check.missing.iter();
     json!({
         "meaningful": check.is_meaningful(),
-        "files": check.files.iter().map(file).collect::<Vec<_>>(),
+        "files": check.files,
         "exchange_unnoticed": check.exchange_unnoticed,
         "variants": variants,
         "effects": effects.collect::<Vec<_>>(),
@@ -162,22 +134,6 @@ pub fn check(check: &Check) -> Value {
             .collect::<Vec<_>>(),
         "misfit": check.misfit,
         "mistakes": check.mistakes.iter().map(mistake).collect::<Vec<_>>(),
-    })
-}
-
-fn file(file: &FileFacts) -> Value {
-    let ranges = file.ranges.iter().map(|range| {
-        let (low, high) = range.range;
-        json!({ "column": range.column, "low": low, "high": high, "widest_gap": [range.gap.0, range.gap.1] })
-    });
-    json!({
-        "file": file.file,
-        "kind": file.kind,
-        "rows": file.rows,
-        "ranges": ranges.collect::<Vec<_>>(),
-        "repeats": file.repeats,
-        "missing_numbers": file.missing_numbers,
-        "optional": file.optional,
     })
 }
 

@@ -1,7 +1,7 @@
 //! Verdicts and checks in words.
 
 use tau::study::results::Study;
-use tau::trust::{Check, Checked, FileFacts, Status, Verdict};
+use tau::trust::{Check, Checked, FileFacts, Status};
 use tau_codes::{Remark, fit};
 
 use crate::number::general;
@@ -12,13 +12,6 @@ use tau::calibration::Combination;
 /// Combinations of a variant that are shown.
 const SHOWN: usize = 3;
 
-/// The line after a result.
-pub fn verdict(verdict: &Verdict, width: usize) -> String {
-    let mut screen = Screen::new(width);
-    super::line(&mut screen, verdict);
-    screen.into_text()
-}
-
 /// The verdict on the best variant of a study, and the others in one word each.
 pub(crate) fn of_study(screen: &mut Screen, study: &Study) {
     let Some((best, verdict)) = study.fit() else {
@@ -27,12 +20,14 @@ pub(crate) fn of_study(screen: &mut Screen, study: &Study) {
     let others = super::others(study, &best.name);
     // The mean error and the noise may choose differently.
     let why = match crate::findings::best(study) {
-        Some(other) if other.name != best.name && study.rows.is_none() => match verdict.status {
-            Status::Consistent => {
-                ", the consistent variant whose residuals come nearest to the noise"
+        Some(other) if other.name != best.name && study.setting.rows.is_none() => {
+            match verdict.status {
+                Status::Consistent => {
+                    ", the consistent variant whose residuals come nearest to the noise"
+                }
+                _ => ", whose residuals come nearest to the noise",
             }
-            _ => ", whose residuals come nearest to the noise",
-        },
+        }
         _ => "",
     };
     screen.say(&format!(
@@ -122,15 +117,10 @@ fn file(screen: &mut Screen, file: &FileFacts) {
     );
     let ranges: Vec<String> = (file.ranges.iter())
         .map(|range| {
-            let (low, high) = range.range;
-            let (from, to) = range.gap;
-            format!(
-                "{} {} to {} (widest gap {})",
-                range.column,
-                general(low, 3),
-                general(high, 3),
-                general(to - from, 2)
-            )
+            let (from, to) = range.widest_gap;
+            let [low, high] = [range.low, range.high].map(|end| general(end, 3));
+            let gap = general(to - from, 2);
+            format!("{} {low} to {high} (widest gap {gap})", range.column)
         })
         .collect();
     screen.say_within("    ", &ranges.join("; "));

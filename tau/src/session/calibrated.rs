@@ -27,14 +27,14 @@ pub struct Calibrated<R = Described> {
 /// The fit of a calibration.
 #[derive(Debug, Clone)]
 #[expect(clippy::large_enum_variant, reason = "there is one a calibration")]
-pub(super) enum Fit {
+pub(crate) enum Fit {
     Poses(Calibration),
     ErrorsInVariables(ErrorsInVariables),
     UnknownPoses(UnknownPoses),
 }
 
 impl Fit {
-    pub(super) fn calibration(&self) -> &Calibration {
+    pub(crate) fn calibration(&self) -> &Calibration {
         match self {
             Self::Poses(found) => found,
             Self::ErrorsInVariables(found) => &found.calibration,
@@ -58,11 +58,6 @@ impl<R> Calibrated<R> {
             verdict,
             declared: PhantomData,
         }
-    }
-
-    pub(super) fn of_unknown_poses(found: UnknownPoses) -> Self {
-        let verdict = found.verdict();
-        Self::new(Fit::UnknownPoses(found), Some(verdict))
     }
 
     /// The verdict on it: consistent with stated noise and tolerances or not. `None` for what a search found and could not

@@ -85,9 +85,8 @@ impl<R> Session<R> {
 
     fn stated(&self, found: &Outcome, verdict: Option<Verdict>) -> Result<Calibrated, Error> {
         let unknown = found.unknown.as_ref();
-        if let Some(fitted) = unknown.and_then(|unknown| unknown.fitted.as_ref()) {
-            let fitted = self.recorded(fitted.clone());
-            return Ok(Calibrated::of_unknown_poses(fitted));
+        if let Some(fitted) = unknown.and_then(|unknown| unknown.fitted.clone()) {
+            return self.judged(Fit::UnknownPoses(fitted), &self.parts()?);
         }
         if let Some(own) = &found.calibration {
             let poses: Vec<usize> = own.weighing.taking_part(&found.poses).collect();
@@ -119,9 +118,9 @@ impl<R> Session<R> {
         if unknown.fitted.is_none() {
             return self.state_found(found);
         }
-        let (file, rows) = (&self.robot_file, all.row_division());
-        let fitted = found.calibration_of_unknown_poses(file, &self.folder, &rows)?;
-        Ok(Calibrated::of_unknown_poses(all.recorded(fitted)))
+        let (file, parts) = (&self.robot_file, all.parts()?);
+        let fitted = found.calibration_of_unknown_poses(file, &self.folder, &parts.rows)?;
+        all.judged(Fit::UnknownPoses(fitted), &parts)
     }
 
     /// The effects of files, then those of the catalogue that ships; mistakes of all files are reported together.

@@ -5,11 +5,12 @@ mod calibrated;
 mod discovery;
 mod files;
 mod key;
+mod measured;
+mod parts;
 mod provenance;
 mod stamp;
 mod tables;
 mod trust;
-mod unknown_poses;
 
 use std::fmt;
 use std::marker::PhantomData;
@@ -23,7 +24,7 @@ use tau_estimation::expected::Expected;
 use tau_estimation::numerics::parallel;
 use tau_estimation::sensitivity::{self, Sensitivity};
 use tau_estimation::uncertainty::Uncertainty;
-use tau_estimation::unknown_poses::{UnknownPoses, errors_in_variables};
+use tau_estimation::unknown_poses::{self, UnknownPoses, errors_in_variables};
 use tau_estimation::weighing::Treatment;
 use tau_kinematics::Machine;
 use tau_robot::input_error::both;
@@ -34,12 +35,13 @@ use tau_robot::{InputError, Robot};
 use tau_runtime::DeclaredRobot;
 
 pub use calibrated::Calibrated;
-use calibrated::Fit;
+pub(crate) use calibrated::Fit;
 #[cfg(feature = "discovery")]
 pub use discovery::Catalogues;
 pub use files::{Files, Input};
 pub use key::{ParameterKey, VariantKey};
-pub use provenance::{Basis, Record};
+pub use parts::{Basis, Evaluated, Parts};
+pub use provenance::Record;
 pub use stamp::Stamp;
 pub use tables::{CALIBRATION_FILES, csv};
 
@@ -270,15 +272,7 @@ impl<R> Session<R> {
     /// # Errors
     /// There is no variant of that name; nothing gives a value for a parameter; a piecewise track has no path.
     pub fn machine(&self, variant: impl VariantKey<R>) -> Result<Machine, InputError> {
-        let variant = variant.variant_of(&self.robot)?;
-        let poses = self.poses()?.division.calibration;
-        calibration::machine_from_file(
-            &self.robot,
-            variant,
-            &self.robot_file,
-            Some(&self.folder),
-            &poses,
-        )
+        Ok(self.prepared(variant.variant_of(&self.robot)?)?.machine)
     }
 
     /// Uncertainty of the parameters of [`Self::machine`] under the stated noise: their covariance after calibration, or
@@ -290,45 +284,26 @@ impl<R> Session<R> {
         &self,
         variant: impl VariantKey<R>,
     ) -> Result<Option<Uncertainty>, InputError> {
-        let variant = variant.variant_of(&self.robot)?;
-        let poses = self.poses()?.division.calibration;
-        let (robot, file) = (&self.robot, &self.robot_file);
-        let prepared = Prepared::from_file(robot, variant, file, Some(&self.folder), &poses)?;
-        Ok(Uncertainty::of_prepared(&prepared, file))
+        let prepared = self.prepared(variant.variant_of(&self.robot)?)?;
+        Ok(Uncertainty::of_prepared(&prepared, &self.robot_file))
     }
 
-    /// Errors that are to be expected of [`Self::machine`] under the stated noise, of poses by index: of those on which the
-    /// robot file was calibrated, as residuals of that fit. `None` where no [uncertainty](Self::uncertainty) is known.
-    ///
-    /// # Errors
-    /// As [`Self::machine`]; data that closures take are missing.
-    pub fn expected(
-        &self,
-        variant: impl VariantKey<R>,
-        poses: &[usize],
-    ) -> Result<Option<Expected>, Error> {
-        let variant = variant.variant_of(&self.robot)?;
+    fn prepared(&self, variant: &Variant) -> Result<Prepared, InputError> {
+        let poses = self.poses()?.division.calibration;
         let (robot, file) = (&self.robot, &self.robot_file);
-        let prepared = Prepared::from_file(
-            robot,
-            variant,
-            file,
-            Some(&self.folder),
-            &self.poses()?.division.calibration,
-        )?;
-        let known = Uncertainty::of_prepared(&prepared, file);
-        let Some(expected) = known.map(|known| Expected::new(known, file.noise)) else {
-            return Ok(None);
-        };
+        Prepared::from_file(robot, variant, file, Some(&self.folder), &poses)
+    }
+
+    /// Errors that are to be expected under the stated noise, of poses by index: of those on which the robot file was
+    /// calibrated, as residuals of that fit. `None` where no [uncertainty](Self::uncertainty) is known.
+    fn expected(&self, prepared: &Prepared, poses: &[usize]) -> Option<Expected> {
+        let known = Uncertainty::of_prepared(prepared, &self.robot_file)?;
+        let expected = Expected::new(known, self.robot_file.noise);
         let fitted = self.calibrated();
         if !poses.iter().any(|pose| fitted.contains(pose)) {
-            return Ok(Some(expected));
+            return Some(expected);
         }
-        Ok(Some(expected.of_fitted(
-            &prepared.machine,
-            &self.folder,
-            &fitted,
-        )))
+        Some(expected.of_fitted(&prepared.machine, &self.folder, &fitted))
     }
 
     /// A variant with the session's robot file and folder.
@@ -337,7 +312,8 @@ impl<R> Session<R> {
     }
 
     /// Calibrates a variant on the poses for it: see [`calibrate`](calibration::calibrate). Where the session
-    /// [has unknown poses](Self::has_unknown_poses), on all measurements: see [`Self::calibrate_unknown_poses`].
+    /// [has unknown poses](Self::has_unknown_poses), on all measurements of the plate: see
+    /// [`calibrate`](unknown_poses::calibrate) of those; mistakes of rows are recognised.
     ///
     /// # Errors
     /// [`Error::Input`] where these measurements can't calibrate it; [`Error::NotConverged`].
@@ -356,13 +332,26 @@ impl<R> Session<R> {
     ) -> Result<Calibrated<R>, Error> {
         let variant = variant.variant_of(&self.robot)?;
         self.sound()?;
+        let parts = self.parts()?;
+        let options = calibration::Options {
+            recognises_mistakes: true,
+            ..options.clone()
+        };
+        self.judged(self.fit(variant, &parts, &options)?, &parts)
+    }
+
+    /// The fit of a variant to the measurements that calibrate, without a verdict.
+    pub(crate) fn fit(
+        &self,
+        variant: &Variant,
+        parts: &Parts,
+        options: &calibration::Options,
+    ) -> Result<Fit, Error> {
+        let setup = self.setup(variant);
         if self.has_unknown_poses() {
-            let found = self.calibrate_unknown_poses(variant.name.as_str(), options)?;
-            return Ok(Calibrated::of_unknown_poses(found));
+            return unknown_poses::calibrate(setup, &parts.rows, options).map(Fit::UnknownPoses);
         }
-        let poses = self.poses()?.division.calibration;
-        let found = calibration::calibrate(self.setup(variant), &poses, options)?;
-        self.judged(Fit::Poses(found), &poses)
+        calibration::calibrate(setup, &parts.poses.calibration, options).map(Fit::Poses)
     }
 
     /// Calibrates a variant on all sets with errors in variables: the true pose behind each measured one is
@@ -389,24 +378,32 @@ impl<R> Session<R> {
                     .into(),
             );
         }
-        let poses = self.poses()?.division.calibration;
-        let found = errors_in_variables::calibrate(self.setup(variant), &poses, options)?;
-        self.judged(Fit::ErrorsInVariables(found), &poses)
+        let parts = self.parts()?;
+        let poses = &parts.poses.calibration;
+        let found = errors_in_variables::calibrate(self.setup(variant), poses, options)?;
+        self.judged(Fit::ErrorsInVariables(found), &parts)
     }
 
-    /// A fit to poses, given by index, with the verdict on it and the record of it.
-    fn judged(&self, mut fit: Fit, poses: &[usize]) -> Result<Calibrated<R>, Error> {
+    /// A fit with the verdict on it and the record of it.
+    fn judged<K>(&self, mut fit: Fit, parts: &Parts) -> Result<Calibrated<K>, Error> {
         let found = fit.calibration();
-        let fitted: Vec<usize> = found.weighing.taking_part(poses).collect();
-        // The verdict, and how far predictions are known, take about as long.
-        let (verdict, record) = parallel::both(
-            || self.verdict(found),
-            || self.provenance(found, &self.folder, &fitted, 1.0),
-        );
-        let mut verdict = verdict?;
-        if let Fit::ErrorsInVariables(found) = &fit {
-            verdict = verdict.with_groups(&found.groups, &self.robot_file);
-        }
+        let (verdict, record) = if let Fit::UnknownPoses(found) = &fit {
+            (found.verdict(), self.provenance_of_rows(found, &parts.rows))
+        } else {
+            let fitted: Vec<usize> = (found.weighing)
+                .taking_part(&parts.poses.calibration)
+                .collect();
+            // The verdict, and how far predictions are known, take about as long.
+            let (verdict, record) = parallel::both(
+                || self.verdict(found),
+                || self.provenance(found, &self.folder, &fitted, 1.0),
+            );
+            (verdict?, record)
+        };
+        let verdict = match &fit {
+            Fit::ErrorsInVariables(found) => verdict.with_groups(&found.groups, &self.robot_file),
+            _ => verdict,
+        };
         fit.file_mut().calibration = Some(Provenance {
             widening: verdict.widening(),
             ..record

@@ -5,7 +5,7 @@ use tau_estimation::calibration::{Calibration, Error};
 use tau_estimation::check::{self, Check};
 use tau_estimation::trust::{self, Mistake, Verdict};
 use tau_estimation::uncertainty::Uncertainty;
-use tau_estimation::unknown_poses;
+use tau_estimation::unknown_poses::{self, RowDivision};
 use tau_estimation::weighing::Outlier;
 use tau_kinematics::Machine;
 use tau_robot::InputError;
@@ -20,7 +20,7 @@ impl<R> Session<R> {
     ///
     /// # Errors
     /// It is of another robot, or of other measurements; the session [has unknown poses](Session::has_unknown_poses), of
-    /// which [`Session::calibrate_unknown_poses`] gives the verdict; columns that the variant needs are missing.
+    /// which [`Session::calibrate`] gives the verdict; columns that the variant needs are missing.
     pub fn verdict(&self, calibration: &Calibration) -> Result<Verdict, Error> {
         let calibrated = &calibration.machine.robot;
         if calibrated.name != self.robot.name || calibrated.commands != self.robot.commands {
@@ -42,16 +42,8 @@ impl<R> Session<R> {
         trust::of_calibration(calibration, &self.robot_file, &self.folder, &poses, None)
     }
 
-    /// Outliers among the poses that validate, as a calibration predicts them; none where outliers are kept.
-    ///
-    /// # Errors
-    /// As [`Self::verdict`].
-    pub fn validation_outliers(&self, calibration: &Calibration) -> Result<Vec<Outlier>, Error> {
-        self.validation_outliers_of(calibration, &self.poses()?.division)
-    }
-
-    /// The same where the division of the poses is known.
-    pub(crate) fn validation_outliers_of(
+    /// Outliers among the poses of a division that validate, as a calibration predicts them; none where outliers are kept.
+    pub(crate) fn validation_outliers(
         &self,
         calibration: &Calibration,
         division: &Division,
@@ -67,8 +59,7 @@ impl<R> Session<R> {
     }
 
     /// The verdict on a prediction: poses, by index, as a [machine as given](Self::machine) predicts them, against noise and
-    /// the standard deviations or tolerances of the robot file. They are those that validate, or those that are
-    /// [unseen](Self::unseen); poses on which the file was calibrated are judged as residuals of that fit.
+    /// the standard deviations or tolerances of the robot file. They are those that validate, or others; poses on which the file was calibrated are judged as residuals of that fit.
     ///
     /// # Errors
     /// As [`Self::verdict`].
@@ -98,18 +89,26 @@ impl<R> Session<R> {
     /// There is no variant of that name; columns or values are missing.
     pub fn mistakes(&self, variant: impl VariantKey<R>) -> Result<Vec<Mistake>, Error> {
         let variant = variant.variant_of(&self.robot)?;
-        if self.has_unknown_poses() {
-            return unknown_poses::mistakes(self.setup(variant), &self.row_division());
+        let (poses, rows, _) = self.looked_at();
+        match rows {
+            Some(rows) => unknown_poses::mistakes(self.setup(variant), &rows),
+            None => trust::mistakes(self.setup(variant), &poses.calibration),
         }
-        let poses = (self.poses()).map_or_else(|_| self.every_pose(), |poses| poses.division);
-        trust::mistakes(self.setup(variant), &poses.calibration)
     }
 
-    /// Mistakes are looked for in all poses where none can be told to take part: commands that a mistake moves out of the
-    /// measured range are no others.
-    fn every_pose(&self) -> Division {
-        let all: Vec<usize> = (0..self.folder.tcp_poses.len()).collect();
-        self.folder.divide(Split::All, &all)
+    /// Poses, and where they are unknown rows, that calibrate; all poses, and why, where none can be told to take part:
+    /// commands that a mistake moves out of the measured range are no others.
+    fn looked_at(&self) -> (Division, Option<RowDivision>, Option<InputError>) {
+        match self.parts() {
+            Ok(parts) => {
+                let rows = self.has_unknown_poses().then_some(parts.rows);
+                (parts.poses, rows, None)
+            }
+            Err(error) => {
+                let all: Vec<usize> = (0..self.folder.tcp_poses.len()).collect();
+                (self.folder.divide(Split::All, &all), None, Some(error))
+            }
+        }
     }
 
     /// Contents of the folder and what they determine, before anything is fitted: of one variant, or of all without effects.
@@ -134,15 +133,7 @@ impl<R> Session<R> {
             .help("name one with `--variant`")
             .into());
         }
-        let rows = self.has_unknown_poses().then(|| self.row_division());
-        let (division, none) = if rows.is_some() {
-            (Division::default(), None)
-        } else {
-            match self.poses() {
-                Ok(poses) => (poses.division, None),
-                Err(error) => (self.every_pose(), Some(error)),
-            }
-        };
+        let (division, rows, none) = self.looked_at();
         let found = check::check(
             &self.robot,
             &variants,

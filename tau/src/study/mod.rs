@@ -1,28 +1,28 @@
 //! The main job: the paper's study on a measurement folder.
 
 pub mod results;
-mod unknown_poses;
 
 use tau_codes::{Remark, fit};
 use tau_discovery as discovery;
-use tau_estimation::assumptions::{self, Assumptions};
-use tau_estimation::calibration::{Calibration, Error, calibrate};
-use tau_estimation::check::{self, Check};
-use tau_estimation::evaluation::{VariantResult, evaluate_knowing};
+use tau_estimation::Setup;
+use tau_estimation::assumptions;
+use tau_estimation::calibration::{Calibration, Error};
+use tau_estimation::check;
+use tau_estimation::evaluation::{Evaluation, evaluate_knowing};
 use tau_estimation::expected::Expected;
 use tau_estimation::numerics::order::extent;
 use tau_estimation::numerics::parallel;
 use tau_estimation::sensitivity;
-use tau_estimation::trust::{Mistake, Reason, Status, of_calibration};
+use tau_estimation::trust::{Mistake, Reason, Status, Verdict, of_calibration};
 use tau_estimation::uncertainty::Uncertainty;
-use tau_estimation::unknown_poses::{HeldErrors, RowDivision, UnknownPoses};
+use tau_estimation::unknown_poses::{self, EstimatedPoses, HeldErrors, UnknownPoses};
 use tau_estimation::weighing::Treatment;
 use tau_kinematics::{Layout, Pose};
-use tau_robot::measurements::{Division, Folder, PoseCounts, Poses};
+use tau_robot::measurements::{Division, Folder, PoseCounts};
 use tau_robot::robot::{Arm, Owner, ResidualKind, Robot, TrackShape, Variant};
 
-use crate::session::{self, Session};
-use results::Study;
+use crate::session::{self, Fit, Parts, Session};
+use results::{Setting, Study, VariantResult};
 
 /// Progress of a study.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,24 +48,12 @@ pub fn run<R>(
     session: &Session<R>,
     progress: &mut dyn FnMut(Progress<'_>),
 ) -> Result<Study, Error> {
-    if session.has_no_poses() {
-        return unknown_poses::run(session, progress);
-    }
-    let Poses {
-        counts,
-        mut division,
-    } = session.poses()?;
-    // Where other measurements or redundant drives say something of the poses, all of them calibrate.
-    let rows = session.has_unknown_poses().then(|| session.row_division());
-    if let Some(rows) = &rows {
-        division = session.poses_of_rows(rows);
-    }
+    let parts = session.parts()?;
+    let are_measured = !session.has_no_poses();
     let (robot, file, folder) = (session.robot(), session.robot_file(), session.folder());
-    let mut remarks = folder.remarks.clone();
-    remarks.extend(file.other_robot(robot));
-    remarks.extend(file.other_description(robot));
-    remarks.extend(file.unused_places(folder));
-    remarks.extend(file.beyond_travel(folder));
+    // Poses that take no part are said with the numbers of those that do.
+    let mut remarks = session.remarks();
+    remarks.retain(|remark| remark.code != fit::POSES_DROPPED);
     let variants = chosen_variants(robot, folder, &mut remarks);
     let steps = 3;
     let mut done = 0;
@@ -75,44 +63,59 @@ pub fn run<R>(
     };
 
     next("calibrating the variants");
+    // Where other measurements or redundant drives say something of the poses, all of them calibrate.
+    let rows = session.has_unknown_poses().then_some(&parts.rows);
     let checks = || {
-        let rows = rows.as_ref();
-        let check = check::check(robot, &variants, file, folder, &division, rows);
-        (check, assumptions::check(robot, file, folder))
+        let check = check::check(robot, &variants, file, folder, &parts.poses, rows);
+        let assumed = are_measured.then(|| assumptions::check(robot, file, folder));
+        (check, assumed.unwrap_or_default())
     };
-    let calibrated = || {
-        parallel::map(&variants, |variant| {
-            Calibrated::of(session, variant, &division, rows.as_ref())
-        })
-    };
+    let calibrated = || parallel::map(&variants, |variant| calibrated(session, variant, &parts));
     let ((check, assumptions), calibrated) = parallel::both(checks, calibrated);
     let check = check?;
     next("judging them");
     let calibrated = parallel::map_owned(calibrated, |calibrated| {
-        calibrated?.judged(session, &division, &check.mistakes)
+        let (fit, mut result) = calibrated?;
+        result.fit = Some(match (&fit, &result.held) {
+            (Fit::UnknownPoses(fit), Some(held)) => {
+                verdict_on_rows(fit, held, &check.mistakes, parts.rows.is_disjoint())
+            }
+            _ => {
+                let poses = &parts.poses.calibration;
+                of_calibration(
+                    fit.calibration(),
+                    file,
+                    folder,
+                    poses,
+                    Some(&check.mistakes),
+                )?
+            }
+        });
+        Ok((fit, result))
     });
-    let mut results = Vec::new();
-    let mut layouts = Vec::new();
-    let mut full = None;
+    let mut results: Vec<VariantResult> = Vec::new();
+    let mut fits = Vec::new();
     let outcomes = variants.into_iter().zip(calibrated);
-    let others = take_calibrated(outcomes, &mut remarks, |variant, calibrated, remarks| {
-        let (calibration, found) = calibrated;
-        let name = &variant.name;
-        let without = found.not_predicted.iter();
+    let others = take_calibrated(outcomes, &mut remarks, |(fit, found), remarks| {
+        let name = &found.name;
+        let without = found.evaluation.not_predicted.iter();
         remarks.extend(without.map(|own| {
             let Remark { code, text } = own.remark();
             Remark::new(code, format!("`{name}`: {text}"))
         }));
-        layouts.extend(layout(&calibration, folder));
-        if variant.arm == Arm::Full && calibrates_links(variant) {
-            full = Some((calibration, predicted(&found, folder, &division.validation)));
-        }
         results.push(found);
+        fits.push(fit);
     })?;
     say_others(&mut results, &others);
     next("computing sensitivities");
-    let sensitivity = full.and_then(|(calibration, poses)| {
+    let mut fitted = fits.iter().map(Fit::calibration).zip(&results).rev();
+    let full = fitted.find(|(fit, _)| {
+        let variant = &fit.machine.variant;
+        are_measured && variant.arm == Arm::Full && calibrates_links(variant)
+    });
+    let sensitivity = full.and_then(|(calibration, found)| {
         let machine = &calibration.machine;
+        let poses = predicted(found, folder, &parts.poses.validation);
         sensitivity::analyse(machine, folder, &poses, sensitivity::PAPER_STEP)
             .map_err(|error| {
                 let text = format!("left out: sensitivities: {}", error.text());
@@ -120,16 +123,100 @@ pub fn run<R>(
             })
             .ok()
     });
-    next("done");
     let mut study = Study {
+        setting: setting(session, parts.counts, folder),
+        variants: results,
         assumptions,
+        check: Some(check),
         sensitivity,
-        ..study(session, counts, (results, check), remarks)
+        discovery: None,
+        remarks,
     };
-    let drawn = study.fit().map(|(variant, _)| variant.name.clone());
-    let mut layouts = layouts.into_iter();
-    study.layout = layouts.find(|layout| Some(&layout.variant) == drawn.as_ref());
+    let drawn = study.fit().map(|(variant, _)| variant.name.as_str());
+    let mut fits = fits.iter();
+    let drawn = fits.find(|fit| Some(fit.calibration().machine.variant.name.as_str()) == drawn);
+    match drawn {
+        Some(Fit::UnknownPoses(found)) if !are_measured => {
+            let placed = EstimatedPoses::of(found, file, folder, &parts.rows)?;
+            study.setting.positions_m = positions_m(&placed.folder().0);
+            let ranges: Vec<(f64, f64)> = found.commands_m.iter().map(|&own| own.into()).collect();
+            study.setting.layout = layout_within(&found.calibration, &ranges);
+        }
+        Some(fit) => study.setting.layout = layout(fit.calibration(), folder),
+        None => {}
+    }
+    study.setting.rows = (!are_measured).then_some(parts.rows);
+    next("done");
     Ok(study)
+}
+
+/// The machine and the measurements of a session; `placed` has the poses, as they were measured or estimated.
+pub fn setting<R>(session: &Session<R>, poses: PoseCounts, placed: &Folder) -> Setting {
+    let (robot, folder, noise) = (
+        session.robot(),
+        session.folder(),
+        session.robot_file().noise,
+    );
+    Setting {
+        robot: robot.name.clone(),
+        architecture: robot.architecture(),
+        folder: folder.name.clone(),
+        poses,
+        rows: None,
+        has_cart_poses: !folder.cart_poses.is_empty(),
+        noise: (noise.position_m, noise.rotation_rad),
+        positions_m: positions_m(placed),
+        layout: None,
+    }
+}
+
+fn positions_m(folder: &Folder) -> Vec<[f64; 3]> {
+    let poses = folder.tcp_poses.iter();
+    poses.map(|pose| pose.position_m).collect()
+}
+
+/// The fit of a variant, and its result without a verdict.
+fn calibrated<R>(
+    session: &Session<R>,
+    variant: &Variant,
+    parts: &Parts,
+) -> Result<(Fit, VariantResult), Error> {
+    let options = session.options();
+    let fit = session.fit(variant, parts, &options)?;
+    let calibration = fit.calibration();
+    let mut found = result(calibration, session.folder(), &parts.poses)?;
+    if let Fit::UnknownPoses(_) = fit {
+        without_cost(&mut found);
+        let setup = session.setup(variant);
+        let rows = (parts.rows).judged(setup.folder, setup.robot.is_redundant());
+        let file = &calibration.file;
+        found.held = Some(unknown_poses::evaluate(
+            Setup { file, ..setup },
+            &rows,
+            &options,
+        )?);
+    } else {
+        found.validation_outliers = session.validation_outliers(calibration, &parts.poses)?;
+    }
+    Ok((fit, found))
+}
+
+/// The verdict on a fit to rows, no better than that on the measurements with the parameters held, which were held out unless
+/// all calibrate. Mistakes of the input, which are those of all variants, explain only what does not fit.
+fn verdict_on_rows(
+    found: &UnknownPoses,
+    held: &HeldErrors,
+    mistakes: &[Mistake],
+    is_held_out: bool,
+) -> Verdict {
+    let (mut verdict, of_held) = (found.verdict(), held.verdict());
+    if verdict.status > Status::Consistent {
+        verdict.blame_rows(mistakes);
+    }
+    if of_held.status > Status::Consistent {
+        verdict.say(of_held.status, Reason::OfHeld(of_held.why, is_held_out));
+    }
+    verdict
 }
 
 /// Takes the variants that could be calibrated; those that could not are remarked, and returned as reasons.
@@ -139,14 +226,14 @@ pub fn run<R>(
 fn take_calibrated<'a, T>(
     outcomes: impl Iterator<Item = (&'a Variant, Result<T, Error>)>,
     remarks: &mut Vec<Remark>,
-    mut take: impl FnMut(&Variant, T, &mut Vec<Remark>),
+    mut take: impl FnMut(T, &mut Vec<Remark>),
 ) -> Result<Vec<Reason>, Error> {
     let (mut failure, mut is_any) = (None, false);
     let mut others = vec![];
     for (variant, outcome) in outcomes {
         match outcome {
             Ok(calibrated) => {
-                take(variant, calibrated, remarks);
+                take(calibrated, remarks);
                 is_any = true;
             }
             Err(error) => {
@@ -175,96 +262,15 @@ fn say_others(variants: &mut [VariantResult], others: &[Reason]) {
     }
 }
 
-/// The study of variants, without what only some folders allow.
-fn study<R>(
-    session: &Session<R>,
-    poses: PoseCounts,
-    (variants, check): (Vec<VariantResult>, Check),
-    remarks: Vec<Remark>,
-) -> Study {
-    let (robot, file) = (session.robot(), session.robot_file());
-    Study {
-        robot: robot.name.clone(),
-        architecture: robot.architecture(),
-        folder: session.folder().name.clone(),
-        poses,
-        noise: (file.noise.position_m, file.noise.rotation_rad),
-        variants,
-        assumptions: Assumptions::default(),
-        check: Some(check),
-        sensitivity: None,
-        discovery: None,
-        layout: None,
-        rows: None,
-        placed_m: vec![],
-        remarks,
-    }
-}
-
-/// A calibrated variant.
-struct Calibrated {
-    calibration: Calibration,
-    result: VariantResult,
-    /// The fit and the errors of rows that were held out, where poses are unknown.
-    of_rows: Option<(UnknownPoses, HeldErrors)>,
-}
-
-impl Calibrated {
-    fn of<R>(
-        session: &Session<R>,
-        variant: &Variant,
-        division: &Division,
-        rows: Option<&RowDivision>,
-    ) -> Result<Self, Error> {
-        let (setup, poses) = (session.setup(variant), &division.calibration);
-        let of_rows = rows.map(|rows| unknown_poses::of_variant(session, variant, rows));
-        let of_rows = of_rows.transpose()?;
-        let calibration = match &of_rows {
-            Some((found, ..)) => found.calibration.clone(),
-            None => calibrate(setup, poses, &session.options())?,
-        };
-        let mut result = result(&calibration, session.folder(), division)?;
-        match &of_rows {
-            Some((_, of_rows, _)) => result.links.clone_from(&of_rows.links),
-            None => {
-                result.validation_outliers =
-                    session.validation_outliers_of(&calibration, division)?;
-            }
-        }
-        Ok(Self {
-            calibration,
-            result,
-            of_rows: of_rows.map(|(found, _, held)| (found, held)),
-        })
-    }
-
-    /// With the verdict on it; mistakes of the input are those of all variants.
-    fn judged<R>(
-        mut self,
-        session: &Session<R>,
-        division: &Division,
-        mistakes: &[Mistake],
-    ) -> Result<(Calibration, VariantResult), Error> {
-        let (file, folder, poses) = (
-            session.robot_file(),
-            session.folder(),
-            &division.calibration,
-        );
-        self.result.fit = Some(match &self.of_rows {
-            Some((fit, held)) => {
-                unknown_poses::verdict(fit, held, mistakes, division.is_disjoint())
-            }
-            None => of_calibration(&self.calibration, file, folder, poses, Some(mistakes))?,
-        });
-        Ok((self.calibration, self.result))
-    }
-}
-
 /// Poses given by index of which a variant has an error.
 fn predicted(found: &VariantResult, folder: &Folder, poses: &[usize]) -> Vec<usize> {
     let is_predicted = |&&pose: &&usize| {
         let number = folder.tcp_poses[pose].pose;
-        found.not_predicted.iter().all(|own| own.pose != number)
+        found
+            .evaluation
+            .not_predicted
+            .iter()
+            .all(|own| own.pose != number)
     };
     poses.iter().filter(is_predicted).copied().collect()
 }
@@ -350,7 +356,7 @@ fn chosen_variants<'a>(
     chosen
 }
 
-/// What a session calibrated from measured poses, evaluated on those that validate, with the verdict on it.
+/// What a session calibrated, with the verdict on it; where poses are known, evaluated on those that validate.
 ///
 /// # Errors
 /// No pose can be predicted.
@@ -358,49 +364,63 @@ pub fn result_of<R>(
     session: &Session<R>,
     found: &session::Calibrated<R>,
 ) -> Result<VariantResult, Error> {
-    let division = session.poses()?.division;
-    let (result, outliers) = parallel::both(
-        || result(found, session.folder(), &division),
-        || session.validation_outliers_of(found, &division),
+    let folder = session.folder();
+    let parts = session.parts()?;
+    if found.unknown_poses().is_some() {
+        let mut result = result(found, folder, &Division::default())?;
+        without_cost(&mut result);
+        result.fit = found.verdict().cloned();
+        return Ok(result);
+    }
+    let (own, outliers) = parallel::both(
+        || result(found, folder, &parts.poses),
+        || session.validation_outliers(found, &parts.poses),
     );
+    let beside = found.errors_in_variables();
+    let beside = beside.map(|own| result(&own.closure_fit, folder, &parts.poses));
     Ok(VariantResult {
         fit: found.verdict().cloned(),
         validation_outliers: outliers?,
-        ..result?
+        closure_um: beside.transpose()?.map(|own| own.evaluation.position_um),
+        ..own?
     })
 }
 
+/// Leaves out the cost of measured poses, of which there are none.
+fn without_cost(result: &mut VariantResult) {
+    for link in &mut result.links {
+        link.cost_m4 = f64::NAN;
+    }
+}
+
 /// One calibrated variant, evaluated on the validation poses of a division by which it was calibrated.
-///
-/// # Errors
-/// No pose can be predicted.
-pub fn result(
+fn result(
     calibration: &Calibration,
     folder: &Folder,
     division: &Division,
 ) -> Result<VariantResult, Error> {
     let (machine, file) = (&calibration.machine, &calibration.file);
-    let known = Uncertainty::of_calibration(calibration);
-    let mut expected = known.map(|known| Expected::new(known, file.noise));
-    if !division.is_disjoint() {
-        // Where poses are unknown, none of them has a weight.
-        let weight = |index: usize| calibration.weighing.fit.get(index).copied();
-        let fitted: Vec<usize> = (division.calibration.iter().enumerate())
-            .filter(|(index, _)| weight(*index).is_none_or(|weight| weight > 0.0))
-            .map(|(_, &pose)| pose)
-            .collect();
-        expected = expected.map(|own| own.of_fitted(machine, folder, &fitted));
-    }
-    let validation = &division.validation;
-    let evaluation = evaluate_knowing(machine, expected.as_ref(), folder, validation)?;
+    let variant = &machine.variant;
+    let evaluation = if division.validation.is_empty() {
+        Evaluation::default()
+    } else {
+        let known = Uncertainty::of_calibration(calibration);
+        let mut expected = known.map(|known| Expected::new(known, file.noise));
+        if !division.is_disjoint() {
+            // Where poses are unknown, none of them has a weight.
+            let weight = |index: usize| calibration.weighing.fit.get(index).copied();
+            let fitted: Vec<usize> = (division.calibration.iter().enumerate())
+                .filter(|(index, _)| weight(*index).is_none_or(|weight| weight > 0.0))
+                .map(|(_, &pose)| pose)
+                .collect();
+            expected = expected.map(|own| own.of_fitted(machine, folder, &fitted));
+        }
+        evaluate_knowing(machine, expected.as_ref(), folder, &division.validation)?
+    };
     Ok(VariantResult {
-        name: calibration.machine.variant.name.clone(),
-        arm: calibration.machine.variant.arm,
-        position_um: evaluation.position_um,
-        orientation_rad_max_abs: evaluation.orientation_rad_max_abs,
-        expected_rms_um: evaluation.expected_rms_um,
-        pose_errors: evaluation.errors,
-        not_predicted: evaluation.not_predicted,
+        name: variant.name.clone(),
+        arm: variant.arm,
+        evaluation,
         links: calibration.links.clone(),
         parameters: calibration.parameters.clone(),
         correlations: calibration.correlations.clone(),
@@ -410,5 +430,6 @@ pub fn result(
         fit: None,
         validation_outliers: vec![],
         held: None,
+        closure_um: None,
     })
 }

@@ -8,6 +8,7 @@
 mod known;
 mod verdict;
 
+use serde::Serialize;
 use std::collections::BTreeSet;
 
 use nalgebra::{DMatrix, DVector};
@@ -118,7 +119,7 @@ impl KindErrors {
 }
 
 /// A place that was estimated.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PlaceEstimate {
     /// Name, such as `ball.x`.
     pub name: String,
@@ -129,7 +130,7 @@ pub struct PlaceEstimate {
 }
 
 /// A parameter that the measurements would have elsewhere.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Moved {
     /// Full name.
     pub parameter: String,
@@ -138,6 +139,7 @@ pub struct Moved {
     /// Change that takes away most squares where it alone changes; `None` where the measurements see too little of it.
     pub change: Option<f64>,
     /// These squares; zero without a change.
+    #[serde(rename = "chi2_drop")]
     pub squares: f64,
     /// Change where all may, in standard deviations of what chance makes it.
     pub sigmas: f64,

@@ -1,18 +1,16 @@
-//! Calibration of a session whose poses are unknown.
+//! Sessions whose poses are unknown.
 
 use tau_codes::fit;
-use tau_estimation::calibration::{Error, Options};
-use tau_estimation::trust::Status;
-use tau_estimation::unknown_poses::{self, HeldErrors, JudgedRows, RowDivision, UnknownPoses};
+use tau_estimation::unknown_poses;
 use tau_robot::input_error::InputError;
-use tau_robot::measurements::{Division, PlateKind};
+use tau_robot::measurements::PlateKind;
 use tau_robot::robot_file::StatedNoise;
 
-use super::{Session, VariantKey};
+use super::Session;
 
 impl<R> Session<R> {
-    /// True if true poses are unknown: see [`unknown_poses::are_unknown`]. Then [`Self::calibrate_unknown_poses`] is the
-    /// calibration that uses all that is known.
+    /// True if true poses are unknown: see [`unknown_poses::are_unknown`]. Then a calibration is one of all rows, with the true
+    /// pose of each unknown.
     pub fn has_unknown_poses(&self) -> bool {
         unknown_poses::are_unknown(&self.robot, &self.robot_file, &self.folder)
     }
@@ -83,75 +81,5 @@ impl<R> Session<R> {
         } else {
             Ok(self)
         }
-    }
-
-    /// Rows that calibrate and rows that are held out, by the [split](Self::split).
-    pub fn row_division(&self) -> RowDivision {
-        RowDivision::of(&self.folder, self.split)
-    }
-
-    /// Measured poses, by index, of which the rows calibrate or validate there.
-    pub(crate) fn poses_of_rows(&self, rows: &RowDivision) -> Division {
-        let of = |wanted: &dyn Fn(&u32) -> bool| {
-            let poses = self.folder.tcp_poses.iter().enumerate();
-            poses
-                .filter(|(_, pose)| wanted(&pose.pose))
-                .map(|(index, _)| index)
-                .collect()
-        };
-        let calibrates = |pose: &u32| rows.calibration.contains(pose);
-        let is_open = rows.is_disjoint();
-        Division {
-            calibration: of(&calibrates),
-            validation: of(&|pose| {
-                rows.validation.contains(pose) && !(is_open && calibrates(pose))
-            }),
-        }
-    }
-
-    /// Calibrates a variant on all measurements of the plate, the true pose of each being unknown: see
-    /// [`unknown_poses::calibrate`]; mistakes of rows are recognised.
-    ///
-    /// # Errors
-    /// As there.
-    pub fn calibrate_unknown_poses(
-        &self,
-        variant: impl VariantKey<R>,
-        options: &Options,
-    ) -> Result<UnknownPoses, Error> {
-        let variant = variant.variant_of(&self.robot)?;
-        let division = self.row_division();
-        let options = Options {
-            recognises_mistakes: true,
-            ..options.clone()
-        };
-        let found = unknown_poses::calibrate(self.setup(variant), &division, &options)?;
-        Ok(self.recorded(found))
-    }
-
-    /// The same with the record of it in the robot file.
-    pub(super) fn recorded(&self, mut found: UnknownPoses) -> UnknownPoses {
-        found.calibration.file.calibration = Some(self.provenance_of_rows(&found));
-        found
-    }
-
-    /// Errors of measurements with the parameters of the session's robot file, the true pose of each being unknown: see
-    /// [`unknown_poses::evaluate`]. Which rows are new to a robot file says [`Self::unseen_rows`].
-    ///
-    /// # Errors
-    /// As there.
-    pub fn evaluate_unknown_poses(
-        &self,
-        variant: impl VariantKey<R>,
-        rows: &JudgedRows,
-    ) -> Result<HeldErrors, Error> {
-        let variant = variant.variant_of(&self.robot)?;
-        let setup = self.setup(variant);
-        let mut held = unknown_poses::evaluate(setup, rows, &self.options())?;
-        if held.verdict().status > Status::Consistent && held.mistakes.is_empty() {
-            let division = rows.division();
-            held.mistakes = unknown_poses::mistakes(setup, &division)?;
-        }
-        Ok(held)
     }
 }
