@@ -1,5 +1,6 @@
 //! Levenberg-Marquardt with a trust region, on each independent part of a problem.
 
+use crate::curvature::Curvature;
 use crate::linear::{LinearSolver, new_solver};
 use crate::partition::{Part, partition};
 use crate::subproblem::{Model, Subproblem};
@@ -90,6 +91,7 @@ struct Minimizer<'p> {
     likely_taken: bool,
     /// True if a step fell short of its promise.
     is_curved: bool,
+    curvature: Curvature,
     iterations: usize,
 }
 
@@ -159,6 +161,7 @@ impl<'p> Minimizer<'p> {
             radius: 0.0,
             likely_taken: true,
             is_curved: false,
+            curvature: Curvature::default(),
             iterations: 0,
         })
     }
@@ -273,6 +276,9 @@ impl<'p> Minimizer<'p> {
         {
             self.subproblem
                 .subtract_model(&self.system.residuals, &mut missed);
+            let beyond =
+                |j: usize| (self.trial[j] - self.x[j]) * self.scale[j] - self.subproblem.step[j];
+            self.curvature.missed(&self.system, &mut missed, beyond);
             if 0.5 * dot(&missed, &missed) <= (1.0 - GOOD) * self.subproblem.predicted {
                 break;
             }
@@ -373,7 +379,12 @@ impl<'p> Minimizer<'p> {
             self.subproblem.lower[j] = (self.lower[j] - self.x[j]) * self.scale[j];
             self.subproblem.upper[j] = (self.upper[j] - self.x[j]) * self.scale[j];
         }
-        jacobian.divide_columns(&self.scale);
+        if self.is_curved && self.system.is_of_squares() {
+            let (x, gradient) = (&mut self.x, &self.subproblem.gradient);
+            (self.curvature).find(&mut self.system, x, &self.norms, &self.scale, gradient);
+            self.curvature.add_to(&mut self.system);
+        }
+        self.system.jacobian.divide_columns(&self.scale);
         let (subproblem, mut model) = self.model();
         subproblem.load(&mut model);
         Sizes {

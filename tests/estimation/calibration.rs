@@ -89,15 +89,16 @@ fn by_hand(value: Value<'_>, measured: &TcpPose, pose: Pose) -> [f64; 6] {
     })
 }
 
-/// Sum of squares of closures by hand, those of a pose together in the noise that it gives them at nominal values, and of priors.
+/// Sum of squares of closures by hand, those of a pose together in the noise that it gives them at the values found, and of
+/// priors.
 fn cost_by_hand(case: &Case, found: &Calibration, value: Value<'_>) -> f64 {
-    let nominal = |name: &str| {
+    let known = |name: &str| {
         found
             .parameters
             .iter()
             .find(|own| own.name == name)
             .unwrap()
-            .nominal
+            .value
     };
     let noise = case.file.noise;
     let of_pose = |&index: &usize| {
@@ -113,7 +114,7 @@ fn cost_by_hand(case: &Case, found: &Calibration, value: Value<'_>) -> f64 {
             let at = |sign: f64| {
                 let [x, y, z, a, b, c] = by.map(|k| sign * k);
                 let moved = pose.moved([x, y, z].into(), [a, b, c].into());
-                Vector6::from(by_hand(&nominal, measured, moved))
+                Vector6::from(by_hand(&known, measured, moved))
             };
             let slope = (at(1.0) - at(-1.0)) / 2.0;
             slope * slope.transpose()
