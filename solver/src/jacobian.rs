@@ -71,9 +71,9 @@ impl Jacobian {
                 out[column as usize] += value * y;
             }
         }
-        norms
-            .iter_mut()
-            .for_each(|norm| *norm = norm.sqrt().min(f64::MAX));
+        for norm in norms {
+            *norm = norm.sqrt().min(f64::MAX);
+        }
     }
 
     /// Rows, or entries, of so many that one thread takes at a time.
