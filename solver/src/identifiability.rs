@@ -123,7 +123,9 @@ impl Identifiability {
         terms.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
         // The sign of a direction means nothing: let the largest share be positive.
         if terms.first().is_some_and(|&(_, share)| share < 0.0) {
-            terms.iter_mut().for_each(|(_, share)| *share = -*share);
+            for (_, share) in &mut terms {
+                *share = -*share;
+            }
         }
         self.undetermined.push(Undetermined {
             terms,

@@ -6,7 +6,9 @@ use tau_runtime::LANES;
 
 use crate::parallel;
 
-/// Rows, or entries, that one thread takes at a time; below so many, one is faster.
+/// Entries of a matrix from which on threads share the work; they wake later than they would have finished less.
+const SHARED: usize = 1 << 16;
+/// Rows, or entries, that one thread takes at a time.
 const CHUNK: usize = 1 << 13;
 
 /// The Jacobian of a part: one row per residual, one column per free parameter.
@@ -69,17 +71,24 @@ impl Jacobian {
                 out[column as usize] += value * y;
             }
         }
-        norms
-            .iter_mut()
-            .for_each(|norm| *norm = norm.sqrt().min(f64::MAX));
+        for norm in norms {
+            *norm = norm.sqrt().min(f64::MAX);
+        }
+    }
+
+    /// Rows, or entries, of so many that one thread takes at a time.
+    fn at_once(&self, count: usize) -> usize {
+        if self.columns.len() < SHARED {
+            count.max(1)
+        } else {
+            CHUNK
+        }
     }
 
     /// Divides each column by a number.
     pub(crate) fn divide_columns(&mut self, divisors: &[f64]) {
-        let chunks = self
-            .columns
-            .chunks(CHUNK)
-            .zip(self.values.chunks_mut(CHUNK));
+        let length = self.at_once(self.columns.len());
+        let chunks = (self.columns.chunks(length)).zip(self.values.chunks_mut(length));
         parallel::map_owned(chunks.collect(), |(columns, values)| {
             // Side by side, quotients take half the time.
             let (columns, last_columns) = columns.as_chunks::<LANES>();
@@ -98,9 +107,10 @@ impl Jacobian {
 
     /// `out = J x`.
     pub(crate) fn times(&self, x: &[f64], out: &mut [f64]) {
-        let chunks = out.chunks_mut(CHUNK).enumerate().collect();
+        let length = self.at_once(out.len());
+        let chunks = out.chunks_mut(length).enumerate().collect();
         parallel::map_owned(chunks, |(chunk, out): (usize, &mut [f64])| {
-            for (row, out) in (chunk * CHUNK..).zip(out) {
+            for (row, out) in (chunk * length..).zip(out) {
                 let (columns, values) = self.row(row);
                 let terms = columns.iter().zip(values);
                 *out = terms

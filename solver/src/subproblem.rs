@@ -99,7 +99,7 @@ impl Subproblem {
         // Dampings of steps that are too long and too short, with their reciprocal lengths.
         let mut below = (0.0, newton_length.recip());
         let mut above = (norm(&self.gradient) / radius, f64::INFINITY);
-        if !(above.0 > 0.0) {
+        if above.0 <= 0.0 {
             return;
         }
         if damping <= 0.0 || damping >= above.0 {

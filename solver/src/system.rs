@@ -184,7 +184,7 @@ impl<'p> System<'p> {
                 for (i, own) in batch.residuals.iter_mut().enumerate() {
                     let index = batch.first * rows + i;
                     *own = number(&block.loss, scratch.residuals[i] * weight(block, index));
-                    if !(own.abs() <= most) {
+                    if own.is_nan() || own.abs() > most {
                         return Some(piece.fault(index / rows, index % rows, None));
                     }
                 }

@@ -6,6 +6,7 @@
 //! touched more than a tiny share of any pivot; on the first pivot for which that fails, the part goes over to QR.
 
 use faer::Mat;
+use tau_runtime::{Kernel, LANES, Lanes, vectorized};
 
 use crate::jacobian::Jacobian;
 use crate::linear::LinearSolver;
@@ -61,9 +62,9 @@ impl Dense {
         }
         self.below.clear();
         self.below.resize(n * width, 0.0);
-        for column in 0..n {
-            self.below[column * width + column] = if held[column] { 1.0 } else { root };
-            let pivot_row = &mut self.damped[column * width..(column + 1) * width];
+        let rows = self.damped.chunks_exact_mut(width).zip(held).enumerate();
+        for (column, (pivot_row, &is_held)) in rows {
+            self.below[column * width + column] = if is_held { 1.0 } else { root };
             // Rows further down have nothing in this column yet.
             let filled = &mut self.below[..(column + 1) * width];
             reflect(pivot_row, filled, column, &mut self.work);
@@ -144,7 +145,8 @@ fn normal_equations(jacobian: &Jacobian, residuals: &[f64]) -> Vec<f64> {
     let firsts: Vec<usize> = (0..residuals.len()).step_by(CHUNK).collect();
     let sums = parallel::map(&firsts, |&first| {
         let mut sum = vec![0.0; width * width];
-        for row in first..residuals.len().min(first + CHUNK) {
+        let mut rows = first..residuals.len().min(first + CHUNK);
+        while let Some(row) = rows.next() {
             let (columns, values) = jacobian.row(row);
             for (i, (&a, value)) in columns.iter().zip(values).enumerate() {
                 let own = &mut sum[a as usize * width..][..width];
@@ -154,6 +156,12 @@ fn normal_equations(jacobian: &Jacobian, residuals: &[f64]) -> Vec<f64> {
                 own[width - 1] += value * residuals[row];
             }
             sum[width * width - 1] += residuals[row] * residuals[row];
+            let is_alike = |other: &usize| jacobian.row(*other).0 == columns;
+            let alike = rows.clone().take_while(is_alike).count() / LANES * LANES;
+            if alike > 0 {
+                let of_row = |row: usize| (jacobian.row(row).1, residuals[row]);
+                add_alike(columns, rows.by_ref().take(alike).map(of_row), &mut sum);
+            }
         }
         sum
     });
@@ -163,6 +171,52 @@ fn normal_equations(jacobian: &Jacobian, residuals: &[f64]) -> Vec<f64> {
         all.iter_mut().zip(sum).for_each(|(all, own)| *all += own);
     }
     all
+}
+
+/// Adds the products of rows of the same columns, a multiple of the lanes in number, side by side.
+fn add_alike<'a>(columns: &[u32], rows: impl Iterator<Item = (&'a [f64], f64)>, sum: &mut [f64]) {
+    let n = columns.len();
+    let mut entries = vec![Lanes::ZERO; n + 1];
+    let mut products = vec![Lanes::ZERO; (n + 1) * (n + 2) / 2];
+    let mut lane = 0;
+    for (values, residual) in rows {
+        for (entry, value) in entries.iter_mut().zip(values.iter().chain([&residual])) {
+            entry[lane] = *value;
+        }
+        lane = (lane + 1) % LANES;
+        if lane == 0 {
+            vectorized(Products, &entries, &[], &mut [], &mut products);
+        }
+    }
+    let width = sum.len().isqrt();
+    let columns: Vec<usize> = columns
+        .iter()
+        .map(|&column| column as usize)
+        .chain([width - 1])
+        .collect();
+    let mut products = products.iter();
+    for (i, a) in columns.iter().enumerate() {
+        for (b, product) in columns[i..].iter().zip(&mut products) {
+            sum[a * width + b] += product.sum();
+        }
+    }
+}
+
+/// Adds to sums the products of each value with itself and all behind it.
+struct Products;
+
+impl Kernel for Products {
+    #[inline(always)]
+    fn run(self, values: &[Lanes], _: &[f64], _: &mut [Lanes], sums: &mut [Lanes]) {
+        let mut sums = sums.iter_mut();
+        for (i, a) in values.iter().enumerate() {
+            for (b, sum) in values[i..].iter().zip(&mut sums) {
+                for lane in 0..LANES {
+                    sum[lane] += a[lane] * b[lane];
+                }
+            }
+        }
+    }
 }
 
 /// Replaces the upper triangle of a matrix of n + 1 columns by its Cholesky factor; false where rounding

@@ -76,7 +76,9 @@ impl Elimination {
             groups[target as usize].append(&mut joined);
         }
         groups.retain(|group| !group.is_empty());
-        groups.iter_mut().for_each(|group| group.sort_unstable());
+        for group in &mut groups {
+            group.sort_unstable();
+        }
         groups.sort_unstable();
         let rows = rows_by_group(jacobian, &groups);
         let mut index = 0;
@@ -109,7 +111,9 @@ fn rows_by_group(jacobian: &Jacobian, groups: &[Vec<usize>]) -> Lists {
     let none = groups.len();
     let mut group_of = vec![narrow(none); jacobian.column_count];
     for (group, columns) in (0..).zip(groups) {
-        columns.iter().for_each(|&column| group_of[column] = group);
+        for &column in columns {
+            group_of[column] = group;
+        }
     }
     let group = |row: usize| {
         let columns = jacobian.row(row).0.iter();

@@ -164,9 +164,9 @@ impl Schur {
             classes[last_class].rows.extend(of_group);
         }
         classes.iter_mut().for_each(Class::make_room);
-        codes
-            .iter_mut()
-            .for_each(|code| *code = code.saturating_sub(MAX_GROUP));
+        for code in &mut codes {
+            *code = code.saturating_sub(MAX_GROUP);
+        }
         Self {
             classes,
             other_rows: rows.of(groups.len()).to_vec(),

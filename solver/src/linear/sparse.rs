@@ -11,7 +11,8 @@ use crate::linear::{LEAST_DAMPING, LinearSolver};
 
 /// Factors `JᵀJ + damping I` by a sparse Cholesky factorisation.
 pub(super) struct Sparse {
-    /// Lower triangle of the normal matrix.
+    /// Lower triangle of the normal matrix, and its pattern.
+    pattern: SymbolicSparseColMat<usize>,
     normal: SparseColMat<usize, f64>,
     /// Where the products of the entries of each row belong in it.
     places: Argsort<usize>,
@@ -27,7 +28,7 @@ impl Sparse {
         // The diagonal is there, even that of a column without entries.
         let mut pairs: Vec<_> = (0..n).map(|column| Pair::new(column, column)).collect();
         for_each_pair(jacobian, |row, column, _| {
-            pairs.push(Pair::new(row, column))
+            pairs.push(Pair::new(row, column));
         });
         let (pattern, places) = SymbolicSparseColMat::try_new_from_indices(n, n, &pairs)
             .map_err(|_| Error::TooLarge)?;
@@ -35,7 +36,8 @@ impl Sparse {
             SymbolicLlt::try_new(pattern.as_ref(), Side::Lower).map_err(|_| Error::TooLarge)?;
         let entries = pattern.row_idx().len();
         Ok(Self {
-            normal: SparseColMat::new(pattern, vec![0.0; entries]),
+            normal: SparseColMat::new(pattern.clone(), vec![0.0; entries]),
+            pattern,
             places,
             products: vec![0.0; pairs.len()],
             gradient: vec![0.0; n],
@@ -70,10 +72,8 @@ impl LinearSolver for Sparse {
         jacobian.transpose_times(residuals, &mut self.gradient);
         self.products.truncate(jacobian.column_count);
         for_each_pair(jacobian, |_, _, product| self.products.push(product));
-        let pattern = self.normal.symbolic().to_owned();
-        if let (Ok(pattern), places) = (pattern, &self.places)
-            && let Ok(normal) = SparseColMat::new_from_argsort(pattern, places, &self.products)
-        {
+        let pattern = self.pattern.clone();
+        if let Ok(normal) = SparseColMat::new_from_argsort(pattern, &self.places, &self.products) {
             self.normal = normal;
         }
     }
