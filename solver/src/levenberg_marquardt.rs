@@ -1,5 +1,6 @@
 //! Levenberg-Marquardt with a trust region, on each independent part of a problem.
 
+use crate::curvature::Curvature;
 use crate::linear::{LinearSolver, new_solver};
 use crate::partition::{Part, partition};
 use crate::subproblem::{Model, Subproblem};
@@ -41,6 +42,7 @@ pub fn solve(problem: &Problem, options: &Options) -> Result<Solution, Error> {
     let mut parameters: Vec<f64> = problem.parameters.iter().map(Parameter::first).collect();
     let partition = partition(problem);
     let cost = constant_cost(problem, &partition.constant_blocks, &parameters)?;
+    require_finite(cost, problem, &parameters)?;
     let mut solution = Solution {
         parameters: vec![],
         cost,
@@ -64,6 +66,21 @@ pub fn solve(problem: &Problem, options: &Options) -> Result<Solution, Error> {
     }
     solution.parameters = parameters;
     Ok(solution)
+}
+
+/// Refuses a cost at the start that is infinite although that of each residual is not: a parameter starts too far from its
+/// prior.
+fn require_finite(cost: f64, problem: &Problem, parameters: &[f64]) -> Result<(), Error> {
+    let priors = problem.parameters.iter().zip(parameters);
+    let costs = priors.filter_map(|(own, &x)| Some((own, own.prior?.cost(x))));
+    let farthest = costs.max_by(|(_, a), (_, b)| a.total_cmp(b));
+    match farthest {
+        Some((farthest, _)) if !cost.is_finite() => Err(Error::InvalidParameter {
+            name: farthest.name.clone(),
+            reason: "it starts too many standard deviations from its prior's mean".to_owned(),
+        }),
+        _ => Ok(()),
+    }
 }
 
 /// The state of the iteration on one part.
@@ -90,6 +107,7 @@ struct Minimizer<'p> {
     likely_taken: bool,
     /// True if a step fell short of its promise.
     is_curved: bool,
+    curvature: Curvature,
     iterations: usize,
 }
 
@@ -142,6 +160,8 @@ impl<'p> Minimizer<'p> {
         let mut costs = vec![0.0; rows];
         let evaluated = system.costs(&x, &mut costs);
         evaluated.map_err(|fault| fault.into_error(problem))?;
+        let cost = sum(&costs);
+        require_finite(cost, problem, all)?;
         Ok(Self {
             system,
             linear,
@@ -154,11 +174,12 @@ impl<'p> Minimizer<'p> {
             scale: vec![1.0; columns],
             norms: vec![0.0; columns],
             trial_costs: vec![0.0; rows],
-            cost: sum(&costs),
+            cost,
             costs,
             radius: 0.0,
             likely_taken: true,
             is_curved: false,
+            curvature: Curvature::default(),
             iterations: 0,
         })
     }
@@ -273,6 +294,9 @@ impl<'p> Minimizer<'p> {
         {
             self.subproblem
                 .subtract_model(&self.system.residuals, &mut missed);
+            let beyond =
+                |j: usize| (self.trial[j] - self.x[j]) * self.scale[j] - self.subproblem.step[j];
+            self.curvature.missed(&self.system, &mut missed, beyond);
             if 0.5 * dot(&missed, &missed) <= (1.0 - GOOD) * self.subproblem.predicted {
                 break;
             }
@@ -338,6 +362,7 @@ impl<'p> Minimizer<'p> {
             trial.accepted = false;
             // Derivatives at the point where we stay.
             self.system.linearize(&self.x)?;
+            self.curvature.add_to(&mut self.system);
             self.system.jacobian.divide_columns(&self.scale);
         }
         self.likely_taken = trial.accepted;
@@ -373,7 +398,12 @@ impl<'p> Minimizer<'p> {
             self.subproblem.lower[j] = (self.lower[j] - self.x[j]) * self.scale[j];
             self.subproblem.upper[j] = (self.upper[j] - self.x[j]) * self.scale[j];
         }
-        jacobian.divide_columns(&self.scale);
+        if self.is_curved && self.system.is_of_squares() {
+            let (system, gradient) = (&mut self.system, &self.subproblem.gradient);
+            (self.curvature).find(system, &mut self.x, &self.norms, &self.largest, gradient);
+            self.curvature.add_to(system);
+        }
+        self.system.jacobian.divide_columns(&self.scale);
         let (subproblem, mut model) = self.model();
         subproblem.load(&mut model);
         Sizes {

@@ -57,6 +57,7 @@
 //! # Ok::<(), tau_solver::Error>(())
 //! ```
 
+mod curvature;
 mod error;
 mod identifiability;
 mod jacobian;

@@ -85,7 +85,7 @@ pub(crate) struct System<'p> {
     parameters: Vec<usize>,
     pieces: Vec<Piece>,
     /// Column, parameter's prior.
-    priors: Vec<(usize, Prior)>,
+    pub(crate) priors: Vec<(usize, Prior)>,
     /// All parameters of the problem; those of other parts do not matter here.
     all: Vec<f64>,
     pub(crate) jacobian: Jacobian,
