@@ -47,8 +47,8 @@ impl Curvature {
             x[column] = here;
             if is_finite {
                 // To first order residuals change by their derivatives.
-                let change = |ahead: f64, here: f64| (ahead - here) * here;
-                let bends = sum_of(&self.ahead, &system.residuals, change) - gradient[column];
+                let beyond = sum_of(&self.ahead, &system.residuals, |ahead, r| (ahead - r) * r);
+                let bends = beyond - gradient[column];
                 self.lacking[index] = (2.0 * bends / (step * step)).max(0.0);
             }
         }

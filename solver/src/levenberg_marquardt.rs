@@ -42,6 +42,7 @@ pub fn solve(problem: &Problem, options: &Options) -> Result<Solution, Error> {
     let mut parameters: Vec<f64> = problem.parameters.iter().map(Parameter::first).collect();
     let partition = partition(problem);
     let cost = constant_cost(problem, &partition.constant_blocks, &parameters)?;
+    require_finite(cost, problem, &parameters)?;
     let mut solution = Solution {
         parameters: vec![],
         cost,
@@ -65,6 +66,21 @@ pub fn solve(problem: &Problem, options: &Options) -> Result<Solution, Error> {
     }
     solution.parameters = parameters;
     Ok(solution)
+}
+
+/// Refuses a cost at the start that is infinite although that of each residual is not: a parameter starts too far from its
+/// prior.
+fn require_finite(cost: f64, problem: &Problem, parameters: &[f64]) -> Result<(), Error> {
+    let priors = problem.parameters.iter().zip(parameters);
+    let costs = priors.filter_map(|(own, &x)| Some((own, own.prior?.cost(x))));
+    let farthest = costs.max_by(|(_, a), (_, b)| a.total_cmp(b));
+    match farthest {
+        Some((farthest, _)) if !cost.is_finite() => Err(Error::InvalidParameter {
+            name: farthest.name.clone(),
+            reason: "it starts too many standard deviations from its prior's mean".to_owned(),
+        }),
+        _ => Ok(()),
+    }
 }
 
 /// The state of the iteration on one part.
@@ -144,6 +160,8 @@ impl<'p> Minimizer<'p> {
         let mut costs = vec![0.0; rows];
         let evaluated = system.costs(&x, &mut costs);
         evaluated.map_err(|fault| fault.into_error(problem))?;
+        let cost = sum(&costs);
+        require_finite(cost, problem, all)?;
         Ok(Self {
             system,
             linear,
@@ -156,7 +174,7 @@ impl<'p> Minimizer<'p> {
             scale: vec![1.0; columns],
             norms: vec![0.0; columns],
             trial_costs: vec![0.0; rows],
-            cost: sum(&costs),
+            cost,
             costs,
             radius: 0.0,
             likely_taken: true,
@@ -344,6 +362,7 @@ impl<'p> Minimizer<'p> {
             trial.accepted = false;
             // Derivatives at the point where we stay.
             self.system.linearize(&self.x)?;
+            self.curvature.add_to(&mut self.system);
             self.system.jacobian.divide_columns(&self.scale);
         }
         self.likely_taken = trial.accepted;
@@ -380,9 +399,9 @@ impl<'p> Minimizer<'p> {
             self.subproblem.upper[j] = (self.upper[j] - self.x[j]) * self.scale[j];
         }
         if self.is_curved && self.system.is_of_squares() {
-            let (x, gradient) = (&mut self.x, &self.subproblem.gradient);
-            (self.curvature).find(&mut self.system, x, &self.norms, &self.scale, gradient);
-            self.curvature.add_to(&mut self.system);
+            let (system, gradient) = (&mut self.system, &self.subproblem.gradient);
+            (self.curvature).find(system, &mut self.x, &self.norms, &self.largest, gradient);
+            self.curvature.add_to(system);
         }
         self.system.jacobian.divide_columns(&self.scale);
         let (subproblem, mut model) = self.model();

@@ -121,10 +121,6 @@ impl Parameter {
                 "a prior needs a finite mean and a positive standard deviation, not {} and {}",
                 prior.mean, prior.sigma
             )
-        } else if let Some(prior) = self.prior
-            && prior.cost(self.first()).is_infinite()
-        {
-            "it starts too many standard deviations from its prior's mean".to_owned()
         } else {
             return Ok(());
         };

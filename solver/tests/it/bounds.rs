@@ -148,6 +148,43 @@ fn steps_follow_a_curved_valley() {
     }
 }
 
+/// A height that acts by its square on a residual that nothing brings to zero, and two numbers of which the sum is known
+/// ten thousand times better than the difference.
+struct Height;
+
+impl Model for Height {
+    fn sizes(&self) -> (usize, usize, usize) {
+        (0, 3, 3)
+    }
+
+    fn residuals<T: Scalar>(&self, _: &[f64], x: &[T], out: &mut [T]) {
+        out[0] = (x[0].square() + 5.0) * 100.0;
+        out[1] = x[1] + x[2] - 1.0;
+        out[2] = (x[1] - x[2] - 0.4) * 1e-4;
+    }
+}
+
+/// At zero the height's curvature is a hundred thousand times what its slope, that of the prior, says. Where steps go by
+/// slopes alone, the damping that keeps them from overshooting leaves the difference where it is.
+#[test]
+fn squares_do_not_hold_up_other_parameters() {
+    let family = Family::new(Height);
+    let mut problem = problem(&family, &[], &[1.0, 0.0, 0.0]);
+    problem.parameters[0] = problem.parameters[0].clone().with_prior(0.0, 1.0);
+    for method in [Method::Dense, Method::Sparse] {
+        let options = Options {
+            method,
+            ..Options::default()
+        };
+        let solution = solve(&problem, &options).unwrap();
+        assert!(solution.converged());
+        assert!(solution.iterations < 10, "{}", solution.iterations);
+        for (found, expected) in solution.parameters.iter().zip([0.0, 0.7, 0.3]) {
+            assert!((found - expected).abs() < 1e-6, "{found} {expected}");
+        }
+    }
+}
+
 /// Where bounds hold all parameters at the end of a step, no correction is sought for what the wall takes of it.
 #[test]
 fn steps_end_where_bounds_hold_all() {
