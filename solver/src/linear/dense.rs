@@ -5,6 +5,8 @@
 //! factorisation. Products square the condition number, so this factor is used only while rounding can't have
 //! touched more than a tiny share of any pivot; on the first pivot for which that fails, the part goes over to QR.
 
+use std::array::from_fn;
+
 use faer::Mat;
 use tau_runtime::{Kernel, LANES, Lanes, vectorized};
 
@@ -208,13 +210,13 @@ struct Products;
 impl Kernel for Products {
     #[inline(always)]
     fn run(self, values: &[Lanes], _: &[f64], _: &mut [Lanes], sums: &mut [Lanes]) {
-        let mut sums = sums.iter_mut();
+        let mut rest = sums;
         for (i, a) in values.iter().enumerate() {
-            for (b, sum) in values[i..].iter().zip(&mut sums) {
-                for lane in 0..LANES {
-                    sum[lane] += a[lane] * b[lane];
-                }
+            let (own, others) = rest.split_at_mut(values.len() - i);
+            for (sum, b) in own.iter_mut().zip(&values[i..]) {
+                *sum = Lanes(from_fn(|lane| sum[lane] + a[lane] * b[lane]));
             }
+            rest = others;
         }
     }
 }
