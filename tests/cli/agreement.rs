@@ -7,8 +7,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use serde_json::Value;
-use tau::robot_file::RobotFile;
-use tau_testkit::{Work, list, robots};
+use tau_testkit::{Table, Work, list};
 
 /// The fit that all others are compared with.
 const REFERENCE: &str = "calibrate";
@@ -113,34 +112,6 @@ fn values(parameters: &[Value]) -> BTreeMap<String, (f64, f64)> {
     parameters.iter().filter_map(value).collect()
 }
 
-/// The value of a parameter in a robot file, by its name in a variant.
-fn stated(file: &RobotFile, name: &str) -> Option<f64> {
-    let parts: Vec<&str> = name.split('.').collect();
-    let axis = |axis: &str| "xyz".find(axis).unwrap_or_default();
-    let value = match parts[..] {
-        [parameter] => file.parameters.get(parameter),
-        [owner, quantity, ..] => {
-            let of_crank = file.cranks.get(owner);
-            let of_link = [&file.links, &file.tracks, &file.clusters]
-                .into_iter()
-                .find_map(|all| all.get(owner));
-            match quantity {
-                "centre" => of_crank?.get("centre_m"),
-                "axis" => of_crank?.get("axis"),
-                "length" => of_link?.length.as_ref(),
-                "plate_joint" => of_link?.plate_joint.as_ref(),
-                "track_offset" => of_link?.track_offset.as_ref(),
-                "track_direction" => of_link?.track_direction.as_ref(),
-                "pull" => of_link?.pull.as_ref(),
-                _ => None,
-            }
-        }
-        [] => None,
-    };
-    let index = parts.get(2).map_or(0, |own| axis(own));
-    value.map(|value| value.value[index])
-}
-
 /// What each command says of a clean folder of a robot.
 fn answers(robot: &str) -> Vec<(&'static str, Answer)> {
     let work = Work::simulated(&format!("--model {robot} --variant Full --seed 1"));
@@ -157,21 +128,18 @@ fn answers(robot: &str) -> Vec<(&'static str, Answer)> {
     };
     let study = json("study MEASURED --no-discover --out DIR/study");
     let found = json("discover MEASURED --base Full --out DIR/discovered");
-    let description = robots::named(robot);
-    let text = work.read("discovered/robot.toml");
-    let file = RobotFile::parse_for(&text, "robot.toml", &description).unwrap();
-    let names = calibrated.parameters.iter().flat_map(BTreeMap::keys);
+    let table = Table::parse(&work.read("discovered/parameters.csv"));
+    let names = table.cells("parameter").into_iter().map(str::to_owned);
+    let values = ["value", "sigma"].map(|column| table.numbers(column));
+    let values = values[0].iter().copied().zip(values[1].iter().copied());
     let of_discovery = Answer {
         status: (found["status"] == "nothing_missing").then(|| "consistent".to_owned()),
-        parameters: names
-            .map(|name| Some((name.clone(), (stated(&file, name)?, f64::NAN))))
-            .collect(),
+        parameters: Some(names.zip(values).collect()),
         ..Answer::of_fit(&found)
     };
     let of_study = Answer::of_fit(&study["variants"]["Full"]);
     let line = "evaluate MEASURED --variant Full --robot DIR/calibrated/robot.toml";
     let evaluated = Answer {
-        // They are those of the file.
         parameters: calibrated.parameters.clone(),
         ..Answer::of_fit(&json(line))
     };

@@ -9,12 +9,12 @@ use tau_codes::Code;
 /// The page that lists the codes.
 const PAGE: &str = "docs/messages.md";
 
-fn root() -> &'static Path {
+pub(crate) fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap()
 }
 
 /// Files below a folder that end so; what is built is left out.
-fn files(folder: &Path, end: &str, found: &mut Vec<PathBuf>) {
+pub(crate) fn files(folder: &Path, end: &str, found: &mut Vec<PathBuf>) {
     for entry in fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
         let name = path.file_name().unwrap().to_string_lossy().into_owned();

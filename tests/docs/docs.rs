@@ -6,9 +6,7 @@ use std::path::Path;
 use tau::robot_file::RobotFile;
 use tau_testkit::{Work, list, number};
 
-fn root() -> &'static Path {
-    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap()
-}
+use crate::codes::root;
 
 fn read(path: impl AsRef<Path>) -> String {
     let path = root().join(path);

@@ -2,43 +2,27 @@
 
 use std::collections::BTreeSet;
 use std::fs;
-use std::path::{Path, PathBuf};
+
+use crate::codes::{files, root};
 
 /// Modules of the crate, from below.
-const LAYERS: [&str; 17] = [
-    "numerics",
-    "implicit",
-    "setup",
-    "machine",
-    "samples",
-    "problem",
-    "joint",
-    "weighing",
-    "calibration",
-    "uncertainty",
-    "expected",
-    "trust",
-    "unknown_poses",
-    "evaluation",
-    "check",
-    "sensitivity",
-    "assumptions",
-];
+const LAYERS: &str = "numerics implicit setup machine samples problem joint weighing calibration uncertainty expected \
+                      trust unknown_poses evaluation check sensitivity assumptions";
 
 #[test]
 fn modules_import_those_below_them() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../estimation/src");
+    let root = root().join("estimation/src");
+    let mut sources = vec![];
+    files(&root, ".rs", &mut sources);
+    sources.retain(|path| !path.ends_with("tests.rs") && !path.ends_with("lib.rs"));
     let mut seen = BTreeSet::new();
     let mut upward = vec![];
-    for file in sources(&root) {
+    for file in sources {
         let module = file.strip_prefix(&root).unwrap().components().next();
         let module = module.unwrap().as_os_str().to_str().unwrap();
         let module = module.strip_suffix(".rs").unwrap_or(module);
-        if module == "lib" {
-            continue;
-        }
         seen.insert(module.to_owned());
-        let place = |name: &str| LAYERS.iter().position(|own| *own == name);
+        let place = |name: &str| LAYERS.split(' ').position(|own| own == name);
         let own = place(module).unwrap_or_else(|| panic!("`{module}` has no layer"));
         for import in imports(&fs::read_to_string(&file).unwrap()) {
             if place(&import).is_some_and(|other| other > own) {
@@ -47,18 +31,7 @@ fn modules_import_those_below_them() {
         }
     }
     assert!(upward.is_empty(), "{upward:#?}");
-    assert_eq!(seen.len(), LAYERS.len(), "{seen:?}");
-}
-
-/// Sources below a folder, without tests.
-fn sources(folder: &Path) -> Vec<PathBuf> {
-    let entries = fs::read_dir(folder).unwrap().map(|own| own.unwrap().path());
-    let (folders, files): (Vec<_>, Vec<_>) = entries.partition(|path| path.is_dir());
-    let is_source = |path: &PathBuf| {
-        path.extension().is_some_and(|own| own == "rs") && !path.ends_with("tests.rs")
-    };
-    let below = folders.iter().flat_map(|folder| sources(folder));
-    files.into_iter().filter(is_source).chain(below).collect()
+    assert_eq!(seen.len(), LAYERS.split(' ').count(), "{seen:?}");
 }
 
 /// Modules of the crate that the text of a source names, before its tests.

@@ -5,9 +5,7 @@ use std::fs;
 use std::path::{Component, Path, PathBuf};
 use std::process::Command;
 
-fn root() -> &'static Path {
-    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap()
-}
+use crate::codes::root;
 
 /// Runs cargo in a folder, without the network, and returns what it prints.
 fn cargo(folder: &Path, arguments: &[&str]) -> String {

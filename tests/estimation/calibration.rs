@@ -89,8 +89,7 @@ fn by_hand(value: Value<'_>, measured: &TcpPose, pose: Pose) -> [f64; 6] {
     })
 }
 
-/// Sum of squares of closures by hand, those of a pose together in the noise that it gives them at the values found, and of
-/// priors.
+/// Sum of squares of closures by hand, whitened pose by pose at the values found, and of priors.
 fn cost_by_hand(case: &Case, found: &Calibration, value: Value<'_>) -> f64 {
     let known = |name: &str| {
         found

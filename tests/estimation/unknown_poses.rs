@@ -124,8 +124,7 @@ fn the_42_parameters_of_a_hexapod_follow_from_18_exact_poses() {
     }
 }
 
-/// Where poses are measured fully and drives are exact, the closures of a pose together tell what its six numbers tell: two
-/// fits of one model, of which the one eliminates poses by the noise that they give closures, the other as unknowns.
+/// Two fits of one model: the one eliminates measured poses by the noise that they give closures, the other as unknowns.
 #[test]
 fn fully_measured_poses_tell_what_their_closures_tell() {
     let measured = hexapod(40, 1.0);
