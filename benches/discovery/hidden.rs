@@ -13,7 +13,6 @@ use tau_robot::effects::places;
 
 use crate::answer::True;
 use crate::random::Random;
-use crate::trials::Sized;
 
 /// Physics at a size.
 type OfSize = Box<dyn Fn(f64) -> Physics>;
@@ -29,6 +28,13 @@ pub(crate) struct Hidden {
     pub(crate) period_m: Option<f64>,
     /// The effect at so many times the tolerance of its amplitudes.
     of_size: Box<dyn Fn(f64) -> Effect>,
+}
+
+/// Size found for a hidden effect.
+pub(crate) struct Sized {
+    pub(crate) effect: Effect,
+    pub(crate) tolerances: f64,
+    pub(crate) noncentrality: f64,
 }
 
 impl Hidden {

@@ -24,11 +24,11 @@ use tau_estimation::trust::{self, Verdict as Fit};
 use tau_robot::effects::places;
 
 use crate::answer::Found;
-use crate::hidden::{Hidden, UNLISTED_OF_DRIVES};
+use crate::hidden::{Hidden, Sized, UNLISTED_OF_DRIVES};
 use crate::plan::Section;
 use crate::random::Random;
 use crate::scoring::Verdict;
-use crate::trials::{DRAWINGS, Sized, catalogue_without, sized};
+use crate::trials::{DRAWINGS, catalogue_without, sized};
 
 /// Where the plate is measured.
 #[derive(Debug, Clone, Copy)]

@@ -16,7 +16,7 @@ use tau::simulation::{
 use tau_codegen::language::{Model, check_text, effects_from_text};
 
 use crate::answer::{Found, Named, True};
-use crate::hidden::Hidden;
+use crate::hidden::{Hidden, Sized};
 use crate::noncentrality::{Base, signal};
 use crate::plan::{Case, Section, Subject, possible};
 use crate::random::Random;
@@ -64,13 +64,6 @@ pub(crate) struct Laboratory {
     file: RobotFile,
     seed: u64,
     method: Options,
-}
-
-/// Size found for a hidden effect.
-pub(crate) struct Sized {
-    pub(crate) effect: Effect,
-    pub(crate) tolerances: f64,
-    pub(crate) noncentrality: f64,
 }
 
 impl Laboratory {

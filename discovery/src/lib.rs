@@ -249,8 +249,7 @@ impl Outcome {
         parameters.zip(&prepared.nominal).map(value).collect()
     }
 
-    /// The discovered variant as the joint fit of all sets left it: values and standard deviations are those that
-    /// [`Self::discovery`] reports.
+    /// The discovered variant as the joint fit of all sets left it.
     ///
     /// # Errors
     /// The robot lacks the variant; a pose lacks what its closures read.

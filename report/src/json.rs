@@ -256,7 +256,7 @@ pub fn evaluation(found: &Evaluated) -> Value {
     own
 }
 
-/// What errors are of.
+/// The word for measurements that errors compare with predictions.
 fn of(are_poses_measured: bool) -> &'static str {
     if are_poses_measured {
         "poses"

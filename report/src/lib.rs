@@ -21,6 +21,7 @@ mod number;
 mod parts;
 mod screen;
 mod sections;
+mod shell;
 mod stale;
 mod table;
 mod tables;
@@ -31,5 +32,6 @@ pub mod trust;
 mod write;
 
 pub use figures::Figure;
+pub use shell::shell_word;
 pub use stale::stale_figures;
-pub use write::{finish_writing, folder_of, shell_word, study_files, write_files};
+pub use write::{finish_writing, folder_of, study_files, write_files};

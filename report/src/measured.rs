@@ -168,7 +168,7 @@ fn repeats(repeats: &KindRepeats) -> Value {
     })
 }
 
-/// What a fit to rows of unknown poses took and left.
+/// Size of a fit to rows of unknown poses: residuals, unknowns, and combinations that stay open.
 pub(crate) fn fit(screen: &mut Screen, found: &UnknownPoses) {
     let rank = &found.rank;
     screen.say(&format!(
@@ -401,7 +401,7 @@ pub(crate) fn gross_row(row: &GrossRow, link: Option<&str>) -> Value {
     })
 }
 
-/// What a calibration held out, in JSON.
+/// Errors of held-out measurements, in JSON.
 pub(crate) fn held_out_json(found: &UnknownPoses, own: &HeldOut) -> Value {
     let machine = &found.calibration.machine;
     let gross = own.gross.iter();

@@ -288,6 +288,8 @@ fn from_prepared(
     if weighing.repeats.is_none() {
         let measured = (samples.as_slice(), file);
         serial = Serial::of(&near, &minimum.fitted, measured, &weighing.fit)?;
+    } else {
+        serial::refuse_rho(file)?;
     }
     let mut of_serial = near;
     if let Some(found) = serial {

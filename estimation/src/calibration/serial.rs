@@ -114,8 +114,8 @@ pub(crate) fn refuse_rho(file: &RobotFile) -> Result<(), InputError> {
     if file.measuring.rho.is_none_or(|rho| rho == 0.0) {
         return Ok(());
     }
-    let message = "found a correlation `rho` of the noise, which counts where poses are measured, links have no noise, and \
-                   closures are as many as the freedoms of the plate";
+    let message = "found a correlation `rho` of the noise, which counts where poses are measured, each once, links have no \
+                   noise, and closures are as many as the freedoms of the plate";
     Err(InputError::whole(fit::NO_RHO, &file.source, message)
         .help("leave `rho` of `[noise]` out, and measure so that neighbours in time are far apart"))
 }

@@ -11,7 +11,7 @@ use crate::discovery::findings::Device;
 use crate::discovery::words::{capital, part, rest_or_error, title};
 use crate::discovery::{at, findings, listed};
 use crate::number::general;
-use crate::write::shell_word;
+use crate::shell::shell_word;
 
 /// Worst poses that are named.
 const POSES: usize = 5;

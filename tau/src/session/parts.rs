@@ -37,10 +37,10 @@ pub struct Parts {
     pub counts: PoseCounts,
 }
 
-/// How parameters as given meet measurements.
+/// Errors of measurements by parameters that are held.
 #[derive(Debug, Clone)]
 pub struct Evaluated {
-    /// What the measurements are to the parameters.
+    /// Relation of the measurements to the calibration of the parameters.
     pub basis: Basis,
     /// Numbers of poses: of `calibration` those that calibrated the parameters, of `validation` those that are new to them.
     pub counts: PoseCounts,
@@ -191,7 +191,7 @@ impl<R> Session<R> {
         Ok(held)
     }
 
-    /// How the session's robot file meets measurements that are new to it: of the folder that it was calibrated on those that
+    /// Evaluates the session's robot file on measurements that are new to it: of the folder that it was calibrated on those that
     /// took no part, of another folder all; of a split that is asked for, those that validate among them. Poses that were
     /// measured are predicted; where poses are unknown, all measurements are compared, the parameters held.
     ///

@@ -356,7 +356,7 @@ fn chosen_variants<'a>(
     chosen
 }
 
-/// What a session calibrated, with the verdict on it; where poses are known, evaluated on those that validate.
+/// States a calibration of a session with its verdict; where poses are known, evaluates it on those that validate.
 ///
 /// # Errors
 /// No pose can be predicted.
