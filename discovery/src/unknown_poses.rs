@@ -11,7 +11,7 @@ use tau_kinematics::Statics;
 use tau_robot::measurements::{Division, Folder, PoseCounts};
 use tau_robot::robot::Robot;
 use tau_robot::robot_file::keys::effect_key;
-use tau_robot::robot_file::{RobotFile, Value};
+use tau_robot::robot_file::{Noise, RobotFile, Value};
 
 use super::constants::count;
 use super::results::GrossRow;
@@ -92,7 +92,7 @@ pub(super) fn search(
         }
         // A point does not turn.
         if !file.noise.rotation_rad.is_finite() && robot.plate.is_point() {
-            file.noise.rotation_rad = 0.0;
+            file.noise.rotation_rad = Noise::OF_NO_ROTATION_RAD;
         }
         let mut poses = EstimatedPoses::of(&of_base, &file, folder, &rows)?;
         if let Some(known) = &known {

@@ -112,7 +112,7 @@ fn the_description_that_was_found_is_accepted() {
 #[test]
 fn the_calibrated_robot_is_evaluated_like_any_other() {
     let (work, _, found) = prototype();
-    assert_written(work, found, 1e-9);
+    assert_written(work, found);
     let model = "--model DIR/found/discovered.tau --variant Discovered";
     let evaluated = work.json(&format!("evaluate {model} --robot DIR/found/robot.toml"));
     let mean = at(&evaluated, "position_um.mean");

@@ -5,8 +5,8 @@ use tau_testkit::robots::CABLES;
 use tau_testkit::{OWN, Work, effects, list};
 
 use crate::search::{
-    assert_alike, assert_near, assert_written, at, calibrated_anew, estimate, found_of,
-    hidden_is_found, of_effect, remarks,
+    assert_alike, assert_near, assert_written, at, calibrated_anew, found_of, hidden_is_found,
+    of_effect, remarks,
 };
 
 /// Redundant drives that are stated to be exact contradict each other where one counts wrongly, by far more than poses are
@@ -97,12 +97,7 @@ fn a_period_is_written_where_it_was_found() {
     );
     let found = work.discovered("");
     assert_eq!(effects(&found), ["rack_pitch(b)"]);
-    let [value, sigma] = estimate(&found, "period");
-    let file = work.read("found/robot.toml");
-    let (_, written) = file.split_once("period = { value = ").unwrap();
-    let end = written.find([',', ' ']).unwrap();
-    let written: f64 = written[..end].parse().unwrap();
-    assert!((written - value).abs() < 3.0 * sigma, "{written} {value}");
+    assert_written(&work, &found);
 }
 
 /// A wave of 20 µm on a rack, that carts tell more of than the plate: what is written is what is said.
@@ -114,7 +109,7 @@ fn a_search_writes_what_carts_and_plate_say_together() {
     );
     let found = work.discovered("--base Full");
     assert_eq!(effects(&found), ["rack_pitch(two)"]);
-    assert_written(&work, &found, 0.2);
+    assert_written(&work, &found);
 }
 
 /// The length of a step is no track that bends: measured carts take no part where poses are unknown, and tracks stay straight.

@@ -4,7 +4,7 @@ use tau_codes::fit;
 use tau_estimation::unknown_poses;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::PlateKind;
-use tau_robot::robot_file::StatedNoise;
+use tau_robot::robot_file::{Noise, StatedNoise};
 
 use super::Session;
 
@@ -61,7 +61,7 @@ impl<R> Session<R> {
         // A point does not turn.
         let rotation_rad = &mut self.robot_file.noise.rotation_rad;
         if !rotation_rad.is_finite() {
-            *rotation_rad = 0.0;
+            *rotation_rad = Noise::OF_NO_ROTATION_RAD;
         }
         Ok(self)
     }
