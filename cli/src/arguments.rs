@@ -132,7 +132,7 @@ impl Study {
 Examples:
   tau calibrate --variant BestPerLink      on the built-in measurements
   tau calibrate measured --variant Full --out calibrated
-  tau calibrate measured --variant Full --errors-in-variables
+  tau calibrate measured --variant Full --files tcp_poses.csv
   tau calibrate measured --variant Mine --model mine.tau --json -"
 )]
 pub(super) struct Calibrate {
@@ -140,9 +140,8 @@ pub(super) struct Calibrate {
     pub(super) input: Input,
     #[command(flatten)]
     pub(super) variant: Variant,
-    /// Fit all sets at once, with the true pose behind each measured one among the unknowns, and compare
-    /// with the ordinary fit of set 1
-    #[arg(long)]
+    /// Has no effect any more: every calibration fits all files
+    #[arg(long, hide = true)]
     pub(super) errors_in_variables: bool,
     /// Where poses are unknown: fit the scale of the whole machine even if no measurement determines it
     #[arg(long)]
@@ -435,6 +434,9 @@ pub(super) struct Input {
     pub(super) folder: Option<PathBuf>,
     #[command(flatten)]
     pub(super) robot: Robot,
+    /// Files of the folder that count, such as tcp_poses.csv,heights.csv; without it, all
+    #[arg(long, value_name = "FILE,…", value_delimiter = ',')]
+    pub(super) files: Vec<String>,
     /// Poses that calibrate, the others validate: alternate, all, first:N, fraction:F or fraction:F:SEED
     ///
     /// [default: alternate]
@@ -454,6 +456,10 @@ impl Input {
         let options = [
             ("--model", self.robot.model.as_ref().map(path)),
             ("--robot", self.robot.robot.as_ref().map(path)),
+            (
+                "--files",
+                (!self.files.is_empty()).then(|| self.files.join(",")),
+            ),
             ("--split", self.split.clone()),
             ("--seed", self.seed.map(|seed| seed.to_string())),
         ];

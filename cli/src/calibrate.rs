@@ -5,6 +5,8 @@ use tau::evaluation::NotPredicted;
 use tau::session::CALIBRATION_FILES;
 use tau::study;
 use tau::trust::Status;
+use tau_codes::Remark;
+use tau_codes::files::OPTION_WITHOUT_USE;
 use tau_report as report;
 
 use super::deliver::{Outcome, check_results, named, titled};
@@ -29,11 +31,7 @@ pub(super) fn run(
         free_scale: arguments.free_scale,
         ..session.options()
     };
-    let found = if arguments.errors_in_variables {
-        session.calibrate_with_errors_in_variables(variant, &options)
-    } else {
-        session.calibrate_with(variant, &options)
-    };
+    let found = session.calibrate_with(variant, &options);
     let found = found.map_err(explained)?;
     let verdict = found.verdict().cloned().unwrap_or_default();
     let result = match study::result_of(&session, &found) {
@@ -48,6 +46,11 @@ pub(super) fn run(
         result => result?,
     };
     let mut remarks = session.remarks_on(&found)?;
+    if arguments.errors_in_variables {
+        let text = "`--errors-in-variables` has no effect: every calibration fits all files, with the true poses among its \
+                    unknowns";
+        remarks.push(Remark::new(OPTION_WITHOUT_USE, text));
+    }
     let not_predicted = result.evaluation.not_predicted.iter();
     remarks.extend(not_predicted.map(NotPredicted::remark));
     let parts = session.parts()?;

@@ -38,12 +38,12 @@ pub(super) fn of_search(input: &arguments::Input) -> Result<Session, InputError>
 }
 
 fn robot_of(input: &arguments::Input) -> Result<Robot, InputError> {
-    let files = files(input.folder.as_deref(), &input.robot);
+    let files = files_of(input);
     robot(input.robot.model.as_deref(), &files)
 }
 
 fn open(robot: Robot, input: &arguments::Input) -> Result<Session, InputError> {
-    let files = files(input.folder.as_deref(), &input.robot);
+    let files = files_of(input);
     let (session, split) = both(
         Session::open_with_robot(robot, files),
         split(input.split.as_deref(), input.seed),
@@ -63,11 +63,19 @@ pub(super) fn treatment(outliers: &arguments::Outliers) -> Treatment {
     }
 }
 
+fn files_of(input: &arguments::Input) -> Files {
+    Files {
+        only: input.files.clone(),
+        ..files(input.folder.as_deref(), &input.robot)
+    }
+}
+
 /// Sources of measurements and parameters.
 pub(super) fn files(folder: Option<&Path>, robot: &arguments::Robot) -> Files {
     Files {
         folder: folder.map(Path::to_owned),
         robot_file: robot.robot.clone(),
+        ..Files::default()
     }
 }
 

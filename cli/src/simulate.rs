@@ -20,6 +20,7 @@ pub(super) fn run(arguments: &arguments::Simulate) -> Result<Outcome, Failure> {
     let files = Files {
         folder: None,
         robot_file: arguments.robot.clone(),
+        ..Files::default()
     };
     let robot = robot(arguments.model.as_deref(), &files)?;
     let kept = Kept::of(None, arguments.model.iter().chain(&arguments.robot));

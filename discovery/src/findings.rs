@@ -17,7 +17,6 @@ use tau_robot::robot_file::keys::effect_key;
 use tau_runtime::Owner;
 
 use super::candidate_set::CandidateSet;
-use super::constants::Constants;
 use super::evidence::{self, whiteness::Series};
 use super::few::TooFew;
 use super::held_out::{self, HeldOut};
@@ -142,7 +141,7 @@ pub(super) fn finish(
         whiteness,
         seconds: 0.0,
     };
-    Ok(Outcome::of(discovery, fit, poses, options.constants))
+    Ok(Outcome::of(discovery, fit, poses))
 }
 
 /// Remark on poses that the errors on what took no part are without.
@@ -163,12 +162,7 @@ fn far_held_out(outliers: &[u32]) -> Option<Remark> {
 
 impl Outcome {
     /// A result with the fit that it states, to poses of set 1 given by index.
-    pub(super) fn of(
-        discovery: Discovery,
-        fit: &Fit,
-        poses: Vec<usize>,
-        constants: Constants,
-    ) -> Self {
+    pub(super) fn of(discovery: Discovery, fit: &Fit, poses: Vec<usize>) -> Self {
         let parameters = &fit.joint.machine.variant.parameters;
         let mut fitted: Vec<(&str, usize)> = (fit.joint.used.iter().enumerate())
             .map(|(column, &index)| (parameters[index].name.as_str(), column))
@@ -184,10 +178,8 @@ impl Outcome {
                 .collect(),
             covariance: &b * b.transpose(),
             cost: 0.5 * fit.chi2(),
-            carts: fit.carts(),
             poses,
             calibration: None,
-            constants,
             unknown: None,
         }
     }

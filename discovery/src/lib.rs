@@ -49,6 +49,7 @@ use std::time::Instant;
 use nalgebra::DMatrix;
 use tau_codegen::language::{self, Model, effects_from_text};
 use tau_codes::{Remark, files};
+use tau_estimation::all_sets;
 use tau_estimation::calibration::{self, Calibration, Nominal, Prepared, Stated, check_poses};
 use tau_estimation::joint::fit::Fit;
 use tau_estimation::joint::variant::PosesOf;
@@ -56,7 +57,6 @@ use tau_estimation::numerics::parallel;
 use tau_estimation::numerics::spread::spread;
 use tau_estimation::samples::Sample;
 use tau_estimation::trust;
-use tau_estimation::unknown_poses::errors_in_variables::GroupFit;
 use tau_robot::effects::CATALOGUE;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{Division, Folder, Poses, Split};
@@ -192,14 +192,9 @@ pub struct Outcome {
     covariance: DMatrix<f64>,
     /// Half the sum of squared whitened residuals and priors.
     cost: f64,
-    /// Fits of the carts of sets 2 and 3.
-    carts: Vec<GroupFit>,
-    /// Constants of the search.
-    constants: Constants,
     /// Poses of set 1 that calibrate it: indices in the folder, or in the estimated one.
     pub poses: Vec<usize>,
-    /// The calibration of what was found, as of any variant. There is none of unknown poses, and none beside carts, by which
-    /// the search fitted, too.
+    /// The calibration of what was found, as of any variant. There is none of unknown poses.
     pub calibration: Option<Calibration>,
     /// Where poses are unknown: their estimates, and the calibration of what was found.
     pub unknown: Option<OfUnknownPoses>,
@@ -216,7 +211,7 @@ impl Outcome {
     /// The discovered variant calibrated on poses of a folder, given by index: as any variant, from where the search ended.
     ///
     /// # Errors
-    /// As [`calibration::calibrate`].
+    /// As [`all_sets::calibrate`].
     pub fn calibrated(
         &self,
         file: &RobotFile,
@@ -236,7 +231,7 @@ impl Outcome {
             start: Some(self.values_in(&prepared)),
             ..calibration::Options::default()
         };
-        calibration::calibrate(Setup::new(&robot, variant, file, folder), poses, &options)
+        all_sets::calibrate(Setup::new(&robot, variant, file, folder), poses, &options)
     }
 
     /// Value of each parameter of a variant where the search ended.
@@ -276,60 +271,28 @@ impl Outcome {
 }
 
 impl Outcome {
-    /// The same model fitted anew to all sets with all poses in range, also those that showed the gap. What
-    /// [`Self::discovery`] says of errors at poses that took no part is not true of this fit.
+    /// The same model calibrated on all poses in range, also those that showed the gap. What [`Self::discovery`] says of errors
+    /// at poses that took no part is not true of this fit.
     ///
     /// # Errors
-    /// As [`discover`] of its base.
+    /// As [`Poses::select`].
     pub fn refitted_to_all(&self, file: &RobotFile, folder: &Folder) -> Result<Self, Error> {
         let robot = self.robot();
         let file = &file.completed(&robot);
         let division = Poses::select(&robot, file, folder, Split::All)?.division;
-        if has_poses_alone(folder) {
-            let poses = division.calibration;
-            return Ok(self.clone().with_calibration(file, folder, poses));
-        }
-        let mut model = self.discovery.model.clone();
-        model.variants.retain(|variant| variant.name == DISCOVERED);
-        let input = Input {
-            robot: &robot,
-            model: &model,
-            base: DISCOVERED,
-            file,
-            folder,
-            division: &division,
-            unknown: None,
-            options: &Options {
-                constants: self.constants,
-                ..Options::default()
-            },
-        };
-        let variant = variant_of(&robot, DISCOVERED)?;
-        let (fit, _) = parallel::within(|| base_fit(&input, &model, 0, variant))?;
-        let poses = division.calibration.clone();
-        Ok(Self::of(
-            self.discovery.clone(),
-            &fit,
-            poses,
-            self.constants,
-        ))
+        Ok(self
+            .clone()
+            .with_calibration(file, folder, division.calibration))
     }
 
     /// The same with the calibration of what was found, on poses of a folder, given by index.
     fn with_calibration(mut self, file: &RobotFile, folder: &Folder, poses: Vec<usize>) -> Self {
-        if has_poses_alone(folder) {
-            match self.calibrated(file, folder, &poses) {
-                Ok(found) => (self.calibration, self.poses) = (Some(found), poses),
-                Err(error) => self.discovery.remarks.push(not_calibrated(&error)),
-            }
+        match self.calibrated(file, folder, &poses) {
+            Ok(found) => (self.calibration, self.poses) = (Some(found), poses),
+            Err(error) => self.discovery.remarks.push(not_calibrated(&error)),
         }
         self
     }
-}
-
-/// True if nothing was measured of carts.
-fn has_poses_alone(folder: &Folder) -> bool {
-    folder.cart_poses.is_empty() && folder.cart_positions.is_empty()
 }
 
 /// Searches for what the variant `base` lacks. `progress` is told of each step in words.
@@ -378,7 +341,7 @@ fn discovered(
     }
     let Poses { mut division, .. } = Poses::select(robot, file, folder, options.split)?;
     let setup = Setup::new(robot, variant, &completed, folder);
-    check_poses(setup, &division.calibration, has_poses_alone(folder))?;
+    check_poses(setup, &division.calibration, !setup.takes_carts())?;
     let all = division.calibration.clone();
     let taken = spread(all.len(), constants::count(options.constants.most_poses));
     division.calibration = taken.iter().map(|&k| all[k]).collect();
@@ -403,7 +366,6 @@ fn discovered(
     let calibration =
         calibration.map_or_else(|| outcome.stated(&completed, folder), Ok::<_, Error>)?;
     let verdict = trust::of_calibration(&calibration, &completed, folder, &outcome.poses, None)?;
-    let verdict = verdict.with_groups(&outcome.carts, &completed);
     (outcome.discovery).conclude(&calibration, Some(verdict), robot);
     Ok(outcome)
 }

@@ -1,6 +1,7 @@
 //! From measurements to parameters: calibration by closures and with errors in variables, the joint fit of all
 //! sets, and how well the result predicts.
 
+pub mod all_sets;
 pub mod assumptions;
 pub mod calibration;
 pub mod check;

@@ -269,7 +269,6 @@ fn variant(numbers: &mut Numbers, name: &str, size: f64, full: bool) -> VariantR
         fit: None,
         validation_outliers: vec![],
         held: None,
-        closure_um: None,
     }
 }
 

@@ -21,7 +21,6 @@ use tau::weighing::Outlier;
 use tau_codes::Remark;
 
 use super::discovery::findings::unconfirmed;
-use super::errors_in_variables;
 use super::gauge::gauge_json;
 use super::measured::{self, gross_row};
 use super::terminal::kinds_of_fit;
@@ -313,7 +312,6 @@ pub fn calibration(found: &Calibrated, result: &VariantResult, parts: &Parts) ->
         })).collect::<Vec<_>>(),
         "held_out": held_out.map(|(own, held)| measured::held_out_json(own, held)),
         "noise_factor": unknown.map(|own| own.widened),
-        "errors_in_variables": found.errors_in_variables().map(|own| errors_in_variables::json(own, result)),
     });
     extend(&mut own, more);
     own

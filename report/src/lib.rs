@@ -6,7 +6,6 @@
 
 mod discovery;
 mod elements;
-mod errors_in_variables;
 pub mod figures;
 mod findings;
 mod first_page;

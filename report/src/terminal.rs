@@ -10,7 +10,6 @@ use tau::weighing::Outlier;
 use tau_codes::Remark;
 
 use super::discovery;
-use super::errors_in_variables;
 use super::findings;
 use super::gauge;
 use super::measured::{self, KindRow, LEFT_OUT};
@@ -182,9 +181,6 @@ pub fn calibration(
     screen.table(&measured::by_kind(&kinds_of_fit(found)));
     if let Some(unknown) = unknown {
         measured::left_out(&mut screen, unknown);
-    }
-    if let Some(fitted) = found.errors_in_variables() {
-        errors_in_variables::terminal(&mut screen, fitted, result);
     }
     if let Some(fit) = &result.fit {
         screen.gap();

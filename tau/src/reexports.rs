@@ -10,11 +10,14 @@ pub use calibration::Error;
 
 /// From nominal values and measured TCP poses to the parameters of a variant.
 pub mod calibration {
+    pub use tau_estimation::all_sets::calibrate;
     pub use tau_estimation::calibration::{
-        Calibration, Combination, Error, Line, LinkResult, LinkSigma, Nominal, NominalTrack,
-        Options, ParameterEstimate, Prepared, Registration, Serial, Source, Stated, calibrate,
+        Calibration, Carts, Combination, Error, Line, LinkResult, LinkSigma, Nominal, NominalTrack,
+        Options, ParameterEstimate, Prepared, Registration, Serial, Source, Stated,
         machine_from_file,
     };
+    pub use tau_estimation::joint::Component;
+    pub use tau_estimation::joint::predicted::GroupFit;
 }
 
 /// The search for effects that a model lacks.
@@ -29,13 +32,6 @@ pub mod discovery {
 /// The catalogue of effects that ships.
 pub mod effects {
     pub use tau_robot::effects::CATALOGUE;
-}
-
-/// Calibration with errors in variables: the true pose behind each measured one is unknown, too.
-pub mod errors_in_variables {
-    pub use tau_estimation::unknown_poses::errors_in_variables::{
-        Component, ErrorsInVariables, GroupFit, calibrate,
-    };
 }
 
 /// Mistakes of the input, each at its place.

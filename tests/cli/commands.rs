@@ -3,7 +3,7 @@
 use std::fs;
 
 use serde_json::Value;
-use tau_testkit::{GANTRY, PROTOTYPE, Work, estimate, fields, list, number};
+use tau_testkit::{GANTRY, PROTOTYPE, Work, fields, list, number};
 
 /// Mean, largest and root of the mean squared position error.
 fn position_um(of: &Value) -> [f64; 3] {
@@ -65,30 +65,35 @@ fn what_calibrate_writes_evaluates_to_what_it_says() {
     }
 }
 
+/// All files calibrate, an option of old says so, and those that are named alone.
 #[test]
-fn errors_in_variables_stand_beside_the_closure_fit() {
+fn every_file_calibrates_that_is_not_left_out() {
     let work = Work::empty();
-    let of = |flag: &str, out: &str| {
-        let line = format!("calibrate PROTOTYPE --variant Nominal {flag} --out DIR/{out}");
+    let of = |with: &str| {
+        let line = format!("calibrate PROTOTYPE --variant Full --split all {with} --out DIR/out");
         work.json(&line)
     };
-    let (ordinary, found) = (of("", "closures"), of("--errors-in-variables", "poses"));
-    let comparison = &found["errors_in_variables"];
-    fields(comparison, ["unknowns", "closure_m", "groups"]);
-    let closure_fit = &comparison["closure_fit"];
-    assert_eq!(position_um(closure_fit), position_um(&ordinary));
-    assert_eq!(position_um(comparison), position_um(&found));
-    for difference in list(&closure_fit["parameters"]) {
-        let name = difference["name"].as_str().unwrap();
-        let (before, after) = (estimate(&ordinary, name), estimate(&found, name));
-        assert_eq!(before["value"], difference["value"]);
-        let change = number(&after["value"]) - number(&before["value"]);
-        let sigmas = number(&difference["difference_sigma"]);
-        let difference = sigmas * number(&before["sigma"]);
-        assert!((difference - change).abs() < 1e-12, "{name}");
-    }
-    let line = "evaluate PROTOTYPE --variant Nominal --robot DIR/poses/robot.toml";
-    same_um(&found, &work.json(line));
+    let files = |of: &Value| -> Vec<String> {
+        let by_file = list(&of["fit"]["by_file"]).iter();
+        by_file
+            .map(|own| own["file"].as_str().unwrap().to_owned())
+            .collect()
+    };
+    let (all, old) = (of(""), of("--errors-in-variables"));
+    assert_eq!(all["parameters"], old["parameters"]);
+    let remarks = list(&old["remarks"]);
+    assert!(
+        remarks.iter().any(|own| own["code"] == "T262"),
+        "{remarks:?}"
+    );
+    let [set_1, set_2, set_3] = ["tcp_poses.csv", "cart_poses.csv", "cart_positions.csv"];
+    assert_eq!(files(&all), [set_1, set_2, set_2, set_3]);
+    let alone = of(&format!("--files {set_1}"));
+    assert_eq!(files(&alone), [set_1]);
+    let study = work.json("study PROTOTYPE --no-discover --split all --out DIR/study");
+    let of_study = &study["variants"]["Full"]["parameters"];
+    assert_ne!(of_study, &all["parameters"]);
+    assert_eq!(of_study, &alone["parameters"]);
 }
 
 #[test]

@@ -163,8 +163,7 @@ fn files_of_a_session_are_those_of_the_command() {
     let work = Work::prototype();
     let session = Session::<GantryTau>::open(work.measured()).unwrap();
     let options = session.options();
-    let with_errors =
-        session.calibrate_with_errors_in_variables(GantryTau::BEST_PER_LINK, &options);
+    let with_options = session.calibrate_with(GantryTau::BEST_PER_LINK, &options);
     let written = |out: &str, more: &str, found: Calibrated<GantryTau>| {
         work.run(&format!("calibrate MEASURED --out DIR/{out} {more}"))
             .done();
@@ -175,8 +174,7 @@ fn files_of_a_session_are_those_of_the_command() {
         assert_eq!(record.widening.to_bits(), verdict.widening().to_bits());
         (record.variant, record.split)
     };
-    let best = "--variant BestPerLink --errors-in-variables";
-    written("best", best, with_errors.unwrap());
+    written("best", "--variant BestPerLink", with_options.unwrap());
     let found = session.calibrate(GantryTau::FULL).unwrap();
     written("out", "--variant Full", found);
     let again = Files::from(&work.measured()).robot_file(work.path().join("out/robot.toml"));
@@ -200,6 +198,4 @@ fn drives_with_noise_calibrate_with_it() {
         assert!((sigma / own.sigma - 1.0).abs() < 1e-12, "{}", own.name);
     }
     refused(fit::NEEDS_MEASURED_POSES, session.verdict(&found));
-    let answer = session.calibrate_with_errors_in_variables(Hexapod::FULL, &session.options());
-    refused(fit::NEEDS_MEASURED_POSES, answer);
 }

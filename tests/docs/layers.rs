@@ -7,7 +7,7 @@ use crate::codes::{files, root};
 
 /// Modules of the crate, from below.
 const LAYERS: &str = "numerics implicit setup machine samples problem joint weighing calibration uncertainty expected \
-                      trust unknown_poses evaluation check sensitivity assumptions";
+                      trust all_sets unknown_poses evaluation check sensitivity assumptions";
 
 #[test]
 fn modules_import_those_below_them() {

@@ -1,10 +1,10 @@
-//! Calibration with errors in variables: against the truth, against a dense solution by hand, against the
-//! fit of closures.
+//! Calibration with the true poses and the carts among the unknowns: against the truth, against a dense solution by hand,
+//! against the fit of poses alone.
 
 use nalgebra::{DMatrix, DVector, Rotation3, Vector3};
 use rayon::ThreadPoolBuilder;
-use tau::calibration::{Calibration, Error, Options, calibrate, machine_from_file};
-use tau::errors_in_variables::{self, Component, ErrorsInVariables};
+use tau::calibration::{Calibration, Options, calibrate, machine_from_file};
+use tau::calibration::{Carts, Component};
 use tau::evaluation::evaluate;
 use tau::kinematics::{Machine, Pose, Sample};
 use tau::measurements::{Folder, TcpPose};
@@ -12,7 +12,7 @@ use tau::robot::{Owner, Parameter, Robot};
 use tau::robot_file::{Noise, RobotFile};
 use tau::simulation::{self, Poses, SimulatedFolder, Simulation, simulate};
 use tau::{Setup, robot};
-use tau_estimation::unknown_poses::{RowDivision, Unsolved};
+use tau_estimation::unknown_poses::{self, RowDivision, Unsolved};
 use tau_solver::{Method, solve};
 use tau_testkit::Random;
 use tau_testkit::robots::{gantry_tau, prototype};
@@ -30,8 +30,6 @@ fn variant(robot: &Robot) -> &robot::Variant {
 struct Drawn {
     file: RobotFile,
     folder: Folder,
-    /// The same poses without noise.
-    exact: Folder,
     values: Vec<f64>,
 }
 
@@ -63,18 +61,15 @@ fn drawn(seed: u64, poses: usize) -> Drawn {
     let every = (folder.tcp_poses.len() / poses).max(1);
     let own = folder.tcp_poses.into_iter().step_by(every);
     folder.tcp_poses = own.take(poses).collect();
-    let mut exact = folder.clone();
-    for (measured, exact) in folder.tcp_poses.iter_mut().zip(&mut exact.tcp_poses) {
-        let pose = truth.forward(&Sample::from(&*exact)).unwrap();
+    for measured in &mut folder.tcp_poses {
+        let pose = truth.forward(&Sample::from(&*measured)).unwrap();
         let mut vector = |sigma: f64| Vector3::from_fn(|_, _| sigma * random.normal());
         let (shift, turn) = (vector(NOISE.position_m), vector(NOISE.rotation_rad));
-        store(exact, &pose);
         store(measured, &pose.moved(shift, turn));
     }
     Drawn {
         file,
         folder,
-        exact,
         values,
     }
 }
@@ -99,11 +94,27 @@ fn tolerance(file: &RobotFile, robot: &Robot, parameter: &Parameter) -> f64 {
     value.as_ref().unwrap().tol
 }
 
-fn fit(file: &RobotFile, folder: &Folder) -> ErrorsInVariables {
+/// The fit of all sets, or of poses alone.
+fn fit(file: &RobotFile, folder: &Folder, poses_alone: bool) -> Calibration {
     let robot = gantry_tau();
     let poses: Vec<usize> = (0..folder.tcp_poses.len()).collect();
     let setup = Setup::new(&robot, variant(&robot), file, folder);
-    errors_in_variables::calibrate(setup, &poses, &Options::default()).unwrap()
+    let options = Options {
+        poses_alone,
+        ..Options::default()
+    };
+    calibrate(setup, &poses, &options).unwrap()
+}
+
+/// The fit with the true poses among its unknowns.
+fn fit_of_true_poses(drawn: &Drawn) -> Calibration {
+    let robot = gantry_tau();
+    let (file, folder) = (&drawn.file, &drawn.folder);
+    let poses: Vec<usize> = (0..folder.tcp_poses.len()).collect();
+    let setup = Setup::new(&robot, variant(&robot), file, folder);
+    let rows = RowDivision::of_poses(folder, &poses);
+    let found = unknown_poses::calibrate(setup, &rows, &Options::default());
+    found.unwrap().calibration
 }
 
 /// Differences from the truth in standard deviations, and their squared size in units of the covariance.
@@ -128,33 +139,26 @@ fn rms(machine: &Machine, exact: &Folder) -> f64 {
 }
 
 #[test]
-fn standard_deviations_cover_the_truth_and_the_closure_fit_is_no_better() {
+fn standard_deviations_cover_the_truth() {
     let (mut sum, mut count, mut within) = (0.0, 0, 0);
-    let (mut fitted, mut closure) = (0.0, 0.0);
     for seed in 100..130 {
         let drawn = drawn(seed, 40);
-        let found = fit(&drawn.file, &drawn.folder);
-        let mut groups = found.groups.iter();
-        assert!(groups.all(|group| group.noise_factor == 1.0), "{seed}");
-        let (off, square) = differences(&found.calibration, &drawn.values);
+        let (off, square) = differences(&fit_of_true_poses(&drawn), &drawn.values);
         sum += square;
         count += off.len();
         within += off.iter().filter(|off| off.abs() < 1.0).count();
-        fitted += rms(&found.calibration.machine, &drawn.exact).powi(2);
-        closure += rms(&found.closure_fit.machine, &drawn.exact).powi(2);
     }
     // χ² with as many degrees of freedom as parameters: standard deviation √(2 count).
     let deviation = (sum - count as f64) / (2.0 * count as f64).sqrt();
     assert!(deviation.abs() < 4.0, "{sum} of {count}: {deviation} sigma");
     let share = within as f64 / count as f64;
     assert!((share - 0.683).abs() < 0.04, "{share} within one sigma");
-    assert!(fitted < closure, "mean squares {fitted} and {closure} µm²");
 }
 
-/// All three sets, with noise of set 1 by a factor from what is stated.
+/// All three sets, with noise of set 2 by a factor from what is stated.
 fn all_sets(factor: f64, poses: usize, seed: u64) -> SimulatedFolder {
     let mut noise = simulation::Noise::default();
-    noise.scale[0] = factor;
+    noise.scale[1] = factor;
     let simulation = Simulation {
         variant: Some("Full".to_owned()),
         noise,
@@ -167,40 +171,40 @@ fn all_sets(factor: f64, poses: usize, seed: u64) -> SimulatedFolder {
 }
 
 #[test]
-fn all_sets_of_the_virtual_robot_give_a_better_robot_than_set_1_alone() {
-    let (mut fitted, mut closure) = (0.0, 0.0);
-    for seed in 1..=3 {
+fn carts_give_a_better_robot_than_set_1_alone() {
+    let (mut fitted, mut alone) = (0.0, 0.0);
+    for seed in 1..=6 {
         let simulated = all_sets(1.0, 60, seed);
-        let found = fit(&simulated.file, &simulated.folder);
-        let groups = found.groups.iter().map(|group| group.group);
-        assert_eq!(groups.collect::<Vec<_>>(), Component::ALL);
-        for group in &found.groups {
-            assert!((0.8..1.15).contains(&group.rms), "{seed}: {group:?}");
+        let of = |poses_alone| fit(&simulated.file, &simulated.folder, poses_alone);
+        let (found, of_set_1) = (of(false), of(true));
+        let Carts { groups, outliers } = found.carts.as_ref().unwrap();
+        let components = groups.iter().map(|group| group.group);
+        assert_eq!(components.collect::<Vec<_>>(), Component::OF_CARTS);
+        for group in groups {
+            assert!((0.85..1.15).contains(&group.rms), "{seed}: {group:?}");
             assert_eq!(group.noise_factor, 1.0, "{seed}: {group:?}");
         }
+        assert!(outliers.len() < 2, "{seed}: {outliers:?}");
         let mut exact = simulated.folder.clone();
         for (pose, state) in exact.tcp_poses.iter_mut().zip(&simulated.truth.tcp_poses) {
             let (position, rotation) = (state.pose.position_m, state.pose.rotation);
             store(pose, &Pose { position, rotation });
         }
-        fitted += rms(&found.calibration.machine, &exact);
-        closure += rms(&found.closure_fit.machine, &exact);
+        fitted += rms(&found.machine, &exact);
+        alone += rms(&of_set_1.machine, &exact);
     }
-    assert!(fitted < closure, "{fitted} µm against {closure} µm");
+    assert!(fitted < 0.9 * alone, "{fitted} µm against {alone} µm");
 }
 
-/// Poses three times as noisy as stated are told from carts that are as they are said to be.
+/// Carts three times as noisy as stated count as little as they tell.
 #[test]
-fn noise_of_a_group_is_estimated_where_it_exceeds_the_stated() {
+fn noise_of_carts_is_estimated_where_it_exceeds_the_stated() {
     let simulated = all_sets(3.0, 60, 1);
-    for group in &fit(&simulated.file, &simulated.folder).groups {
-        if group.group == Component::Closure {
-            // 360 residuals, of which some sixty unknowns pay for a part: three standard deviations are an eighth.
-            assert!((2.6..3.4).contains(&group.noise_factor), "{group:?}");
-            assert!((2.4..3.4).contains(&group.rms), "{group:?}");
-        } else {
-            assert_eq!(group.noise_factor, 1.0, "{group:?}");
-        }
+    let found = fit(&simulated.file, &simulated.folder, false);
+    for group in &found.carts.unwrap().groups {
+        let is_of_set_2 = group.group != Component::Position;
+        let expected = if is_of_set_2 { 2.6..3.4 } else { 1.0..1.01 };
+        assert!(expected.contains(&group.noise_factor), "{group:?}");
     }
 }
 
@@ -241,7 +245,7 @@ fn by_hand(drawn: &Drawn, priors: &Priors, x: &DVector<f64>) -> DVector<f64> {
 #[test]
 fn a_dense_solution_by_hand_is_the_same() {
     let drawn = drawn(7, 12);
-    let found = fit(&drawn.file, &drawn.folder).calibration;
+    let found = fit_of_true_poses(&drawn);
     let robot = gantry_tau();
     let place = |name: &str| {
         let parameter = &variant(&robot).parameters[variant(&robot).index_of(name)];
@@ -325,16 +329,4 @@ fn every_method_and_number_of_threads_gives_the_same() {
     }
     let sparse = run(Method::Sparse, 2);
     assert!((sparse.cost / alone.cost - 1.0).abs() < 1e-9);
-}
-
-#[test]
-fn too_few_poses_are_refused_as_by_the_ordinary_calibration() {
-    let drawn = drawn(3, 12);
-    let robot = gantry_tau();
-    let setup = || Setup::new(&robot, variant(&robot), &drawn.file, &drawn.folder);
-    let (few, options) = ([0, 1, 2], Options::default());
-    let ordinary = calibrate(setup(), &few, &options).err();
-    let found = errors_in_variables::calibrate(setup(), &few, &options).err();
-    assert!(matches!(found, Some(Error::Input(_))));
-    assert_eq!(found, ordinary);
 }

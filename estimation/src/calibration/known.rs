@@ -7,6 +7,7 @@ use tau_robot::robot_file::Noise;
 use super::{Combination, Nominal, Prepared, undetermined};
 use crate::joint::{Information, Joint};
 use crate::machine::Error;
+use crate::numerics::order::place;
 use crate::numerics::parallel;
 use crate::numerics::posterior::Posterior;
 use crate::numerics::triangle::root;
@@ -15,6 +16,7 @@ use crate::samples::Sample;
 use crate::weighing::MOST_POSES;
 
 /// Knowledge of parameters.
+#[derive(Clone)]
 pub(crate) struct Known {
     /// Index in the variant of each of them.
     pub(crate) used: Vec<usize>,
@@ -25,7 +27,7 @@ pub(crate) struct Known {
 
 impl Known {
     /// By all rows of a fit.
-    pub(super) fn new(joint: &Joint, information: Information) -> Self {
+    pub(crate) fn new(joint: &Joint, information: Information) -> Self {
         Self {
             used: joint.used.clone(),
             priors: joint.priors.clone(),
@@ -77,8 +79,46 @@ impl Known {
         }))
     }
 
+    /// The same with what other rows tell, of unknowns that may be others.
+    pub(crate) fn with(self, other: &Self) -> Self {
+        let mut used: Vec<usize> = self.used.iter().chain(&other.used).copied().collect();
+        used.sort_unstable();
+        used.dedup();
+        let mut priors = vec![Nominal::new(0.0, None); used.len()];
+        let mut information = Information::default();
+        let count = used.len();
+        for own in [&self, other] {
+            let places: Vec<usize> = own.used.iter().map(|index| place(&used, index)).collect();
+            let of = &own.information;
+            let mut all = Information {
+                matrix: DMatrix::zeros(count, count),
+                gradient: DVector::zeros(count),
+                by_way: DMatrix::zeros(count, of.by_way.ncols()),
+                squares: of.squares,
+            };
+            for (i, &row) in places.iter().enumerate() {
+                priors[row] = own.priors[i];
+                all.gradient[row] = of.gradient[i];
+                all.by_way.row_mut(row).copy_from(&of.by_way.row(i));
+                for (j, &column) in places.iter().enumerate() {
+                    all.matrix[(row, column)] = of.matrix[(i, j)];
+                }
+            }
+            if information.gradient.is_empty() {
+                information = all;
+            } else {
+                information += &all;
+            }
+        }
+        Self {
+            used,
+            priors,
+            information,
+        }
+    }
+
     /// Half the sum of squares of residuals and priors at the unknowns of the fit.
-    pub(super) fn cost(&self, fitted: &[f64]) -> f64 {
+    pub(crate) fn cost(&self, fitted: &[f64]) -> f64 {
         let of_priors = self.priors.iter().zip(fitted).filter_map(|(prior, at)| {
             let sigma = prior.sigma()?;
             Some(((at - prior.value) / sigma).powi(2))
@@ -88,7 +128,7 @@ impl Known {
 
     /// The step of Gauss and Newton from the unknowns of the fit, and its length in standard deviations; `None` where nothing
     /// determines one.
-    pub(super) fn step(&self, fitted: &[f64]) -> Option<(DVector<f64>, f64)> {
+    pub(crate) fn step(&self, fitted: &[f64]) -> Option<(DVector<f64>, f64)> {
         let mut normal = self.information.matrix.clone();
         let mut gradient = self.information.gradient.clone();
         for (k, (prior, at)) in self.priors.iter().zip(fitted).enumerate() {
@@ -97,7 +137,15 @@ impl Known {
                 gradient[k] += (at - prior.value) / sigma.powi(2);
             }
         }
-        let step = -normal.cholesky()?.solve(&gradient);
+        // In units in which each unknown by itself is known alike: those of lengths and angles differ by far.
+        let units = normal.diagonal().map(|own| own.sqrt().recip());
+        let mut shares = DMatrix::from_diagonal(&units) * normal * DMatrix::from_diagonal(&units);
+        // Of what nothing determines rounding is left.
+        for k in 0..units.len() {
+            shares[(k, k)] += f64::EPSILON * units.len() as f64;
+        }
+        let step = shares.cholesky()?.solve(&units.component_mul(&gradient));
+        let step = -units.component_mul(&step);
         let length = -step.dot(&gradient);
         Some((step, length.max(0.0).sqrt()))
     }
@@ -154,11 +202,23 @@ impl Known {
         posterior: &Posterior,
         track_scales: &[f64],
     ) -> Option<Vec<Vec<f64>>> {
+        let all: Vec<usize> = (0..self.used.len()).collect();
+        self.factor_of(&all, posterior, track_scales)
+    }
+
+    /// The same of some parameters.
+    pub(crate) fn factor_of(
+        &self,
+        places: &[usize],
+        posterior: &Posterior,
+        track_scales: &[f64],
+    ) -> Option<Vec<Vec<f64>>> {
         let (covariance, lost) = posterior.determined();
-        if lost.contains(&true) {
+        if places.iter().any(|&place| lost[place]) {
             return None;
         }
-        let spread = posterior.spread(|_, _| true);
+        let covariance = covariance.select_rows(places);
+        let spread = posterior.spread(|_, _| true).select_rows(places);
         let (parameters, columns) = spread.shape();
         let scales: Vec<(usize, f64)> = (track_scales.iter().copied().enumerate())
             .filter(|(_, deviation)| *deviation > 0.0)

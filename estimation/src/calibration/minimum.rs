@@ -141,7 +141,7 @@ impl Minimum {
             let Some((step, length)) = known.step(&fitted) else {
                 return Err(not_converged(&prepared.machine, not_finite("derivatives")));
             };
-            fitted = near.stepped(&fitted, &step, 1.0);
+            fitted = near.joint.stepped(&fitted, &step, 1.0);
             iterations += 1;
             // Sums stay as they are along a step that is none.
             if length < ARRIVED {

@@ -23,13 +23,14 @@ use tau_robot::robot_file::RobotFile;
 use tau_solver::Termination;
 
 use crate::joint::judged::Judged;
+use crate::joint::predicted::GroupFit;
 use crate::machine::error::{not_converged, unsolved};
 use crate::machine::searched;
 use crate::numerics::{count, triangle};
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
 use crate::setup::Setup;
-use crate::weighing::{self, Kept, Treatment, Weighing};
+use crate::weighing::{self, Kept, Outlier, Treatment, Weighing};
 
 pub use crate::machine::{
     Error, Line, MOUNTING_M, Nominal, NominalTrack, Prepared, Registration, length_noise,
@@ -66,6 +67,8 @@ pub struct Options {
     /// True if a scale of the whole machine that no measurement determines is fitted all the same, where poses are
     /// unknown.
     pub free_scale: bool,
+    /// True if carts take no part, as in the paper, where poses were measured.
+    pub poses_alone: bool,
     /// True if mistakes of rows are recognised where these are not met and poses are unknown, before more is tried to fit
     /// them as they are.
     pub recognises_mistakes: bool,
@@ -130,6 +133,8 @@ pub struct Calibration {
     pub weighing: Weighing,
     /// Correlation of the noise of poses that follow each other, if there is any.
     pub serial: Option<Serial>,
+    /// How the carts of sets 2 and 3 are met, if they took part.
+    pub carts: Option<Carts>,
     /// Iterations of the solver, summed over independent parts.
     pub iterations: usize,
     /// Why the solver stopped, in words.
@@ -138,6 +143,15 @@ pub struct Calibration {
     pub(crate) known: Option<Arc<(Vec<f64>, Judged)>>,
     /// Fingerprint of the poses, outliers included, where it was made of nothing else.
     pub(crate) made_of: Option<String>,
+}
+
+/// Carts of sets 2 and 3 in a calibration.
+#[derive(Debug, Clone)]
+pub struct Carts {
+    /// Fit of each kind of measurement.
+    pub groups: Vec<GroupFit>,
+    /// Measurements far off all others.
+    pub outliers: Vec<Outlier>,
 }
 
 impl Calibration {
@@ -198,7 +212,8 @@ pub fn calibrate(
     let folder = setup.folder;
     let file = &setup.file.completed(setup.robot);
     let setup = Setup { file, ..setup };
-    check_poses(setup, poses, true)?;
+    let are_alone = options.poses_alone || !setup.takes_carts();
+    check_poses(setup, poses, are_alone)?;
     let mut prepared = setup.prepared(poses)?;
     let found = from_prepared(&prepared, file, folder, poses, options)?;
     let measured = measured_at(folder, poses);
@@ -272,11 +287,12 @@ fn from_prepared(
         ..prepared.clone()
     };
     let setup = Setup::new(robot, variant, file, folder);
+    let are_alone = options.poses_alone || !setup.takes_carts();
     let weighed = |prepared: &Prepared, values: &[f64]| {
         let weighed = weighing::weighed(prepared, values, &samples, file.noise, options.treatment);
         let (mut weighing, judged) = weighed?;
         let left: Vec<usize> = weighing.taking_part(poses).collect();
-        if let Err(error) = check_places(setup, &left, true) {
+        if let Err(error) = check_places(setup, &left, are_alone) {
             weighing = weighing.keeping_outliers(Kept::Needed(error.text()));
         }
         let minimum = Minimum::of(prepared, values, (&samples, file.noise), &weighing, judged)?;
@@ -410,6 +426,7 @@ pub(crate) fn finish(
         registration: prepared.registration,
         machine,
         serial: None,
+        carts: None,
         known: None,
         made_of: None,
     })

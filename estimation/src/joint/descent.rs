@@ -349,12 +349,12 @@ impl Descent {
     /// A share of a step, and the residuals there. Frames and mountings trade along curved valleys:
     /// steps along their floor climb the walls, which corrections with the derivatives at hand undo.
     fn trial(&self, damped: &Damped, step: &DVector<f64>, share: f64) -> (Vec<f64>, DVector<f64>) {
-        let mut moved = self.stepped(&self.fitted, step, share);
+        let mut moved = self.joint.stepped(&self.fitted, step, share);
         let mut residuals = self.joint.residuals(&moved, &self.factors);
         for _ in 0..CORRECTIONS {
             let before = residuals.norm_squared();
             let correction = -damped.solve(&self.gradient(&residuals));
-            let corrected = self.stepped(&moved, &correction, 1.0);
+            let corrected = self.joint.stepped(&moved, &correction, 1.0);
             let after = self.joint.residuals(&corrected, &self.factors);
             let now = after.norm_squared();
             if now < before {
@@ -365,21 +365,6 @@ impl Descent {
             }
         }
         (moved, residuals)
-    }
-
-    /// Values moved by a share of a step, kept within their bounds.
-    pub(crate) fn stepped(&self, from: &[f64], step: &DVector<f64>, share: f64) -> Vec<f64> {
-        let mut moved: Vec<f64> = from
-            .iter()
-            .zip(step.iter())
-            .map(|(value, step)| value + share * step)
-            .collect();
-        for (moved, &index) in moved.iter_mut().zip(&self.joint.used) {
-            if let Some((low, high)) = self.joint.machine.variant.parameters[index].search {
-                *moved = moved.clamp(low, high);
-            }
-        }
-        moved
     }
 }
 

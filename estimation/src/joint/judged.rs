@@ -96,6 +96,25 @@ impl Judged {
         Ok(Self::of(descent, factor))
     }
 
+    /// At values of the variant that other measurements told, too, with the lower triangle F by rows of their covariance F·Fᵀ.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub(crate) fn held(
+        prepared: &Prepared,
+        samples: &[Sample],
+        noise: Noise,
+        inflation: &[f64],
+        factor: &[Vec<f64>],
+    ) -> Result<Self, Error> {
+        let values = &prepared.machine.values;
+        let weights = inflation.iter().map(|inflation| inflation.sqrt().recip());
+        let descent = closures_descent(prepared, values, samples, noise, (weights.collect(), 0))?;
+        let count = descent.fitted.len();
+        let entry = |row: usize, column: usize| factor[row].get(column).copied().unwrap_or(0.0);
+        Ok(Self::of(descent, DMatrix::from_fn(count, count, entry)))
+    }
+
     /// Of a descent that has arrived, with `B` of the covariance `B·Bᵀ` there.
     pub(crate) fn of(descent: Descent, factor: DMatrix<f64>) -> Self {
         let (chi2, rows) = descent.joint.counted(plain_residuals(&descent).as_slice());

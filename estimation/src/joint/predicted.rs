@@ -7,7 +7,6 @@ use super::fit::Fit;
 use super::{Component, Joint, Linear};
 use crate::machine::error::Error;
 use crate::machine::nominal::Nominal;
-use crate::numerics::distribution::exceeds_noise;
 use crate::samples::Sample;
 
 /// Residuals of measurements that took no part in a fit, in units of the stated noise.
@@ -55,27 +54,6 @@ impl Fit {
         let wanted = |&row: &usize| joint.rows[row].component == Component::Closure;
         let rows: Vec<usize> = (0..joint.rows.len()).filter(wanted).collect();
         Ok(self.told(&joint, &linear, &rows))
-    }
-
-    /// Fits of the carts of sets 2 and 3.
-    pub fn carts(&self) -> Vec<GroupFit> {
-        let fits = Component::OF_CARTS.into_iter().map(|group| {
-            let (sum, degrees, residuals) =
-                self.misfit(|row| self.joint.rows[row].component == group);
-            let squares = sum * self.scales[group as usize].powi(2);
-            let rms = (squares / degrees.max(1e-9)).sqrt();
-            GroupFit {
-                group,
-                residuals,
-                rms,
-                noise_factor: if exceeds_noise(squares, degrees) {
-                    rms
-                } else {
-                    1.0
-                },
-            }
-        });
-        fits.filter(|fit| fit.residuals > 0).collect()
     }
 
     /// Some rows of residuals of another joint of the same variant, by the unknowns of this one.

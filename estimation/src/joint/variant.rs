@@ -6,7 +6,7 @@ use tau_codegen::language::model::{
     Target, Term,
 };
 use tau_codegen::language::units::Dimension;
-use tau_robot::robot::{Arm, Instance, Variant};
+use tau_robot::robot::{Arm, Instance, Robot, Variant};
 use tau_runtime::ResidualKind;
 
 use crate::numerics::parallel;
@@ -149,7 +149,20 @@ pub fn free_turning(
     free
 }
 
-/// The same for a variant that differs from a compiled one, `before`, by one more effect at a place: only
+/// The variant of a robot with carts that turn freely; its closures are as they have been compiled.
+pub(crate) fn turning_freely(robot: &Robot, variant: &Variant, poses: PosesOf) -> Variant {
+    let model = &robot.model;
+    let index = model
+        .variants
+        .iter()
+        .position(|own| own.name == variant.name);
+    index.map_or_else(
+        || variant.clone(),
+        |index| free_turning(model, index, Some(variant), poses),
+    )
+}
+
+/// [`free_turning`] of a variant that differs from a compiled one, `before`, by one more effect at a place: only
 /// what that touches is compiled.
 pub fn free_turning_from(
     model: &Model,

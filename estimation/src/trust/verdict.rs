@@ -6,15 +6,13 @@ use std::fmt;
 use tau_robot::measurements::{Folder, TcpPose};
 use tau_robot::robot_file::RobotFile;
 
-use crate::calibration::{Calibration, ParameterEstimate, Serial};
+use crate::calibration::{Calibration, Carts, ParameterEstimate, Serial};
 use crate::joint::judged::Judged;
-use crate::joint::predicted::GroupFit;
 use crate::machine::{Error, Prepared};
 use crate::numerics::distribution::{chi2_survival, exceeds_noise};
 use crate::numerics::order::largest_first;
 use crate::numerics::parallel;
 use crate::numerics::spread::spread;
-use crate::problem::Component;
 use crate::setup::Setup;
 use crate::trust::hypothesis::Case;
 use crate::trust::mistake::{Mistake, MistakeKind};
@@ -143,15 +141,11 @@ impl Verdict {
         why.join(" ")
     }
 
-    /// The same with the carts of a fit of all sets.
-    #[must_use]
-    pub fn with_groups(mut self, groups: &[GroupFit], file: &RobotFile) -> Self {
+    /// Takes over how the carts of sets 2 and 3 are met.
+    fn meet_carts(&mut self, carts: Option<&Carts>, file: &RobotFile) {
         let mut missed = vec![];
-        for group in groups {
+        for group in carts.iter().flat_map(|carts| &carts.groups) {
             let component = group.group;
-            if !Component::OF_CARTS.contains(&component) {
-                continue;
-            }
             let (file_name, kind) = (component.file(), component.quantity());
             let sigma = component.stated(file.noise);
             self.by_file.push(FileFit {
@@ -169,7 +163,11 @@ impl Verdict {
         if !missed.is_empty() {
             self.say(Status::Inconsistent, Reason::CartsMissed(missed));
         }
-        self
+        self.outliers.extend(
+            carts
+                .iter()
+                .flat_map(|carts| carts.outliers.iter().cloned()),
+        );
     }
 }
 
@@ -215,13 +213,16 @@ pub fn of_calibration(
                 machine: machine.clone(),
                 ..case.prepared()?
             };
-            own = Judged::new(
-                &at_found,
-                &machine.values,
-                &case.samples(),
-                case.file.noise,
-                (&inflation, ITERATIONS),
-            )?;
+            let (samples, noise) = (case.samples(), case.file.noise);
+            let beside_carts = calibration.factor.as_ref();
+            let beside_carts = beside_carts.filter(|_| calibration.carts.is_some());
+            own = match beside_carts {
+                Some(factor) => Judged::held(&at_found, &samples, noise, &inflation, factor),
+                None => {
+                    let start = (inflation.as_slice(), ITERATIONS);
+                    Judged::new(&at_found, &machine.values, &samples, noise, start)
+                }
+            }?;
             &own
         }
     };
@@ -274,6 +275,7 @@ pub fn of_calibration(
     };
     verdict.conclude(&case, false, furthest().as_ref());
     verdict.tell(weighing);
+    verdict.meet_carts(calibration.carts.as_ref(), file);
     verdict.serial = calibration.serial;
     verdict.why.extend(calibration.serial.map(Reason::Serial));
     if verdict.status != Status::Absurd {

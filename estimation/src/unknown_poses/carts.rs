@@ -1,15 +1,13 @@
 //! Carts of sets 2 and 3 beside the plate: they say how tracks run and what carts do there, whatever measures the plate.
 
-use tau_robot::robot::{Robot, TrackShape, Variant};
-
 use super::fit::Fit;
 use super::kinds::KindsOfComponent;
 use super::tracker::of_true_poses;
 use super::{RowDivision, Settled, UnknownPoses};
 use crate::calibration::{self, Calibration};
-use crate::joint::variant::{PosesOf, free_turning};
+use crate::joint::variant::{PosesOf, turning_freely};
 use crate::machine::Error;
-use crate::problem::{Component, Part};
+use crate::problem::Part;
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
 use crate::samples::plates::place_plates;
@@ -20,17 +18,6 @@ use crate::weighing::{Loss, Treatment};
 /// Change of the cost that is no progress: where something is missing, mountings and turning rates creep along a valley
 /// that means nothing.
 const CONVERGED: f64 = 1e-3;
-
-/// The variant with carts that sets 2 and 3 may see turn in proportion to their commands, as discovery
-/// fits it.
-fn turning_freely(robot: &Robot, variant: &Variant) -> Variant {
-    let model = &robot.model;
-    let index = model.variants.iter().position(|v| v.name == variant.name);
-    index.map_or_else(
-        || variant.clone(),
-        |index| free_turning(model, index, Some(variant), PosesOf::Machine),
-    )
-}
 
 /// The fit of all sets of a folder from one of set 1, which registers the others; poses of the division take part.
 ///
@@ -59,7 +46,7 @@ pub(super) fn all_sets<'a>(
     let variant = &*of_true_poses(setup)?;
     let prepared = if samples.len() > poses.len() {
         place_plates(&near.machine, &mut samples);
-        let free = turning_freely(robot, variant);
+        let free = turning_freely(robot, variant, PosesOf::Machine);
         Setup {
             variant: &free,
             ..setup
@@ -82,20 +69,6 @@ pub(super) fn all_sets<'a>(
     Ok(fit)
 }
 
-/// True if carts tell a variant something: paths of piecewise tracks are their measurements already.
-fn take_part(setup: Setup<'_>) -> bool {
-    let Setup {
-        variant,
-        file,
-        folder,
-        ..
-    } = setup;
-    let mut tracks = variant.tracks.iter();
-    let are_measured = !folder.cart_poses.is_empty() || !folder.cart_positions.is_empty();
-    let have_noise = file.noise.position_m.is_finite() && file.noise.rotation_rad.is_finite();
-    are_measured && have_noise && tracks.all(|track| track.shape != TrackShape::Piecewise)
-}
-
 /// A calibration of the plate, carts beside it if they take part and lead anywhere. Where a variant misses them significantly,
 /// they count as if their noise were as large as the misfit: they never overrule the plate by what the variant lacks on
 /// tracks.
@@ -109,7 +82,7 @@ pub(super) fn beside(
     options: &calibration::Options,
 ) -> Result<UnknownPoses, Error> {
     // At the stated noise a fit that was widened has no end.
-    if plate.widened > 1.0 || !take_part(setup) {
+    if plate.widened > 1.0 || !setup.takes_carts() {
         return Ok(plate);
     }
     if let Some(mistake) = numbering::mistake(
@@ -134,8 +107,7 @@ fn joined(
 ) -> Result<UnknownPoses, Error> {
     let near = &plate.calibration;
     let mut fit = all_sets(setup, division, near)?;
-    fit.groups = KindsOfComponent::all(&fit.assembly.kinds);
-    (fit.groups).retain(|group| group.group != Component::Closure);
+    fit.groups = KindsOfComponent::of_carts(&fit.assembly.kinds);
     for (kind, known) in fit.assembly.kinds.iter_mut().zip(&plate.kinds) {
         *kind = known.kind;
     }

@@ -16,27 +16,25 @@ use crate::problem::{CLOSURE_SHARE, Component, POSE_UNKNOWNS};
 /// estimate replaces it.
 pub(super) const FIRST_GUESS_M: f64 = 1e-4;
 
-/// The kinds of a component, whose noise exceeds the stated one by a factor that they share, where their misfit is
+/// The kinds of a component of carts, whose noise exceeds the stated one by a factor that they share, where their misfit is
 /// significantly larger.
 #[derive(Debug)]
 pub(super) struct KindsOfComponent {
-    pub(super) group: Component,
     pub(super) kinds: Vec<usize>,
     /// Of the noise over the stated one.
     pub(super) factor: f64,
 }
 
 impl KindsOfComponent {
-    /// Those of the plate, links included, and each kind of carts for itself.
-    pub(super) fn all(kinds: &[Kind]) -> Vec<Self> {
+    /// Those of carts.
+    pub(super) fn of_carts(kinds: &[Kind]) -> Vec<Self> {
         let of = |component| Self {
-            group: component,
             kinds: (0..kinds.len())
                 .filter(|&kind| kinds[kind].of.component() == component)
                 .collect(),
             factor: 1.0,
         };
-        Component::ALL.map(of).into()
+        Component::OF_CARTS.map(of).into()
     }
 }
 

@@ -3,8 +3,7 @@
 //! Readings of the drives and of the plate are residuals of the true pose: each link's closure, with the
 //! noise that the drives give it; positions, heights, distances, each with its own. The solver eliminates the poses
 //! one by one (Schur complement), so that time and memory grow linearly with their number; distances couple two.
-//! Where poses are measured fully and drives are exact, this is to first order the fit of the closures, whitened;
-//! with the carts of sets 2 and 3 beside them it is that of [errors in variables](errors_in_variables).
+//! Where poses are measured fully and drives are exact, this is to first order the fit of the closures, whitened.
 
 mod assembly;
 mod branches;
@@ -17,7 +16,6 @@ mod curvature;
 mod dense;
 mod directions;
 mod elimination;
-pub mod errors_in_variables;
 mod estimated;
 mod evaluation;
 mod exchanged;

@@ -8,11 +8,10 @@ use super::fit::Fit;
 use super::outcome::SIGNIFICANT;
 use super::rows::{ABSORBED, CLOSURES, RowPlace, Rows};
 use super::{GrossRow, KindFit};
-use crate::joint::predicted::GroupFit;
 use crate::machine::Error;
 use crate::numerics::distribution::{chi2_quantile_above, chi2_survival};
 use crate::numerics::order::largest_first;
-use crate::problem::{CLOSURE_SHARE, Component};
+use crate::problem::CLOSURE_SHARE;
 use crate::samples::outliers;
 use crate::trust::PoseFit;
 
@@ -41,8 +40,7 @@ fn place_in(rows: &Rows, block: usize, residual: usize) -> RowPlace {
 }
 
 impl Fit<'_> {
-    /// Squares of each group in units of the stated noise, and the number of residuals. That of the plate counts what is
-    /// left by the unknowns of poses.
+    /// Squares of each group of carts in units of the stated noise, and the number of residuals.
     fn misfits(&self, reduced: &Reduced) -> Vec<(f64, usize)> {
         let mut squares = vec![0.0; self.assembly.kinds.len()];
         for (rows, residuals) in self.blocks.iter().zip(&reduced.residuals) {
@@ -53,28 +51,10 @@ impl Fit<'_> {
         let groups = self.groups.iter().map(|group| {
             let own = group.kinds.iter();
             let rows: usize = own.clone().map(|&kind| reduced.counts[kind]).sum();
-            let spent = if group.group == Component::Closure {
-                reduced.spent
-            } else {
-                0
-            };
             let squares: f64 = own.map(|&kind| squares[kind]).sum();
-            (squares * group.factor.powi(2), rows - spent)
+            (squares * group.factor.powi(2), rows)
         });
         groups.collect()
-    }
-
-    /// Misfit of the groups that have residuals.
-    pub(super) fn group_fits(&self, reduced: &Reduced) -> Vec<GroupFit> {
-        let groups = self.groups.iter().zip(self.misfits(reduced));
-        let groups = groups.filter(|(_, (_, residuals))| *residuals > 0);
-        let fits = groups.map(|(group, (squares, residuals))| GroupFit {
-            group: group.group,
-            residuals,
-            rms: (squares / residuals as f64).sqrt(),
-            noise_factor: group.factor,
-        });
-        fits.collect()
     }
 
     /// Estimates the noise of groups that miss the stated one significantly, by what the fit leaves of their residuals;

@@ -61,16 +61,17 @@ impl Folder {
     /// All mistakes of all files: files missing or unreadable, text that is no table of numbers,
     /// quantities in the wrong unit, poses given twice, tables of measurements under other names.
     pub fn read(path: &Path, shape: &Shape) -> Result<Self, InputError> {
-        Self::read_noting(path, shape, &mut |_, _| {})
+        Self::read_noting(path, shape, &[], &mut |_, _| {})
     }
 
-    /// The same; `note` gets the name and the text of each file that is there.
+    /// The same of these files alone, if any is named; `note` gets the name and the text of each.
     ///
     /// # Errors
-    /// As [`Folder::read`].
+    /// As [`Folder::read`]; a file is named that is not there.
     pub fn read_noting(
         path: &Path,
         shape: &Shape,
+        only: &[String],
         note: &mut dyn FnMut(&str, &str),
     ) -> Result<Self, InputError> {
         Self::find(path)?;
@@ -83,6 +84,7 @@ impl Folder {
             let text = texts.iter().find(|(file, _)| *file == name);
             text.and_then(|(_, text)| text.as_deref())
         });
+        let texts = texts.only(only)?;
         let others = refuse_measurements(path, shape);
         if texts.lack_the_plate() {
             return Err(others.err().unwrap_or_else(|| missing_tcp_poses(path)));

@@ -1,7 +1,10 @@
 //! Files of a measurement folder, by name, and their texts.
 
+use tau_codes::files;
+
 use super::plate::{DISTANCES, PlateKind};
 use crate::fingerprint::fingerprint;
+use crate::input_error::InputError;
 
 /// Name of the file of poses of the plate that are measured fully.
 pub const TCP_POSES: &str = "tcp_poses.csv";
@@ -66,6 +69,23 @@ impl<'a> Texts<'a> {
             readings,
             distances,
         }
+    }
+
+    /// Those of these files alone; all where none is named.
+    ///
+    /// # Errors
+    /// A file that is not there.
+    pub fn only(&self, names: &[String]) -> Result<Self, InputError> {
+        let is_there = |name: &&String| self.files().any(|(own, _)| own == **name);
+        if let Some(name) = names.iter().find(|name| !is_there(name)) {
+            let there: Vec<&str> = self.files().map(|(name, _)| name).collect();
+            let message = format!("found no measurements `{name}` in the folder");
+            return Err(InputError::whole(files::NO_SUCH_FILE, "--files", message)
+                .help(format!("the folder holds {}", there.join(", "))));
+        }
+        let is_named = |name: &str| names.is_empty() || names.iter().any(|own| own == name);
+        let own = |name: &str| self.files().find(|(own, _)| *own == name && is_named(own));
+        Ok(Self::of(|name| Some(own(name)?.1)))
     }
 
     /// The files that are there, by their names.

@@ -7,7 +7,6 @@ use std::ops::Deref;
 use tau_estimation::calibration::{Calibration, ParameterEstimate};
 use tau_estimation::trust::Verdict;
 use tau_estimation::unknown_poses::UnknownPoses;
-use tau_estimation::unknown_poses::errors_in_variables::ErrorsInVariables;
 use tau_robot::InputError;
 use tau_robot::robot_file::RobotFile;
 
@@ -29,7 +28,6 @@ pub struct Calibrated<R = Described> {
 #[expect(clippy::large_enum_variant, reason = "there is one a calibration")]
 pub(crate) enum Fit {
     Poses(Calibration),
-    ErrorsInVariables(ErrorsInVariables),
     UnknownPoses(UnknownPoses),
 }
 
@@ -37,7 +35,6 @@ impl Fit {
     pub(crate) fn calibration(&self) -> &Calibration {
         match self {
             Self::Poses(found) => found,
-            Self::ErrorsInVariables(found) => &found.calibration,
             Self::UnknownPoses(found) => &found.calibration,
         }
     }
@@ -45,7 +42,6 @@ impl Fit {
     pub(super) fn file_mut(&mut self) -> &mut RobotFile {
         match self {
             Self::Poses(found) => &mut found.file,
-            Self::ErrorsInVariables(found) => &mut found.calibration.file,
             Self::UnknownPoses(found) => &mut found.calibration.file,
         }
     }
@@ -75,14 +71,6 @@ impl<R> Calibrated<R> {
     pub fn unknown_poses(&self) -> Option<&UnknownPoses> {
         match &self.fit {
             Fit::UnknownPoses(found) => Some(found),
-            _ => None,
-        }
-    }
-
-    /// The fit with errors in variables, if it is one.
-    pub fn errors_in_variables(&self) -> Option<&ErrorsInVariables> {
-        match &self.fit {
-            Fit::ErrorsInVariables(found) => Some(found),
             _ => None,
         }
     }

@@ -18,6 +18,8 @@ pub struct Files {
     pub folder: Option<PathBuf>,
     /// The parameters; `None`: `robot.toml` of the folder, without a folder what the description gives.
     pub robot_file: Option<PathBuf>,
+    /// Names of the files of measurements that count; empty: all.
+    pub only: Vec<String>,
 }
 
 impl Files {
@@ -70,7 +72,7 @@ impl Files {
     fn folder_noting(&self, robot: &Robot, note: Note<'_>) -> Result<Folder, InputError> {
         let shape = Shape::from(robot);
         match &self.folder {
-            Some(path) => Folder::read_noting(path, &shape, note),
+            Some(path) => Folder::read_noting(path, &shape, &self.only, note),
             None if !prototype::is_of(robot) => {
                 let message = format!(
                     "found no measurement folder for robot `{}`: the measurements that are built in are of a Gantry-Tau",
@@ -87,6 +89,7 @@ impl Files {
                     cart_positions: Some(prototype::CART_POSITIONS),
                     ..Texts::default()
                 };
+                let texts = texts.only(&self.only)?;
                 texts.files().for_each(|(name, text)| note(name, text));
                 Folder::from_texts(prototype::NAME, texts, &shape)
             }
@@ -164,7 +167,7 @@ impl<P: AsRef<Path> + ?Sized> From<&P> for Files {
     fn from(folder: &P) -> Self {
         Self {
             folder: Some(folder.as_ref().to_owned()),
-            robot_file: None,
+            ..Self::default()
         }
     }
 }
@@ -174,7 +177,7 @@ impl From<PathBuf> for Files {
     fn from(folder: PathBuf) -> Self {
         Self {
             folder: Some(folder),
-            robot_file: None,
+            ..Self::default()
         }
     }
 }

@@ -18,13 +18,14 @@ use std::sync::OnceLock;
 
 use tau_codes::{Remark, fit};
 use tau_estimation::Setup;
+use tau_estimation::all_sets;
 use tau_estimation::calibration::{self, Error, Prepared};
 use tau_estimation::evaluation::{self, Evaluation};
 use tau_estimation::expected::Expected;
 use tau_estimation::numerics::parallel;
 use tau_estimation::sensitivity::{self, Sensitivity};
 use tau_estimation::uncertainty::Uncertainty;
-use tau_estimation::unknown_poses::{self, UnknownPoses, errors_in_variables};
+use tau_estimation::unknown_poses;
 use tau_estimation::weighing::Treatment;
 use tau_kinematics::Machine;
 use tau_robot::input_error::both;
@@ -235,13 +236,12 @@ impl<R> Session<R> {
                            compliances towards zero, by its share of the variance of the tensions";
             remarks.push(Remark::new(fit::NOISE_TAKEN_FOR_ZERO, message));
         }
-        let are_measured =
-            !self.folder.cart_poses.is_empty() || !self.folder.cart_positions.is_empty();
-        let is_of_plate = |found: &UnknownPoses| {
-            let mut kinds = found.kinds.iter();
-            !kinds.any(|kind| kind.kind.is_of_carts())
+        let takes_carts = self.setup(own).takes_carts();
+        let is_of_carts = match found.unknown_poses() {
+            Some(found) => found.kinds.iter().any(|own| own.kind.is_of_carts()),
+            None => found.carts.is_some(),
         };
-        if are_measured && found.unknown_poses().is_some_and(is_of_plate) {
+        if takes_carts && !is_of_carts {
             let message =
                 "the plate alone was fitted, without cart_poses.csv and cart_positions.csv";
             remarks.push(Remark::new(fit::PLATE_ALONE, message));
@@ -311,7 +311,7 @@ impl<R> Session<R> {
         Setup::new(&self.robot, variant, &self.robot_file, &self.folder)
     }
 
-    /// Calibrates a variant on the poses for it: see [`calibrate`](calibration::calibrate). Where the session
+    /// Calibrates a variant on the poses for it: see [`calibrate`](all_sets::calibrate). Where the session
     /// [has unknown poses](Self::has_unknown_poses), on all measurements of the plate: see
     /// [`calibrate`](unknown_poses::calibrate) of those; mistakes of rows are recognised.
     ///
@@ -351,37 +351,7 @@ impl<R> Session<R> {
         if self.has_unknown_poses() {
             return unknown_poses::calibrate(setup, &parts.rows, options).map(Fit::UnknownPoses);
         }
-        calibration::calibrate(setup, &parts.poses.calibration, options).map(Fit::Poses)
-    }
-
-    /// Calibrates a variant on all sets with errors in variables: the true pose behind each measured one is
-    /// unknown, too.
-    ///
-    /// # Errors
-    /// As [`Self::calibrate`]; carts of sets 2 and 3 are numbered wrongly; the session
-    /// [has unknown poses](Self::has_unknown_poses), of which every calibration has errors in variables.
-    pub fn calibrate_with_errors_in_variables(
-        &self,
-        variant: impl VariantKey<R>,
-        options: &calibration::Options,
-    ) -> Result<Calibrated<R>, Error> {
-        let variant = variant.variant_of(&self.robot)?;
-        self.sound()?;
-        if self.has_unknown_poses() {
-            let message = "found drives with noise, or more of them than freedoms, or measurements that tell less than \
-                           the pose, expected measured poses alone: every calibration of others has errors in variables";
-            let help = "leave `--errors-in-variables` out, or ask for a plain calibration";
-            let source = "--errors-in-variables";
-            return Err(
-                InputError::whole(fit::NEEDS_MEASURED_POSES, source, message)
-                    .help(help)
-                    .into(),
-            );
-        }
-        let parts = self.parts()?;
-        let poses = &parts.poses.calibration;
-        let found = errors_in_variables::calibrate(self.setup(variant), poses, options)?;
-        self.judged(Fit::ErrorsInVariables(found), &parts)
+        all_sets::calibrate(setup, &parts.poses.calibration, options).map(Fit::Poses)
     }
 
     /// A fit with the verdict on it and the record of it.
@@ -399,10 +369,6 @@ impl<R> Session<R> {
                 || self.provenance(found, &self.folder, &fitted, 1.0),
             );
             (verdict?, record)
-        };
-        let verdict = match &fit {
-            Fit::ErrorsInVariables(found) => verdict.with_groups(&found.groups, &self.robot_file),
-            _ => verdict,
         };
         fit.file_mut().calibration = Some(Provenance {
             widening: verdict.widening(),

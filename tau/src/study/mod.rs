@@ -6,7 +6,7 @@ use tau_codes::{Remark, fit};
 use tau_discovery as discovery;
 use tau_estimation::Setup;
 use tau_estimation::assumptions;
-use tau_estimation::calibration::{Calibration, Error};
+use tau_estimation::calibration::{Calibration, Error, Options};
 use tau_estimation::check;
 use tau_estimation::evaluation::{Evaluation, evaluate_knowing};
 use tau_estimation::expected::Expected;
@@ -181,7 +181,11 @@ fn calibrated<R>(
     variant: &Variant,
     parts: &Parts,
 ) -> Result<(Fit, VariantResult), Error> {
-    let options = session.options();
+    // The tables of the paper are of set 1.
+    let options = Options {
+        poses_alone: true,
+        ..session.options()
+    };
     let fit = session.fit(variant, parts, &options)?;
     let calibration = fit.calibration();
     let mut found = result(calibration, session.folder(), &parts.poses)?;
@@ -376,12 +380,9 @@ pub fn result_of<R>(
         || result(found, folder, &parts.poses),
         || session.validation_outliers(found, &parts.poses),
     );
-    let beside = found.errors_in_variables();
-    let beside = beside.map(|own| result(&own.closure_fit, folder, &parts.poses));
     Ok(VariantResult {
         fit: found.verdict().cloned(),
         validation_outliers: outliers?,
-        closure_um: beside.transpose()?.map(|own| own.evaluation.position_um),
         ..own?
     })
 }
@@ -430,6 +431,5 @@ fn result(
         fit: None,
         validation_outliers: vec![],
         held: None,
-        closure_um: None,
     })
 }

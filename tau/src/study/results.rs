@@ -41,8 +41,6 @@ pub struct VariantResult {
     pub validation_outliers: Vec<Outlier>,
     /// Errors of all measurements that validate, where true poses are unknown.
     pub held: Option<HeldErrors>,
-    /// Position error of the ordinary fit (µm), where this one has errors in variables.
-    pub closure_um: Option<Summary>,
 }
 
 impl VariantResult {
