@@ -10,8 +10,6 @@ mod errors_in_variables;
 pub mod figures;
 mod findings;
 mod first_page;
-#[cfg(test)]
-mod fixture;
 mod gauge;
 pub mod html;
 pub mod json;

@@ -61,7 +61,8 @@ fn is_figure(name: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{fixture, study_files, write_files};
+    use crate::tests::fixture;
+    use crate::{study_files, write_files};
 
     #[test]
     fn only_what_an_earlier_study_wrote_and_nobody_changed_is_stale() {

@@ -6,7 +6,9 @@ use tau::calibration::ParameterEstimate;
 use tau::robot::Owner;
 use tau::study::results::Study;
 
-use super::{figures, fixture, html, json, tables, terminal};
+use super::{figures, html, json, tables, terminal};
+
+pub(crate) mod fixture;
 
 /// The report as XML: HTML's only elements without an end in it are those of the head, and its script is left out.
 pub(super) fn parse_html(page: &str) -> String {

@@ -147,7 +147,11 @@ mod tests {
     }
 
     fn of_study(folder: &Path) -> Vec<(PathBuf, String)> {
-        study_files(folder, &crate::fixture::study(), &crate::fixture::record())
+        study_files(
+            folder,
+            &crate::tests::fixture::study(),
+            &crate::tests::fixture::record(),
+        )
     }
 
     fn texts(folder: &Path, names: &[&str]) -> Vec<(PathBuf, String)> {

@@ -1,8 +1,9 @@
 //! A robot as described, its instance (`robot.toml`), its measurements, and errors located in these files.
 
+#[macro_use]
+pub mod input_error;
 pub mod effects;
 pub mod fingerprint;
-pub mod input_error;
 pub mod klipper;
 mod link_key;
 pub mod measurements;

@@ -224,6 +224,32 @@ impl Robot {
         exists && formula.is_none()
     }
 
+    /// A robot as described, with variants.
+    fn of(model: Model, description: &str, variants: impl Iterator<Item = Variant>) -> Self {
+        let cluster = |own: &language::model::Cluster| Cluster {
+            name: own.name.clone(),
+            track: own.track,
+        };
+        let link = |own: &language::model::Link| Link {
+            name: own.name.clone(),
+            cluster: own.cluster,
+            actuated_by: own.actuated_by,
+        };
+        Self {
+            name: model.name.clone(),
+            source: model.name.clone(),
+            description: description.to_owned(),
+            plate: model.plate,
+            drives: model.drives(),
+            tracks: model.tracks.iter().map(|own| own.name.clone()).collect(),
+            clusters: model.clusters.iter().map(cluster).collect(),
+            links: model.links.iter().map(link).collect(),
+            commands: model.commands(),
+            variants: variants.collect(),
+            model: Arc::new(model),
+        }
+    }
+
     /// A robot from its description, compiled at run time: its functions are interpreted.
     ///
     /// They give the same numbers, bit for bit, as the code that `tau_model!` or `tau generate` makes of
@@ -462,116 +488,51 @@ impl From<&runtime::Robot> for Robot {
                 "the code of `{name}` carries a description that this version can't read; generate it again: {errors}"
             )
         });
-        Self {
-            name: robot.name.into(),
-            source: robot.name.into(),
-            description: robot.description.into(),
-            plate: model.plate,
-            drives: model.drives(),
-            model: Arc::new(model),
-            tracks: robot.tracks.iter().map(|&name| name.into()).collect(),
-            clusters: robot
-                .clusters
-                .iter()
-                .map(|c| Cluster {
-                    name: c.name.into(),
-                    track: c.track,
-                })
-                .collect(),
-            links: robot
-                .links
-                .iter()
-                .map(|l| Link {
-                    name: l.name.into(),
-                    cluster: l.cluster,
-                    actuated_by: l.actuated_by,
-                })
-                .collect(),
-            commands: robot.commands,
-            variants: robot.variants.iter().map(Variant::from).collect(),
-        }
-    }
-}
-
-impl From<&runtime::Variant> for Variant {
-    fn from(variant: &runtime::Variant) -> Self {
-        Self {
-            name: variant.name.into(),
-            arm: variant.arm,
-            tracks: variant.tracks.to_vec(),
-            effects: variant
-                .effects
-                .iter()
-                .map(|e| {
-                    (
-                        e.name.into(),
-                        e.places.iter().map(|&place| place.into()).collect(),
-                    )
-                })
-                .collect(),
-            parameters: variant
-                .parameters
-                .iter()
-                .map(|p| Parameter {
-                    name: p.name.into(),
-                    owner: p.owner,
-                    quantity: p.quantity.into(),
-                    component: p.component,
-                    unit: p.unit.into(),
-                    nominal: p.nominal,
-                    tolerance: p.tolerance,
-                    search: p.search,
-                })
-                .collect(),
-            instances: variant
-                .instances
-                .iter()
-                .map(|i| Instance {
-                    kind: i.kind,
-                    of: i.of,
-                    family: Arc::new(Static(i.family)),
-                    parameters: i.parameters.iter().map(|&index| index as usize).collect(),
-                    inputs: i.inputs.to_vec(),
-                })
-                .collect(),
-        }
+        Self::of(
+            model,
+            robot.description,
+            robot.variants.iter().map(Variant::from),
+        )
     }
 }
 
 impl From<&CompiledRobot> for Robot {
     fn from(robot: &CompiledRobot) -> Self {
-        let model = &robot.model;
+        let variants = robot.variants.iter().map(Variant::from);
+        Self::of(robot.model.clone(), &robot.description, variants)
+    }
+}
+
+impl From<&runtime::Variant> for Variant {
+    fn from(variant: &runtime::Variant) -> Self {
+        let effect = |own: &runtime::EffectUse| {
+            let places = own.places.iter().map(|&place| place.into());
+            (own.name.into(), places.collect())
+        };
+        let parameter = |own: &runtime::Parameter| Parameter {
+            name: own.name.into(),
+            owner: own.owner,
+            quantity: own.quantity.into(),
+            component: own.component,
+            unit: own.unit.into(),
+            nominal: own.nominal,
+            tolerance: own.tolerance,
+            search: own.search,
+        };
+        let instance = |own: &runtime::Instance| Instance {
+            kind: own.kind,
+            of: own.of,
+            family: Arc::new(Static(own.family)),
+            parameters: own.parameters.iter().map(|&index| index as usize).collect(),
+            inputs: own.inputs.to_vec(),
+        };
         Self {
-            name: model.name.clone(),
-            source: model.name.clone(),
-            description: robot.description.clone(),
-            plate: model.plate,
-            drives: model.drives(),
-            model: Arc::new(model.clone()),
-            tracks: model
-                .tracks
-                .iter()
-                .map(|track| track.name.clone())
-                .collect(),
-            clusters: model
-                .clusters
-                .iter()
-                .map(|c| Cluster {
-                    name: c.name.clone(),
-                    track: c.track,
-                })
-                .collect(),
-            links: model
-                .links
-                .iter()
-                .map(|l| Link {
-                    name: l.name.clone(),
-                    cluster: l.cluster,
-                    actuated_by: l.actuated_by,
-                })
-                .collect(),
-            commands: model.commands(),
-            variants: robot.variants.iter().map(Variant::from).collect(),
+            name: variant.name.into(),
+            arm: variant.arm,
+            tracks: variant.tracks.to_vec(),
+            effects: variant.effects.iter().map(effect).collect(),
+            parameters: variant.parameters.iter().map(parameter).collect(),
+            instances: variant.instances.iter().map(instance).collect(),
         }
     }
 }

@@ -1,6 +1,7 @@
 //! The machine of the drawings: numbers from the robot file or the description, and what formulas make of them.
 
 use std::collections::BTreeMap;
+use tau_robot::input_error;
 
 use nalgebra::Vector3;
 use tau_codegen::language::model::{CrankValue, Formula, Held, Link, Model, Value as Geometry};
@@ -54,12 +55,9 @@ impl<'a> Drawing<'a> {
     ) -> Result<Self, InputError> {
         let mut errors = Errors::default();
         let mut lacks = |what: String| {
-            let message = format!("the virtual robot needs {what}");
-            errors.add(InputError::whole(
-                files::UNKNOWN_VALUES,
-                &file.source,
-                message,
-            ));
+            errors.add(
+                input_error!(files::UNKNOWN_VALUES, &file.source; "the virtual robot needs {what}"),
+            );
         };
         if let Some(pulls) = unknown_pulls(robot) {
             lacks(pulls);
@@ -226,10 +224,11 @@ pub(super) fn refuse_not_finite(
     let Some((link, value)) = rods.find_map(|(rod, link)| Some((link, of_rod(rod)?))) else {
         return Ok(());
     };
-    let message = format!("`{value}` of link `{}` is not a finite number", link.name);
-    let help = "compare its formula with the values of the parameters in it, and their tolerances: the root of a negative \
-         number or a division by zero has no value";
-    Err(InputError::whole(files::FORMULA_VALUE, source, message).help(help))
+    Err(
+        input_error!(files::FORMULA_VALUE, source; "`{value}` of link `{}` is not a finite number", link.name;
+        "compare its formula with the values of the parameters in it, and their tolerances: the root of a negative \
+         number or a division by zero has no value"),
+    )
 }
 
 /// A component of a parameter of the whole machine.

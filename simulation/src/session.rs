@@ -1,8 +1,9 @@
 //! A simulation from drawings to measurements.
 
 use std::collections::BTreeMap;
+use tau_robot::input_error;
 
-use tau_codes::{Remark, files};
+use tau_codes::{Remark, files, remark};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{CART_POSITIONS, Folder, PlateKind, Shape};
 use tau_robot::number::shortest;
@@ -37,14 +38,12 @@ pub fn simulate(simulation: &Simulation) -> Result<SimulatedFolder, InputError> 
 }
 
 /// A remark on what would be within reach, where points of a grid are not.
-pub(super) fn within_reach(simulation: &Simulation) -> Option<Remark> {
+pub fn within_reach(simulation: &Simulation) -> Option<Remark> {
     let session = Session::new(simulation).ok()?;
     let is_grid = matches!(simulation.poses, Poses::Grid { .. });
     let places_tcp = session.home.places_tcp(&session.nominal);
-    (is_grid && places_tcp).then(|| {
-        let text = format!("to stay within reach, {}", session.advice());
-        Remark::new(files::LEFT_OUT, text)
-    })
+    (is_grid && places_tcp)
+        .then(|| remark!(files::LEFT_OUT; "to stay within reach, {}", session.advice()))
 }
 
 /// Stream of the random numbers of set 1.
@@ -65,31 +64,29 @@ impl<'a> Session<'a> {
         } = simulation;
         // Another assembly would be another machine, of which no variant of the robot file is true.
         let Some(reference) = file.completed(robot).reference else {
-            let message = "found no `[reference]`, expected the pose at which the machine stands at some commands";
-            return Err(InputError::whole(
-                tau_codes::kinematics::NO_REFERENCE,
-                &file.source,
-                message,
-            )
-            .help(file.reference_advice(robot)));
+            return Err(
+                input_error!(tau_codes::kinematics::NO_REFERENCE, &file.source;
+                "found no `[reference]`, expected the pose at which the machine stands at some commands";
+                "{}", file.reference_advice(robot)),
+            );
         };
         let mut drawing = Drawing::new(robot, file, &reference)?;
         drawing::refuse_not_finite(&drawing.nominal, robot, &file.source)?;
         let Some(home) = Commanded::reference(&drawing.nominal, &reference) else {
             if let Some(free) = Commanded::free_at(&drawing.nominal, &reference) {
-                let message = format!(
-                    "the machine is singular at its `[reference]`: the plate is free to {free}"
+                return Err(
+                    input_error!(tau_codes::kinematics::REFERENCE_SINGULAR, &file.source;
+                    "the machine is singular at its `[reference]`: the plate is free to {free}";
+                    "links whose lines meet, are parallel or lie in one plane hold the plate too loosely: compare \
+                     joints and the reference with the drawing"),
                 );
-                return Err(InputError::whole(tau_codes::kinematics::REFERENCE_SINGULAR, &file.source, message).help(
-                    "links whose lines meet, are parallel or lie in one plane hold the plate too loosely: compare joints and \
-                     the reference with the drawing",
-                ));
             }
-            let message =
+            return Err(
+                input_error!(tau_codes::kinematics::REFERENCE_UNASSEMBLED, &file.source;
                 "the arm can't be assembled near `[reference]` so that the links hold the plate";
-            return Err(InputError::whole(tau_codes::kinematics::REFERENCE_UNASSEMBLED, &file.source, message).help(
-                "compare lengths, joints and the reference with the drawing: in metres, and of the assembly that was built",
-            ));
+                "compare lengths, joints and the reference with the drawing: in metres, and of the assembly that was \
+                 built"),
+            );
         };
         // A scale that the ordinary variant holds, or what else it can't describe, would be an error that nobody asked for.
         let variant = match &simulation.variant {
@@ -119,12 +116,9 @@ impl<'a> Session<'a> {
             |effect: &&Effect| effect.listed && LOADED.contains(&effect.name.as_str());
         let following = machine.effects.iter().find(follows_forces);
         if let Some(effect) = following.filter(|_| !machine.is_loaded()) {
-            let message = format!(
-                "found no `[payload]`, expected one: `{}` follows the forces in the arm",
-                effect.name
-            );
-            return Err(InputError::whole(files::NO_FORCES, &file.source, message)
-                .help("add `[payload]` to the robot file, or give its mass with `--payload`"));
+            return Err(input_error!(files::NO_FORCES, &file.source;
+                "found no `[payload]`, expected one: `{}` follows the forces in the arm", effect.name;
+                "add `[payload]` to the robot file, or give its mass with `--payload`"));
         }
         if simulation.noise_force_n.is_some() {
             forces::check(&machine)?;
@@ -239,11 +233,8 @@ impl<'a> Session<'a> {
         let (mut set3, mut states3) = self.reached(set3);
         // A single pose says nothing of how carts move, and readers refuse it.
         if set3.stops.len() == 1 {
-            let text = format!(
-                "{CART_POSITIONS} is left out: of {} random poses one is within reach",
-                simulation.random_poses
-            );
-            remarks.push(Remark::new(files::LEFT_OUT, text));
+            remarks.push(remark!(files::LEFT_OUT;
+                "{CART_POSITIONS} is left out: of {} random poses one is within reach", simulation.random_poses));
             (set3.stops, states3) = (vec![], vec![]);
         }
         let points =
@@ -314,12 +305,9 @@ impl<'a> Session<'a> {
 
     fn check_tilt(&self) -> Result<(), InputError> {
         if self.simulation.tilt_rad > 0.0 && !self.home.turns_plate(&self.nominal) {
-            let message = "the drives can't turn the plate where it is: its orientation follows from its position, or it \
-                           has none";
-            return Err(
-                InputError::whole(tau_codes::kinematics::NO_TURN, "--tilt", message)
-                    .help("leave the option out"),
-            );
+            return Err(input_error!(tau_codes::kinematics::NO_TURN, "--tilt";
+                "the drives can't turn the plate where it is: its orientation follows from its position, or it has none";
+                "leave the option out"));
         }
         Ok(())
     }
@@ -398,25 +386,13 @@ impl<'a> Session<'a> {
     /// The error that fewer than two poses are left of those planned.
     fn too_few(&self, planned: usize) -> InputError {
         if planned > 1 {
-            let message = format!(
+            return input_error!(tau_codes::kinematics::TOO_FEW_WITHIN_REACH, "poses";
                 "fewer than two poses are within reach of the machine that was drawn from the tolerances, with its \
-                 effects; {planned} are of that of the drawings"
-            );
-            return InputError::whole(
-                tau_codes::kinematics::TOO_FEW_WITHIN_REACH,
-                "poses",
-                message,
-            )
-            .help(
-                "give smaller tolerances, or smaller effects, or take the drawings with --exact",
-            );
+                 effects; {planned} are of that of the drawings";
+                "give smaller tolerances, or smaller effects, or take the drawings with --exact");
         }
-        InputError::whole(
-            tau_codes::kinematics::TOO_FEW_WITHIN_REACH,
-            "poses",
-            "fewer than two poses are within reach",
-        )
-        .help(self.advice())
+        input_error!(tau_codes::kinematics::TOO_FEW_WITHIN_REACH, "poses"; "fewer than two poses are within reach";
+            "{}", self.advice())
     }
 
     /// Remarks on what says nothing: measurements that no pose changes, effects of forces where none act, and of a tracker without one.

@@ -27,9 +27,10 @@ pub(super) fn formula(parser: &mut Parser<'_>) -> Parse<Expression> {
 fn node(parser: &Parser<'_>, kind: ExpressionKind, start: &Start, depth: usize) -> Parse<Node> {
     let location = parser.since(start.0);
     if depth > DEPTH_LIMIT {
-        let message = format!("this formula has more than {DEPTH_LIMIT} levels");
-        return Err(Diagnostic::new(language::TOO_DEEP, location, message)
-            .help("split it into several terms"));
+        return Err(
+            diagnostic!(TOO_DEEP, location; "this formula has more than {DEPTH_LIMIT} levels";
+            "split it into several terms"),
+        );
     }
     Ok(Node {
         expression: Expression { kind, location },
@@ -90,12 +91,9 @@ fn signed(parser: &mut Parser<'_>) -> Parse<Node> {
         return power(parser);
     };
     if parser.at("-") {
-        return Err(Diagnostic::new(
-            language::OPERATORS,
-            parser.since(sign),
-            "two signs in a row",
-        )
-        .help("write one sign, or parentheses"));
+        return Err(
+            diagnostic!(OPERATORS, parser.since(sign); "two signs in a row"; "write one sign, or parentheses"),
+        );
     }
     let inner = power(parser)?;
     let depth = inner.depth + 1;
@@ -133,12 +131,10 @@ fn primary(parser: &mut Parser<'_>) -> Parse<Node> {
     if let Some(mut inside) = parser.enter(Delimiter::Parenthesis) {
         let (mut items, depth) = list(&mut inside)?;
         return match items.len() {
-            0 => Err(Diagnostic::new(
-                language::MISSING_VALUE,
-                parser.since(start.0),
-                "empty parentheses",
-            )
-            .help("write a value, or a vector `(x, y, z)`")),
+            0 => Err(
+                diagnostic!(MISSING_VALUE, parser.since(start.0); "empty parentheses";
+                "write a value, or a vector `(x, y, z)`"),
+            ),
             1 => {
                 let inner = items.remove(0);
                 node(parser, inner.kind, &start, depth)

@@ -31,28 +31,21 @@ pub(super) fn number(parser: &mut Parser<'_>) -> Parse<(f64, Span)> {
         return Err(parser.expected(language::PERCENT_SIGN, "a unit").help(help));
     }
     if find_unit(suffix).is_some() {
-        return Err(Diagnostic::new(
-            language::UNIT_WITHOUT_SPACE,
-            span,
-            format!("`{text}` lacks a space before its unit"),
-        )
-        .help(format!("write `{digits} {suffix}`")));
+        return Err(
+            diagnostic!(UNIT_WITHOUT_SPACE, span; "`{text}` lacks a space before its unit";
+            "write `{digits} {suffix}`"),
+        );
     }
     if !suffix.is_empty() {
-        return Err(Diagnostic::new(
-            language::NOT_DECIMAL,
-            span,
-            format!("`{text}` is not a decimal number"),
-        )
-        .help(format!("`{suffix}` does not belong there")));
+        return Err(
+            diagnostic!(NOT_DECIMAL, span; "`{text}` is not a decimal number";
+            "`{suffix}` does not belong there"),
+        );
     }
     if !value.is_finite() {
-        return Err(Diagnostic::new(
-            language::NUMBER_TOO_LARGE,
-            span,
-            format!("`{text}` is too large"),
-        )
-        .help(format!("numbers end at {:e}", f64::MAX)));
+        return Err(
+            diagnostic!(NUMBER_TOO_LARGE, span; "`{text}` is too large"; "numbers end at {:e}", f64::MAX),
+        );
     }
     Ok((value, span))
 }
@@ -109,12 +102,7 @@ pub(super) fn exponent(parser: &mut Parser<'_>) -> Parse<i32> {
         .ok()
         .filter(|value| *value <= 100)
         .ok_or_else(|| {
-            Diagnostic::new(
-                language::EXPONENT,
-                parser.since(start),
-                "this exponent is too large",
-            )
-            .help("exponents end at 100")
+            diagnostic!(EXPONENT, parser.since(start); "this exponent is too large"; "exponents end at 100")
         })?;
     Ok(if negative { -value } else { value })
 }
@@ -128,11 +116,9 @@ pub(super) fn quantity(parser: &mut Parser<'_>) -> Parse<Quantity> {
         return with_unit(parser, start, vec![number]);
     };
     if numbers.len() != 3 {
-        let message = format!("a vector has 3 components, found {}", numbers.len());
-        return Err(
-            Diagnostic::new(language::VECTOR_COMPONENTS, parser.since(start), message)
-                .help("write `(x, y, z)`, or one number without parentheses"),
-        );
+        return Err(diagnostic!(VECTOR_COMPONENTS, parser.since(start);
+            "a vector has 3 components, found {}", numbers.len();
+            "write `(x, y, z)`, or one number without parentheses"));
     }
     with_unit(parser, start, numbers)
 }
@@ -142,12 +128,9 @@ fn no_decimal_comma(parser: &Parser<'_>) -> Parse<()> {
     let mut behind = parser.clone();
     let comma = behind.eat(",");
     match comma.filter(|_| behind.eat_literal().is_some()) {
-        Some(comma) => Err(Diagnostic::new(
-            language::DECIMAL_COMMA,
-            comma,
-            "a number has no decimal comma",
-        )
-        .help("write a point, such as `0.5`")),
+        Some(comma) => Err(
+            diagnostic!(DECIMAL_COMMA, comma; "a number has no decimal comma"; "write a point, such as `0.5`"),
+        ),
         None => Ok(()),
     }
 }

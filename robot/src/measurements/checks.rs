@@ -93,15 +93,10 @@ impl Folder {
         if calibration_poses >= enough {
             return Ok(());
         }
-        let message = format!(
-            "{calibration_poses} of {} poses calibrate, expected at least {enough}, which leave {degrees} residuals to judge \
-             the fit by, beside the {parameters} parameters of variant `{variant}`",
-            self.tcp_poses.len(),
-        );
-        Err(
-            InputError::whole(fit::TOO_FEW_POSES, self.tcp_poses_name(), message)
-                .help("measure more poses, or let more of them calibrate with `--split`"),
-        )
+        Err(input_error!(fit::TOO_FEW_POSES, self.tcp_poses_name();
+            "{calibration_poses} of {} poses calibrate, expected at least {enough}, which leave {degrees} residuals to \
+             judge the fit by, beside the {parameters} parameters of variant `{variant}`", self.tcp_poses.len();
+            "measure more poses, or let more of them calibrate with `--split`"))
     }
 
     /// Checks that the links of the robot, with the values of its file, reach from the cart at its
@@ -134,31 +129,18 @@ impl Folder {
                 continue;
             }
             for pose in beyond.into_iter().filter(|pose| blamed.insert(pose.pose)) {
-                let message = format!(
-                    "pose {} is out of reach: {}",
-                    pose.pose,
-                    reach.describe(pose)
-                );
-                errors.add(InputError::whole(tau_codes::kinematics::OUT_OF_REACH, self.tcp_poses_name(), message).help(
-                    "compare its commands and position with the record of the measurement, or remove its row",
-                ));
+                errors.add(input_error!(tau_codes::kinematics::OUT_OF_REACH, self.tcp_poses_name();
+                    "pose {} is out of reach: {}", pose.pose, reach.describe(pose);
+                    "compare its commands and position with the record of the measurement, or remove its row"));
             }
         }
         errors.finish()
     }
 
     fn most_beyond(&self, reach: &Reach<'_>, poses: &[&TcpPose]) -> InputError {
-        let error = InputError::whole(
-            tau_codes::kinematics::MOST_OUT_OF_REACH,
-            self.tcp_poses_name(),
-            format!(
-                "{} of {} poses are out of reach: {} at pose {}",
-                poses.len(),
-                self.tcp_poses.len(),
-                reach.describe(poses[0]),
-                poses[0].pose
-            ),
-        );
+        let error = input_error!(tau_codes::kinematics::MOST_OUT_OF_REACH, self.tcp_poses_name();
+            "{} of {} poses are out of reach: {} at pose {}",
+                poses.len(), self.tcp_poses.len(), reach.describe(poses[0]), poses[0].pose);
         let fits = |command: &dyn Fn(&TcpPose) -> f64| {
             let fitting = poses
                 .iter()

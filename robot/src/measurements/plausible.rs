@@ -137,16 +137,9 @@ pub(crate) fn lengths(table: &Table<'_>, columns: &[&Column], mistakes: &mut Mis
 pub(crate) fn positive(table: &Table<'_>, column: &Column, mistakes: &mut Mistakes<'_>) {
     for (row, value) in column.values.iter().enumerate() {
         if *value <= 0.0 {
-            let message = format!(
+            mistake!(mistakes, files::OUT_OF_BOUNDS, table.place(row, column.index);
                 "found {} in column `{}`, expected a distance above 0",
-                table.text(row, column.index),
-                table.name(column.index)
-            );
-            mistakes.push(
-                files::OUT_OF_BOUNDS,
-                table.place(row, column.index),
-                message,
-            );
+                    table.text(row, column.index), table.name(column.index));
         }
     }
 }
@@ -177,16 +170,9 @@ pub(crate) fn deviations(table: &Table<'_>, column: &Column, mistakes: &mut Mist
 pub(crate) fn forces(table: &Table<'_>, column: &Column, mistakes: &mut Mistakes<'_>) {
     for (row, value) in column.values.iter().enumerate() {
         if value.abs() > LARGEST_FORCE_N {
-            let message = format!(
+            mistake!(mistakes, files::OUT_OF_BOUNDS, table.place(row, column.index);
                 "found {} in column `{}`, expected a force in newtons, at most {LARGEST_FORCE_N:e}",
-                table.text(row, column.index),
-                table.name(column.index)
-            );
-            mistakes.push(
-                files::OUT_OF_BOUNDS,
-                table.place(row, column.index),
-                message,
-            );
+                    table.text(row, column.index), table.name(column.index));
         }
     }
 }
@@ -209,16 +195,9 @@ fn no_metres(
         .filter(|(.., magnitude)| !magnitude.is_nan())
         .max_by(|a, b| a.2.total_cmp(&b.2));
     if let Some((row, column, _)) = largest {
-        mistakes.push_with_help(
-            files::NOT_METRES,
-            table.place(row, column),
-            format!(
-                "column `{}` reaches {}, expected metres",
-                table.name(column),
-                table.text(row, column)
-            ),
-            unit_advice("these", is_plausible),
-        );
+        mistake!(mistakes, files::NOT_METRES, table.place(row, column);
+            "column `{}` reaches {}, expected metres", table.name(column), table.text(row, column);
+            "{}", unit_advice("these", is_plausible));
     }
 }
 
@@ -228,14 +207,9 @@ fn strays(table: &Table<'_>, columns: &[&Column], mistakes: &mut Mistakes<'_>) {
         let median = Quantiles::of(&column.values).median;
         for (row, value) in column.values.iter().enumerate() {
             if (value - median).abs() > LONGEST_M {
-                mistakes.push(files::FAR_FROM_OTHERS,
-                    table.place(row, column.index),
-                    format!(
-                        "found {} in column `{}`, expected metres near {median:.3} as in the other rows",
-                        table.text(row, column.index),
-                        table.name(column.index)
-                    ),
-                );
+                mistake!(mistakes, files::FAR_FROM_OTHERS, table.place(row, column.index);
+                    "found {} in column `{}`, expected metres near {median:.3} as in the other rows",
+                        table.text(row, column.index), table.name(column.index));
             }
         }
     }
@@ -252,25 +226,16 @@ pub fn angles<'a>(
             .filter(|&row| column.values[row].abs() > LARGEST_ANGLE_RAD)
             .collect();
         let is_whole_column = 2 * beyond.len() > table.rows();
-        for &row in if is_whole_column {
-            &beyond[..1]
+        let (shown, these) = if is_whole_column {
+            (&beyond[..1], "the column looks like degrees:")
         } else {
-            &beyond[..]
-        } {
-            mistakes.push_with_help(
-                files::NOT_RADIANS,
-                table.place(row, column.index),
-                format!(
-                    "found {} in column `{}`, expected radians between -2*pi and 2*pi",
-                    table.text(row, column.index),
-                    table.name(column.index)
-                ),
-                if is_whole_column {
-                    "the column looks like degrees: multiply by pi/180"
-                } else {
-                    "are these degrees? multiply by pi/180"
-                },
-            );
+            (&beyond[..], "are these degrees?")
+        };
+        for &row in shown {
+            mistake!(mistakes, files::NOT_RADIANS, table.place(row, column.index);
+                "found {} in column `{}`, expected radians between -2*pi and 2*pi",
+                    table.text(row, column.index), table.name(column.index);
+                "{these} multiply by pi/180");
         }
     }
 }
@@ -279,17 +244,9 @@ pub fn angles<'a>(
 pub(crate) fn temperatures(table: &Table<'_>, column: &Column, mistakes: &mut Mistakes<'_>) {
     for (row, value) in column.values.iter().enumerate() {
         if !value.is_nan() && !TEMPERATURES_C.contains(value) {
-            mistakes.push(
-                files::OUT_OF_BOUNDS,
-                table.place(row, column.index),
-                format!(
-                    "found {} in column `{}`, expected degrees Celsius between {} and {}",
-                    table.text(row, column.index),
-                    table.name(column.index),
-                    TEMPERATURES_C.start(),
-                    TEMPERATURES_C.end()
-                ),
-            );
+            mistake!(mistakes, files::OUT_OF_BOUNDS, table.place(row, column.index);
+                "found {} in column `{}`, expected degrees Celsius between {} and {}",
+                    table.text(row, column.index), table.name(column.index), TEMPERATURES_C.start(), TEMPERATURES_C.end());
             return;
         }
     }
@@ -325,25 +282,16 @@ pub fn carts(
         .collect();
     if carts.is_empty() {
         let message = "found a table of carts, but this robot has none";
-        mistakes.push(
-            files::NO_SUCH_CART,
-            table.place(0, column.index),
-            message.to_owned(),
-        );
+        mistake!(mistakes, files::NO_SUCH_CART, table.place(0, column.index); "{}", message.to_owned());
         return;
     }
     let carts = carts.join(", ");
     let is_cart = |cart: u32| cart > 0 && shape.has_cart(cart as usize - 1);
     for (row, cart) in column.values.iter().enumerate() {
         if cart.is_some_and(|cart| !is_cart(cart)) {
-            mistakes.push(files::NO_SUCH_CART,
-                table.place(row, column.index),
-                format!(
-                    "found cart {}, expected one of {carts}: carts are counted from 1 in the order of \
-                     the tracks",
-                    table.text(row, column.index)
-                ),
-            );
+            mistake!(mistakes, files::NO_SUCH_CART, table.place(row, column.index);
+                "found cart {}, expected one of {carts}: carts are counted from 1 in the order of the tracks",
+                    table.text(row, column.index));
         }
     }
 }
@@ -364,16 +312,9 @@ pub fn distinct_keys<const N: usize>(
         }
         let first = *first_rows.entry(numbers).or_insert(row);
         if first != row {
-            mistakes.push_with_help(
-                files::ROW_TWICE,
-                table.place(row, key[0].index),
-                format!(
-                    "{} is given twice, first on line {}",
-                    describe(numbers.map(Option::unwrap_or_default)),
-                    table.line(first)
-                ),
-                help,
-            );
+            mistake!(mistakes, files::ROW_TWICE, table.place(row, key[0].index);
+                "{} is given twice, first on line {}",
+                    describe(numbers.map(Option::unwrap_or_default)), table.line(first); "{help}");
         }
     }
 }
@@ -398,15 +339,9 @@ pub fn one_place_each(
         };
         let first = *first_rows.entry(number).or_insert(row);
         if visits[first] != visit {
-            mistakes.push_with_help(
-                files::ROW_TWICE,
-                table.place(row, pose.index),
-                format!(
-                    "pose {number} is given twice, first on line {} at other commands",
-                    table.line(first)
-                ),
-                "rows of one number are repeated readings of a pose: give another pose a number of its own",
-            );
+            mistake!(mistakes, files::ROW_TWICE, table.place(row, pose.index);
+                "pose {number} is given twice, first on line {} at other commands", table.line(first);
+                "rows of one number are repeated readings of a pose: give another pose a number of its own");
         }
     }
 }
@@ -424,14 +359,8 @@ pub fn spread(table: &Table<'_>, what: &str, columns: &[Column], mistakes: &mut 
     };
     if table.rows() > 1 && columns.iter().all(is_constant) {
         let place = table.name_place(first.index).start..table.name_place(last.index).end;
-        mistakes.push(
-            files::NO_SPREAD,
-            place,
-            format!(
-                "all {} rows have the same {what}, expected them spread out",
-                table.rows()
-            ),
-        );
+        mistake!(mistakes, files::NO_SPREAD, place;
+            "all {} rows have the same {what}, expected them spread out", table.rows());
     }
 }
 

@@ -264,35 +264,23 @@ impl Poses {
                 .help("`tau check` and `tau calibrate` take other measurements of the plate"));
         }
         if in_range.is_empty() {
-            return Err(InputError::whole(
-                fit::NONE_IN_RANGE,
-                &folder.name,
-                format!(
-                    "none of the {} poses has all its commands in the range that {} covers",
-                    counts.total,
-                    if folder.cart_poses.is_empty() {
-                        "`[range]` of the robot file"
-                    } else {
-                        "set 2"
-                    },
-                ),
-            )
-            .help(if folder.cart_poses.is_empty() {
-                "correct `[range]`, or measure poses over the stroke that is used"
+            let (of, mend) = if folder.cart_poses.is_empty() {
+                (
+                    "`[range]` of the robot file",
+                    "correct `[range]`, or measure poses",
+                )
             } else {
-                "measure poses, or carts (`cart_poses.csv`), over the stroke that is used"
-            }));
+                ("set 2", "measure poses, or carts (`cart_poses.csv`),")
+            };
+            return Err(input_error!(fit::NONE_IN_RANGE, &folder.name;
+                "none of the {} poses has all its commands in the range that {of} covers", counts.total;
+                "{mend} over the stroke that is used"));
         }
         if division.calibration.is_empty() || division.validation.is_empty() {
-            return Err(InputError::whole(
-                fit::EMPTY_SPLIT,
-                &folder.name,
-                format!(
-                    "of {} poses {} calibrate and {} validate, expected some of each",
-                    counts.in_range, counts.calibration, counts.validation
-                ),
-            )
-            .help("measure more poses, or divide them otherwise with `--split`"));
+            return Err(input_error!(fit::EMPTY_SPLIT, &folder.name;
+                "of {} poses {} calibrate and {} validate, expected some of each",
+                    counts.in_range, counts.calibration, counts.validation;
+                "measure more poses, or divide them otherwise with `--split`"));
         }
         Ok(Self { counts, division })
     }

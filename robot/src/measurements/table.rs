@@ -39,22 +39,16 @@ impl<'a> Table<'a> {
             .enumerate()
             .filter(|(_, line)| !is_blank(line));
         let Some((_, header_line)) = numbered.next() else {
-            mistakes.push(
-                files::EMPTY_TABLE,
-                0..0,
-                "the file is empty, expected a header line and rows of numbers",
-            );
+            mistake!(mistakes, files::EMPTY_TABLE, 0..0;
+                "the file is empty, expected a header line and rows of numbers");
             return None;
         };
         let header_text = &source.text[header_line.clone()];
         if let Some((separator, name)) = foreign_separator(header_text) {
             let start = header_line.start + header_text.find(separator).unwrap_or(0);
-            mistakes.push_with_help(
-                files::SEPARATOR,
-                start..start + separator.len_utf8(),
-                format!("columns are separated by {name}, expected commas"),
-                "export with commas between columns and points in decimals",
-            );
+            mistake!(mistakes, files::SEPARATOR, start..start + separator.len_utf8();
+                "columns are separated by {name}, expected commas";
+                "export with commas between columns and points in decimals");
             return None;
         }
         let header = fields(source, header_line.clone());
@@ -62,11 +56,8 @@ impl<'a> Table<'a> {
             .iter()
             .all(|field| source.text[field.clone()].parse::<f64>().is_ok())
         {
-            mistakes.push(
-                files::NO_HEADER,
-                header_line,
-                "the first line holds numbers, expected a header with the names of the columns",
-            );
+            mistake!(mistakes, files::NO_HEADER, header_line;
+                "the first line holds numbers, expected a header with the names of the columns");
             return None;
         }
         let mut table = Self {
@@ -139,15 +130,8 @@ impl<'a> Table<'a> {
         };
         for (index, name) in self.names().enumerate().filter(|(_, name)| is_known(name)) {
             if let Some(first) = self.column(name).filter(|&first| first < index) {
-                mistakes.push_with_help(
-                    files::COLUMN_TWICE,
-                    self.header[index].clone(),
-                    format!(
-                        "column `{name}` is given twice, first as column {}",
-                        first + 1
-                    ),
-                    "remove one of them",
-                );
+                mistake!(mistakes, files::COLUMN_TWICE, self.header[index].clone();
+                    "column `{name}` is given twice, first as column {}", first + 1; "remove one of them");
             }
         }
         let strangers: Vec<(usize, &str)> = self
@@ -158,30 +142,17 @@ impl<'a> Table<'a> {
         let mut missing = Vec::new();
         for name in required().filter(|name| self.column(name).is_none()) {
             match alike(name, &strangers) {
-                Some((index, found)) => mistakes.push_with_help(
-                    files::COLUMN_MISSING,
-                    self.header[index].clone(),
-                    format!("column `{name}` is missing, found `{found}`"),
-                    unit_advice(name, found),
-                ),
+                Some((index, found)) => {
+                    mistake!(mistakes, files::COLUMN_MISSING, self.header[index].clone();
+                    "column `{name}` is missing, found `{found}`"; "{}", unit_advice(name, found))
+                }
                 None => missing.push(name),
             }
         }
         if !missing.is_empty() {
-            mistakes.push_with_help(
-                files::COLUMN_MISSING,
-                self.header_line.clone(),
-                format!(
-                    "{} {} missing from the header",
-                    if missing.len() == 1 {
-                        "column"
-                    } else {
-                        "columns"
-                    },
-                    quoted(missing)
-                ),
-                format!("expected {}", quoted(required())),
-            );
+            mistake!(mistakes, files::COLUMN_MISSING, self.header_line.clone();
+                "{} {} missing from the header", if missing.len() == 1 { "column" } else { "columns" }, quoted(missing);
+                "expected {}", quoted(required()));
         }
         let fixed: Vec<usize> = names.iter().filter_map(|name| self.column(name)).collect();
         let commands: Vec<usize> = commands
@@ -275,13 +246,8 @@ impl<'a> Table<'a> {
         for (index, found) in self.names().enumerate() {
             let unit = found.rsplit_once('_').filter(|(own, _)| *own == stem);
             if unit.is_some_and(|(_, unit)| ["mm", "cm", "um", "in"].contains(&unit)) {
-                let message = format!("found column `{found}`, expected `{name}`");
-                mistakes.push_with_help(
-                    files::COLUMN_UNIT,
-                    self.header[index].clone(),
-                    message,
-                    unit_advice(name, found),
-                );
+                mistake!(mistakes, files::COLUMN_UNIT, self.header[index].clone();
+                    "found column `{found}`, expected `{name}`"; "{}", unit_advice(name, found));
             }
         }
     }
@@ -293,12 +259,8 @@ impl<'a> Table<'a> {
                 .iter()
                 .find(|&&name| found != name && spelt(found) == name)
             {
-                mistakes.push_with_help(
-                    files::COLUMN_MISSING,
-                    self.header[index].clone(),
-                    format!("column `{name}` is missing, found `{found}`"),
-                    unit_advice(name, found),
-                );
+                mistake!(mistakes, files::COLUMN_MISSING, self.header[index].clone();
+                    "column `{name}` is missing, found `{found}`"; "{}", unit_advice(name, found));
             }
         }
     }

@@ -54,11 +54,9 @@ impl RobotFile {
         let of_machine = undescribed(robot);
         let lacks: Vec<String> = of_links.chain(of_machine).collect();
         if !lacks.is_empty() {
-            let message = format!("nothing gives a value for {}", lacks.join(", "));
             return Err(
-                InputError::whole(fit::NO_VALUE, &robot.source, message).help(
-                    "`tau init F.tau` writes a robot.toml to fill in, to be named with `--robot`",
-                ),
+                input_error!(fit::NO_VALUE, &robot.source; "nothing gives a value for {}", lacks.join(", ");
+                "`tau init F.tau` writes a robot.toml to fill in, to be named with `--robot`"),
             );
         }
         Ok(Self {
