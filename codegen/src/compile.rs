@@ -7,7 +7,7 @@
 use std::sync::Arc;
 
 use tau_model_dsl::Model;
-use tau_model_dsl::model::{Arm, Place, TrackShape, Variant};
+use tau_model_dsl::model::{Arm, Place, TrackModel, Variant};
 use tau_runtime::{self as runtime, Input, ResidualKind, Shape};
 
 use crate::equations::{self, Context, Equations, Parameter, Staging};
@@ -34,9 +34,9 @@ pub struct CompiledVariant {
     /// Lines of its doc comment.
     pub docs: Vec<String>,
     /// Closure per link or per cluster.
-    pub arm: runtime::Arm,
+    pub arm: Arm,
     /// One model per track.
-    pub tracks: Vec<runtime::TrackModel>,
+    pub tracks: Vec<TrackModel>,
     /// Effects with their places.
     pub effects: Vec<(String, Vec<String>)>,
     /// All parameters.
@@ -223,22 +223,8 @@ fn compile_known(
     let mut compiled = CompiledVariant {
         name: variant.name.clone(),
         docs: variant.docs.clone(),
-        arm: match variant.arm {
-            Arm::Full => runtime::Arm::Full,
-            Arm::Reduced => runtime::Arm::Reduced,
-        },
-        tracks: variant
-            .tracks
-            .iter()
-            .map(|track| runtime::TrackModel {
-                shape: match track.shape {
-                    TrackShape::Linear => runtime::TrackShape::Linear,
-                    TrackShape::Piecewise => runtime::TrackShape::Piecewise,
-                    TrackShape::Crank => runtime::TrackShape::Crank,
-                },
-                per_link: track.per_link,
-            })
-            .collect(),
+        arm: variant.arm,
+        tracks: variant.tracks.clone(),
         effects: variant
             .effects
             .iter()
@@ -343,8 +329,8 @@ impl CompiledVariant {
                     (ResidualKind::CartPose | ResidualKind::CartPosition, _) => {
                         model.tracks[first.of].name.as_str()
                     }
-                    (_, runtime::Arm::Full) => &model.links[first.of].name,
-                    (_, runtime::Arm::Reduced) => &model.clusters[first.of].name,
+                    (_, Arm::Full) => &model.links[first.of].name,
+                    (_, Arm::Reduced) => &model.clusters[first.of].name,
                 };
                 format!("{base}_{of}")
             };

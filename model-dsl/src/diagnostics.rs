@@ -25,6 +25,15 @@ macro_rules! error {
     };
 }
 
+/// What a parser expected in place of the next token, with the remedy.
+macro_rules! expected {
+    ($parser:expr, $code:ident; $what:literal; $help:literal $(, $remedy:expr)*) => {
+        $parser
+            .expected(tau_codes::language::$code, &format!($what))
+            .help(format!($help $(, $remedy)*))
+    };
+}
+
 /// First and last token of the text that something concerns.
 ///
 /// Two spans, because stable Rust cannot join spans inside a macro.

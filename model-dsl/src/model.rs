@@ -10,6 +10,7 @@ pub use geometry::{
     Cluster, Crank, CrankValue, Drive, Link, LinkDefaults, Plate, Quantity, RobotParameter, Track,
     Value,
 };
+pub use tau_runtime::{Arm, TrackModel, TrackShape};
 
 /// A robot as described: the output of the language, the input of code generation.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -185,35 +186,6 @@ pub struct Reference {
     pub position: [f64; 3],
     /// ZYZ Euler angles alpha, beta, gamma of the TCP frame in the measurement frame (rad).
     pub orientation: [f64; 3],
-}
-
-/// Closure per link or per cluster.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Arm {
-    /// One closure equation per cluster.
-    Reduced,
-    /// One closure equation per link.
-    Full,
-}
-
-/// Shape of a cart's path.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum TrackShape {
-    /// `C(q) = C0 + q v`.
-    Linear,
-    /// Interpolated between measured cart points.
-    Piecewise,
-    /// A circle about the axis of a crank.
-    Crank,
-}
-
-/// A variant's model of one track.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct TrackModel {
-    /// Straight or interpolated.
-    pub shape: TrackShape,
-    /// True if each link has its own direction (or rotation).
-    pub per_link: bool,
 }
 
 /// One choice of arm, tracks and effects.

@@ -236,7 +236,7 @@ fn sections_to_fill_in_are_those_that_the_machine_needs() {
                 let drives = text.replace("noise_m = \"?\"", &format!("noise_m = {noise}"));
                 work.write("own.toml", drives.replace("\"?\"", "1e-4"));
                 let line = format!(
-                    "kinematics forward --model {file} --robot DIR/own.toml --commands 0,0,0,0"
+                    "kinematics forward --model {file} --robot DIR/own.toml --variant Full --commands 0,0,0,0"
                 );
                 work.run(&line).done();
             }

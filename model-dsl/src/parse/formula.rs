@@ -64,9 +64,7 @@ fn binary(
     let mut left = operand(parser)?;
     loop {
         if parser.at("**") {
-            return Err(parser
-                .expected(language::OPERATORS, "an operator")
-                .help("a power is written `q^2`"));
+            return Err(expected!(parser, OPERATORS; "an operator"; "a power is written `q^2`"));
         }
         let Some((_, operator)) = operators
             .iter()
@@ -113,9 +111,7 @@ fn power(parser: &mut Parser<'_>) -> Parse<Node> {
     }
     let exponent = exponent(parser)?;
     if parser.at("^") {
-        return Err(parser
-            .expected(language::OPERATORS, "an operator")
-            .help("write parentheses: `(q^2)^3`"));
+        return Err(expected!(parser, OPERATORS; "an operator"; "write parentheses: `(q^2)^3`"));
     }
     let depth = base.depth + 1;
     node(
@@ -154,10 +150,8 @@ fn primary(parser: &mut Parser<'_>) -> Parse<Node> {
         return Err(unknown_item(parser, &[]));
     }
     let Some(name) = parser.eat_any_word() else {
-        let help = "a value is a number, a name, a call or a formula in parentheses";
-        return Err(parser
-            .expected(language::MISSING_VALUE, "a value")
-            .help(help));
+        return Err(expected!(parser, MISSING_VALUE; "a value";
+            "a value is a number, a name, a call or a formula in parentheses"));
     };
     if let Some(mut inside) = parser.enter(Delimiter::Parenthesis) {
         let (arguments, depth) = list(&mut inside)?;
@@ -171,9 +165,7 @@ fn primary(parser: &mut Parser<'_>) -> Parse<Node> {
     if let Some(mut inside) = parser.enter(Delimiter::Bracket) {
         let (index, _) = whole_number(&mut inside, "the number of a component, `0`, `1` or `2`")?;
         if !inside.at_end() {
-            return Err(inside
-                .expected(language::SYNTAX, "`]`")
-                .help("a component is written `rate[0]`"));
+            return Err(expected!(inside, SYNTAX; "`]`"; "a component is written `rate[0]`"));
         }
         return node(parser, ExpressionKind::Component(name, index), &start, 1);
     }
@@ -207,10 +199,10 @@ fn list(inside: &mut Parser<'_>) -> Parse<(Vec<Expression>, usize)> {
         depth = depth.max(item.depth);
         items.push(item.expression);
         if inside.eat(",").is_none() && !inside.at_end() {
-            let help = "any two values have an operator or a comma between them";
-            return Err(inside
-                .expected(language::MISSING_SEPARATOR, "an operator, `,` or `)`")
-                .help(help));
+            return Err(
+                expected!(inside, MISSING_SEPARATOR; "an operator, `,` or `)`";
+                "any two values have an operator or a comma between them"),
+            );
         }
     }
     Ok((items, depth))

@@ -13,17 +13,13 @@ const NUMBER_HELP: &str = "a number is decimal, such as `2`, `0.5` or `1e-3`";
 /// A number without sign, with its place.
 pub(super) fn number(parser: &mut Parser<'_>) -> Parse<(f64, Span)> {
     let Some(text) = parser.literal() else {
-        return Err(parser
-            .expected(language::MISSING_NUMBER, "a number")
-            .help(NUMBER_HELP));
+        return Err(expected!(parser, MISSING_NUMBER; "a number"; "{NUMBER_HELP}"));
     };
     let span = parser.here();
     let text = text.replace('_', "");
     let (digits, suffix) = text.split_at(number_length(&text));
     let Ok(value) = digits.parse::<f64>() else {
-        return Err(parser
-            .expected(language::NOT_DECIMAL, "a number")
-            .help(NUMBER_HELP));
+        return Err(expected!(parser, NOT_DECIMAL; "a number"; "{NUMBER_HELP}"));
     };
     parser.eat_literal();
     if parser.at("%") {
@@ -79,9 +75,7 @@ pub(super) fn whole_number(parser: &mut Parser<'_>, what: &str) -> Parse<(u64, S
         .literal()
         .and_then(|text| text.replace('_', "").parse().ok())
     else {
-        return Err(parser
-            .expected(language::MISSING_NUMBER, what)
-            .help("write it in digits"));
+        return Err(expected!(parser, MISSING_NUMBER; "{what}"; "write it in digits"));
     };
     let span = parser.here();
     parser.eat_literal();
@@ -150,9 +144,9 @@ pub(super) fn list(parser: &mut Parser<'_>) -> Parse<Vec<Quantity>> {
             return if inside.at_end() {
                 Ok(quantities)
             } else {
-                Err(inside
-                    .expected(language::MISSING_SEPARATOR, "`,` or `)`")
-                    .help("values have commas between them: `(1 mm, 2 rad)`"))
+                Err(
+                    expected!(inside, MISSING_SEPARATOR; "`,` or `)`"; "values have commas between them: `(1 mm, 2 rad)`"),
+                )
             };
         }
     }
@@ -173,9 +167,9 @@ fn numbers(parser: &mut Parser<'_>) -> Parse<Option<Vec<f64>>> {
         numbers.push(signed(&mut inside)?);
     }
     if !inside.at_end() {
-        return Err(inside
-            .expected(language::MISSING_SEPARATOR, "`,` or `)`")
-            .help("a vector reads `(x, y, z) unit`"));
+        return Err(
+            expected!(inside, MISSING_SEPARATOR; "`,` or `)`"; "a vector reads `(x, y, z) unit`"),
+        );
     }
     Ok(Some(numbers))
 }
@@ -192,9 +186,7 @@ fn with_unit(parser: &mut Parser<'_>, start: Span, numbers: Vec<f64>) -> Parse<Q
         None
     };
     if parser.at_plus_minus() {
-        return Err(parser
-            .expected(language::PLUS_MINUS, "`tol`")
-            .help(TOLERANCE_HELP));
+        return Err(expected!(parser, PLUS_MINUS; "`tol`"; "{TOLERANCE_HELP}"));
     }
     Ok(Quantity {
         numbers,

@@ -9,8 +9,8 @@ use tau_codes::{files, fit};
 use super::plausible::{self, no_direction};
 use super::{Folder, TcpPose};
 use crate::input_error::{Errors, InputError};
-use crate::robot::{Robot, Value};
-use crate::robot_file::{Dimensions, RobotFile};
+use crate::robot::Robot;
+use crate::robot_file::{Dimensions, Joints, RobotFile};
 
 /// A link that would have to be longer or shorter than it is by this share is not meant: nominal
 /// values, and measurements in the right unit and frame, are far better.
@@ -184,12 +184,7 @@ struct Reach<'a> {
     robot: &'a Robot,
     dimensions: Dimensions<'a>,
     link: usize,
-    plate_joint_m: Vector3<f64>,
-    track_offset_m: Vector3<f64>,
-    /// Zero where the joint is fixed, or on a crank.
-    track_direction: Vector3<f64>,
-    /// Centre and axis of the crank that carries the joint.
-    crank: Option<[Vector3<f64>; 2]>,
+    joints: Joints,
     command: Option<usize>,
 }
 
@@ -198,16 +193,10 @@ impl<'a> Reach<'a> {
     fn of_links(robot: &'a Robot, file: &'a RobotFile) -> Vec<Self> {
         let dimensions = Dimensions::new(robot, file);
         let of_link = |link: usize| {
-            let own = &robot.links[link];
-            let track = robot.clusters.get(own.cluster)?.track;
-            let vector = |value| dimensions.vector(link, value).map(Vector3::from);
-            let crank = track.and_then(|track| dimensions.crank(track));
+            let joints = dimensions.joints(link)?;
             Some(Self {
-                plate_joint_m: vector(Value::PlateJoint)?,
-                track_offset_m: vector(Value::TrackOffset)?,
-                track_direction: vector(Value::TrackDirection)?,
-                crank: crank.map(|crank| crank.map(Vector3::from)),
-                command: own.actuated_by.or(track),
+                command: robot.links[link].actuated_by.or(joints.track),
+                joints,
                 robot,
                 dimensions,
                 link,
@@ -234,14 +223,8 @@ impl<'a> Reach<'a> {
 
     /// Distance (m) between the two joints that the link connects, at a pose so turned.
     fn distance_m(&self, pose: &TcpPose, rotation: &Rotation3<f64>, command: f64) -> f64 {
-        let plate = Vector3::from(pose.position_m) + rotation * self.plate_joint_m;
-        let joint = match self.crank {
-            Some([centre, axis]) => {
-                centre + Rotation3::new(axis * command) * (self.track_offset_m - centre)
-            }
-            None => self.track_offset_m + command * self.track_direction,
-        };
-        (plate - joint).norm()
+        let plate = Vector3::from(pose.position_m) + rotation * self.joints.plate;
+        (plate - self.joints.at(command)).norm()
     }
 
     fn reaches(&self, pose: &TcpPose, command: f64) -> bool {

@@ -1,5 +1,6 @@
 //! Nominal dimensions of a robot: numbers of its file or else its description, and what formulas make of them.
 
+use nalgebra::{Rotation3, Vector3};
 use tau_codegen::language::model::{CrankValue, Formula, Model, Readable, Value as Geometry};
 
 use super::RobotFile;
@@ -11,6 +12,33 @@ use crate::robot::{LinkKey, Robot};
 pub struct Dimensions<'a> {
     robot: &'a Robot,
     file: &'a RobotFile,
+}
+
+/// Joints of a link, and how that on its carrier moves.
+#[derive(Debug, Clone, Copy)]
+pub struct Joints {
+    /// On the plate, in TCP coordinates (m).
+    pub plate: Vector3<f64>,
+    /// On the cart, the crank or the base at command 0 (m).
+    pub offset: Vector3<f64>,
+    /// Displacement on a cart per unit of the command; zero elsewhere.
+    pub direction: Vector3<f64>,
+    /// Centre (m) and axis of the crank that carries it.
+    pub crank: Option<[Vector3<f64>; 2]>,
+    /// Index of the track or crank.
+    pub track: Option<usize>,
+}
+
+impl Joints {
+    /// The joint on the cart, the crank or the base at a command (m).
+    pub fn at(&self, command: f64) -> Vector3<f64> {
+        match self.crank {
+            Some([centre, axis]) => {
+                centre + Rotation3::new(axis * command) * (self.offset - centre)
+            }
+            None => self.offset + self.direction * command,
+        }
+    }
 }
 
 impl<'a> Dimensions<'a> {
@@ -42,6 +70,24 @@ impl<'a> Dimensions<'a> {
             return Some([0.0; 3]);
         }
         self.stated(link, value)?.try_into().ok()
+    }
+
+    /// Joints of a link; `None` where not all that places them is given.
+    pub fn joints(&self, link: usize) -> Option<Joints> {
+        let vector = |value| self.vector(link, value).map(Vector3::from);
+        let track = self
+            .robot
+            .clusters
+            .get(self.robot.links[link].cluster)?
+            .track;
+        let crank = track.and_then(|track| self.crank(track));
+        Some(Joints {
+            plate: vector(Geometry::PlateJoint)?,
+            offset: vector(Geometry::TrackOffset)?,
+            direction: vector(Geometry::TrackDirection)?,
+            crank: crank.map(|crank| crank.map(Vector3::from)),
+            track,
+        })
     }
 
     /// Centre (m) and axis of a crank by its index among the tracks; `None` of a track, or where nothing gives them.

@@ -21,7 +21,7 @@ use crate::input_error::{InputError, quoted};
 use crate::robot::{ResidualKind, Robot, TrackShape, Variant};
 pub use covariance::{Covariance, TRACK_SCALE};
 pub(crate) use described::PLACEHOLDER;
-pub use dimensions::Dimensions;
+pub use dimensions::{Dimensions, Joints};
 use keys::effect_key;
 pub use measuring::{Measuring, STRONGEST_RHO, StatedNoise, Surface};
 pub use provenance::{MeasuredPath, Provenance};
