@@ -225,16 +225,7 @@ fn compile_known(
         docs: variant.docs.clone(),
         arm: variant.arm,
         tracks: variant.tracks.clone(),
-        effects: variant
-            .effects
-            .iter()
-            .map(|used| {
-                (
-                    model.effects[used.effect].name.clone(),
-                    equations::places(model, used.place),
-                )
-            })
-            .collect(),
+        effects: effects(model, variant),
         families: vec![],
         instances: vec![],
         parameters: parameters.clone(),
@@ -257,6 +248,16 @@ fn compile_known(
     }
     compiled.name_families(model);
     compiled
+}
+
+/// Effects of a variant with their places, as the description writes them.
+pub fn effects(model: &Model, variant: &Variant) -> Vec<(String, Vec<String>)> {
+    let uses = variant.effects.iter();
+    uses.map(|used| {
+        let name = model.effects[used.effect].name.clone();
+        (name, equations::places(model, used.place))
+    })
+    .collect()
 }
 
 /// True if a variant has effects of the tracker.

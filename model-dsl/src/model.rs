@@ -10,7 +10,6 @@ pub use geometry::{
     Cluster, Crank, CrankValue, Drive, Link, LinkDefaults, Plate, Quantity, RobotParameter, Track,
     Value,
 };
-pub use tau_runtime::{Arm, TrackModel, TrackShape};
 
 /// A robot as described: the output of the language, the input of code generation.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -186,6 +185,36 @@ pub struct Reference {
     pub position: [f64; 3],
     /// ZYZ Euler angles alpha, beta, gamma of the TCP frame in the measurement frame (rad).
     pub orientation: [f64; 3],
+}
+
+/// Closures of an arm.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Arm {
+    /// One closure equation per cluster, plate offsets folded into the track offsets
+    /// (Dressler et al. 2010, eqs. 1 and 3).
+    Reduced,
+    /// One closure equation per link (eq. 5).
+    Full,
+}
+
+/// The path of a cart as a function of its command.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TrackShape {
+    /// `C(q) = C0 + q v` (eq. 2).
+    Linear,
+    /// Interpolation between measured cart points, carried by a calibrated rigid transform (eq. 4).
+    Piecewise,
+    /// `C(q) = centre + Rot(q·axis)·(C0 − centre)`.
+    Crank,
+}
+
+/// A variant's model of one track.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TrackModel {
+    /// Straight or interpolated.
+    pub shape: TrackShape,
+    /// True if each link has a direction (or rotation) of its own.
+    pub per_link: bool,
 }
 
 /// One choice of arm, tracks and effects.

@@ -8,14 +8,16 @@ use std::path::Path;
 use std::sync::Arc;
 
 use tau_codegen::CompiledRobot;
-use tau_codegen::compile::CompiledVariant;
+use tau_codegen::compile::{CompiledVariant, effects};
 pub use tau_codegen::equations::Parameter;
 use tau_codegen::language;
-pub use tau_codegen::language::model::{CrankValue, Drive, Formula, Plate, Readable, Value};
-use tau_codegen::language::model::{EffectUse, Model, Place};
+use tau_codegen::language::model::{self, EffectUse, Model, Place};
+pub use tau_codegen::language::model::{
+    Arm, CrankValue, Drive, Formula, Plate, Readable, TrackModel, TrackShape, Value,
+};
 use tau_codes::files;
 use tau_runtime as runtime;
-pub use tau_runtime::{Arm, Input, Owner, ResidualFamily, ResidualKind, TrackModel, TrackShape};
+pub use tau_runtime::{Input, Owner, ResidualFamily, ResidualKind};
 
 use crate::input_error::{self, InputError};
 pub use crate::link_key::LinkKey;
@@ -225,12 +227,12 @@ impl Robot {
     }
 
     /// A robot as described, with variants.
-    fn of(model: Model, description: &str, variants: impl Iterator<Item = Variant>) -> Self {
-        let cluster = |own: &language::model::Cluster| Cluster {
+    fn of(model: Model, description: &str, variants: Vec<Variant>) -> Self {
+        let cluster = |own: &model::Cluster| Cluster {
             name: own.name.clone(),
             track: own.track,
         };
-        let link = |own: &language::model::Link| Link {
+        let link = |own: &model::Link| Link {
             name: own.name.clone(),
             cluster: own.cluster,
             actuated_by: own.actuated_by,
@@ -245,7 +247,7 @@ impl Robot {
             clusters: model.clusters.iter().map(cluster).collect(),
             links: model.links.iter().map(link).collect(),
             commands: model.commands(),
-            variants: variants.collect(),
+            variants: variants.into(),
             model: Arc::new(model),
         }
     }
@@ -488,27 +490,23 @@ impl From<&runtime::Robot> for Robot {
                 "the code of `{name}` carries a description that this version can't read; generate it again: {errors}"
             )
         });
-        Self::of(
-            model,
-            robot.description,
-            robot.variants.iter().map(Variant::from),
-        )
+        let variants = model.variants.iter().zip(robot.variants);
+        let variants = variants.map(|own| Variant::generated(&model, own));
+        let variants = variants.collect();
+        Self::of(model, robot.description, variants)
     }
 }
 
 impl From<&CompiledRobot> for Robot {
     fn from(robot: &CompiledRobot) -> Self {
-        let variants = robot.variants.iter().map(Variant::from);
+        let variants = robot.variants.iter().map(Variant::from).collect();
         Self::of(robot.model.clone(), &robot.description, variants)
     }
 }
 
-impl From<&runtime::Variant> for Variant {
-    fn from(variant: &runtime::Variant) -> Self {
-        let effect = |own: &runtime::EffectUse| {
-            let places = own.places.iter().map(|&place| place.into());
-            (own.name.into(), places.collect())
-        };
+impl Variant {
+    /// A variant of a model with its generated functions.
+    fn generated(model: &Model, (own, tables): (&model::Variant, &runtime::Variant)) -> Self {
         let parameter = |own: &runtime::Parameter| Parameter {
             name: own.name.into(),
             owner: own.owner,
@@ -527,12 +525,12 @@ impl From<&runtime::Variant> for Variant {
             inputs: own.inputs.to_vec(),
         };
         Self {
-            name: variant.name.into(),
-            arm: variant.arm,
-            tracks: variant.tracks.to_vec(),
-            effects: variant.effects.iter().map(effect).collect(),
-            parameters: variant.parameters.iter().map(parameter).collect(),
-            instances: variant.instances.iter().map(instance).collect(),
+            name: tables.name.into(),
+            arm: own.arm,
+            tracks: own.tracks.clone(),
+            effects: effects(model, own),
+            parameters: tables.parameters.iter().map(parameter).collect(),
+            instances: tables.instances.iter().map(instance).collect(),
         }
     }
 }

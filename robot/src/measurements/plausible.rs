@@ -133,48 +133,49 @@ pub(crate) fn lengths(table: &Table<'_>, columns: &[&Column], mistakes: &mut Mis
     strays(table, columns, mistakes);
 }
 
+/// Reports values of a column that are not as expected, those without a number passed over, with a remedy where one is
+/// known.
+fn expect(
+    table: &Table<'_>,
+    column: &Column,
+    mistakes: &mut Mistakes<'_>,
+    (expected, is_fine): (&str, impl Fn(f64) -> bool),
+    help: impl Fn(f64) -> Option<&'static str>,
+) {
+    let values = column.values.iter().copied().enumerate();
+    for (row, value) in values.filter(|&(_, value)| !value.is_nan() && !is_fine(value)) {
+        let (found, name) = (table.text(row, column.index), table.name(column.index));
+        let message = format!("found {found} in column `{name}`, expected {expected}");
+        let (place, help) = (table.place(row, column.index), help(value));
+        mistakes.add(
+            files::OUT_OF_BOUNDS,
+            place,
+            message,
+            help.map(str::to_owned),
+        );
+    }
+}
+
 /// Distances are above zero.
 pub(crate) fn positive(table: &Table<'_>, column: &Column, mistakes: &mut Mistakes<'_>) {
-    for (row, value) in column.values.iter().enumerate() {
-        if *value <= 0.0 {
-            mistake!(mistakes, files::OUT_OF_BOUNDS, table.place(row, column.index);
-                "found {} in column `{}`, expected a distance above 0",
-                    table.text(row, column.index), table.name(column.index));
-        }
-    }
+    let expected = ("a distance above 0", |value| value > 0.0);
+    expect(table, column, mistakes, expected, |_| None);
 }
 
 /// Standard deviations of rows (m) are above zero, and small enough to say something.
 pub(crate) fn deviations(table: &Table<'_>, column: &Column, mistakes: &mut Mistakes<'_>) {
-    for (row, value) in column.values.iter().enumerate() {
-        let fine = value.is_nan() || (SMALLEST_DEVIATION..=LARGEST_NOISE).contains(value);
-        if !fine {
-            let message = format!(
-                "found {} in column `{}`, expected a standard deviation above 0 in SI units, at most {LARGEST_NOISE}",
-                table.text(row, column.index),
-                table.name(column.index)
-            );
-            let help =
-                (*value > LARGEST_NOISE).then(|| "are these millimetres, or degrees".to_owned());
-            mistakes.add(
-                files::OUT_OF_BOUNDS,
-                table.place(row, column.index),
-                message,
-                help,
-            );
-        }
-    }
+    let words = format!("a standard deviation above 0 in SI units, at most {LARGEST_NOISE}");
+    let is_fine = |value| (SMALLEST_DEVIATION..=LARGEST_NOISE).contains(&value);
+    expect(table, column, mistakes, (&words, is_fine), |value| {
+        (value > LARGEST_NOISE).then_some("are these millimetres, or degrees")
+    });
 }
 
 /// Forces are newtons.
 pub(crate) fn forces(table: &Table<'_>, column: &Column, mistakes: &mut Mistakes<'_>) {
-    for (row, value) in column.values.iter().enumerate() {
-        if value.abs() > LARGEST_FORCE_N {
-            mistake!(mistakes, files::OUT_OF_BOUNDS, table.place(row, column.index);
-                "found {} in column `{}`, expected a force in newtons, at most {LARGEST_FORCE_N:e}",
-                    table.text(row, column.index), table.name(column.index));
-        }
-    }
+    let words = format!("a force in newtons, at most {LARGEST_FORCE_N:e}");
+    let is_fine = |value: f64| value.abs() <= LARGEST_FORCE_N;
+    expect(table, column, mistakes, (&words, is_fine), |_| None);
 }
 
 fn no_metres(

@@ -211,29 +211,17 @@ impl<'a> Table<'a> {
 
     /// A column of finite numbers. What is none is reported and becomes NaN.
     pub fn numbers(&self, index: usize, mistakes: &mut Mistakes<'_>) -> Column {
-        let parse = |text: &str| match text.parse::<f64>() {
-            Ok(number) if number.is_finite() => Ok(number),
-            Ok(_) => Err((
-                files::NOT_A_NUMBER,
-                format!("found `{text}`, expected a finite number"),
-                None,
-            )),
-            Err(_) => Err(not_a_number(text)),
-        };
-        self.parse_column(index, f64::NAN, mistakes, parse)
+        self.parse_column(index, f64::NAN, mistakes, finite)
     }
 
     /// The same where fields may be empty, which become NaN.
     pub(crate) fn numbers_or_empty(&self, index: usize, mistakes: &mut Mistakes<'_>) -> Column {
-        let parse = |text: &str| match text.parse::<f64>() {
-            _ if text.is_empty() => Ok(f64::NAN),
-            Ok(number) if number.is_finite() => Ok(number),
-            Ok(_) => Err((
-                files::NOT_A_NUMBER,
-                format!("found `{text}`, expected a finite number"),
-                None,
-            )),
-            Err(_) => Err(not_a_number(text)),
+        let parse = |text: &str| {
+            if text.is_empty() {
+                Ok(f64::NAN)
+            } else {
+                finite(text)
+            }
         };
         self.parse_column(index, f64::NAN, mistakes, parse)
     }
@@ -336,6 +324,17 @@ fn whole(number: f64) -> Option<u32> {
 
 /// Why a field is not what is expected: code, message and remedy.
 type Misread = (Code, String, Option<&'static str>);
+
+fn finite(text: &str) -> Result<f64, Misread> {
+    match text.parse::<f64>() {
+        Ok(number) if number.is_finite() => Ok(number),
+        Ok(_) => {
+            let message = format!("found `{text}`, expected a finite number");
+            Err((files::NOT_A_NUMBER, message, None))
+        }
+        Err(_) => Err(not_a_number(text)),
+    }
+}
 
 fn not_a_number(text: &str) -> Misread {
     let code = files::NOT_A_NUMBER;
