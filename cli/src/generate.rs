@@ -52,9 +52,8 @@ pub(super) fn run(arguments: &arguments::Generate) -> Result<Outcome, Failure> {
             let how = current.map_or("does not exist".to_owned(), |current| {
                 format!("is stale from line {}", first_difference(&current, &code))
             });
-            Err(Failure::Failed(
-                remark!(files::STALE; "{path_name} {how}: run `{command}`"),
-            ))
+            Err(Failure::Failed(remark!(files::STALE;
+                "{path_name} {how}: run `{command}`")))
         }
         (false, false) => Ok(Outcome {
             summary: format!("written: {path_name}\n"),

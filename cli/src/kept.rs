@@ -36,10 +36,9 @@ impl Kept {
             return Ok(());
         }
         let name = output.display().to_string();
-        Err(
-            input_error!(files::REPLACES_INPUT, name; "`{option}` would replace this file, which is read";
-            "write elsewhere with `{option}`"),
-        )
+        Err(input_error!(files::REPLACES_INPUT, name;
+            "`{option}` would replace this file, which is read";
+            "write elsewhere with `{option}`"))
     }
 
     /// The same of several files in the folder that `--out` names.

@@ -188,10 +188,9 @@ pub(super) fn simulation(
     if measures.contains(&Measure::Poses)
         && let Some((key, option, _)) = stated.iter().find(|(_, _, sigma)| !sigma.is_finite())
     {
-        return Err(
-            input_error!(fit::NOISE_UNSTATED, *option; "`[noise]` of the robot file has no `{key}`";
-            "state it there or with {option}, or say with --measure what is measured in place of poses"),
-        );
+        return Err(input_error!(fit::NOISE_UNSTATED, *option;
+            "`[noise]` of the robot file has no `{key}`";
+            "state it there or with {option}, or say with --measure what is measured in place of poses"));
     }
     if let Some(mass_kg) = plan.payload {
         let usual = Payload {
@@ -269,9 +268,8 @@ fn check(noise: &arguments::SimulatedNoise, plan: &arguments::SimulatedPlan, err
     const MARGIN_K: f64 = 1.0;
     let mut refuse = |option: &str, found: &dyn Debug, is_fine: bool, expected: &str| {
         if !is_fine {
-            errors.add(
-                input_error!(files::OPTION_VALUE, option; "found {found:?}, expected {expected}"),
-            );
+            errors.add(input_error!(files::OPTION_VALUE, option;
+                "found {found:?}, expected {expected}"));
         }
     };
     let positive = |value: f64| value.is_finite() && value > 0.0;
@@ -433,7 +431,8 @@ fn apart(path: &Path, out: &Path) -> Result<(), InputError> {
         return Ok(());
     }
     Err(
-        input_error!(files::REPLACES_INPUT, path.display().to_string(); "two outputs are to be written to this file";
+        input_error!(files::REPLACES_INPUT, path.display().to_string();
+        "two outputs are to be written to this file";
         "name another with `--json`"),
     )
 }

@@ -199,14 +199,13 @@ impl<'s> Frame<'s> {
 
 impl Rod {
     fn new(robot: &Robot, dimensions: Dimensions<'_>, link: usize) -> Option<Self> {
-        let described = robot.model.links.get(link);
-        Some(Self {
+        let own = robot.links.get(link)?;
+        let pull_n = dimensions.pull_n(link);
+        // Without the tension of a link that is pulled no forces are known.
+        (pull_n.is_some() == own.pull.is_some()).then_some(Self {
             joints: dimensions.joints(link)?,
-            pull_n: match described.and_then(|own| own.pull.as_ref()) {
-                Some(_) => Some(dimensions.pull_n(link)?),
-                None => None,
-            },
-            is_uncertain: described.is_some_and(|own| own.uncertain_pull().is_some()),
+            pull_n,
+            is_uncertain: own.uncertain_pull().is_some(),
         })
     }
 }

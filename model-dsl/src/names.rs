@@ -35,10 +35,9 @@ pub(crate) fn reserved(name: &Ident) -> Option<Diagnostic> {
     } else {
         return None;
     };
-    Some(
-        diagnostic!(RESERVED_NAME, name; "{reason} and cannot be a name";
-        "choose another name, of ASCII letters, digits and `_`"),
-    )
+    Some(diagnostic!(RESERVED_NAME, name;
+        "{reason} and cannot be a name";
+        "choose another name, of ASCII letters, digits and `_`"))
 }
 
 /// True if a word begins something of Rust that has no meaning in a model.

@@ -86,10 +86,10 @@ mod tests {
         assert_eq!(
             names,
             [
-                "figure_10_sensitivity_orientation.svg",
-                "figure_5_linearity_parallel.svg",
-                "figure_6_linearity_orthogonal.svg",
-                "figure_9_sensitivity_position.svg"
+                "linearity_orthogonal.svg",
+                "linearity_parallel.svg",
+                "sensitivity_orientation.svg",
+                "sensitivity_position.svg"
             ]
         );
     }

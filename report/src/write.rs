@@ -186,7 +186,7 @@ mod tests {
             .collect();
         expected.sort();
         assert_eq!(names(&folder.path().join("new/deep")), expected);
-        assert!(expected.contains(&"figure_10_sensitivity_orientation.svg".to_owned()));
+        assert!(expected.contains(&"sensitivity_orientation.svg".to_owned()));
     }
 
     #[test]

@@ -9,6 +9,7 @@ mod link_key;
 pub mod measurements;
 pub mod number;
 pub mod prototype;
+pub mod random;
 pub mod robot;
 pub mod robot_file;
 

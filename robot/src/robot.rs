@@ -13,7 +13,7 @@ pub use tau_codegen::equations::Parameter;
 use tau_codegen::language;
 use tau_codegen::language::model::{self, EffectUse, Model, Place};
 pub use tau_codegen::language::model::{
-    Arm, CrankValue, Drive, Formula, Plate, Readable, TrackModel, TrackShape, Value,
+    Arm, Cluster, CrankValue, Drive, Formula, Link, Plate, Readable, TrackModel, TrackShape, Value,
 };
 use tau_codes::files;
 use tau_runtime as runtime;
@@ -47,26 +47,6 @@ pub struct Robot {
     pub commands: usize,
     /// Variants in order of declaration.
     pub variants: Arc<[Variant]>,
-}
-
-/// Links between one cart (or the fixed base) and the plate.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Cluster {
-    /// Name in the description.
-    pub name: String,
-    /// Index of the track whose cart carries it; `None` on the fixed base.
-    pub track: Option<usize>,
-}
-
-/// A rod between two spherical joints.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Link {
-    /// Name in the description.
-    pub name: String,
-    /// Index of its cluster.
-    pub cluster: usize,
-    /// Index of the command that drives its length, where the length is actuated.
-    pub actuated_by: Option<usize>,
 }
 
 /// A choice of arm, tracks and effects, with its functions.
@@ -145,17 +125,11 @@ pub struct Architecture {
     pub driven_lengths: usize,
     /// Freedoms of the plate.
     pub plate: Plate,
-    /// True for that of Dressler, Brogårdh and Robertsson (ICRA 2010): three carts that carry one, two and three links.
-    pub is_gantry_tau: bool,
 }
 
 impl Robot {
     /// The drives and the plate.
     pub fn architecture(&self) -> Architecture {
-        let mut on_tracks: Vec<usize> = (0..self.tracks.len())
-            .map(|track| self.links_of_track(track).len())
-            .collect();
-        on_tracks.sort_unstable();
         let driven = self.links.iter().filter(|link| link.actuated_by.is_some());
         let driven_lengths = driven.count();
         let cranks = (0..self.tracks.len())
@@ -166,10 +140,6 @@ impl Robot {
             cranks,
             driven_lengths,
             plate: self.plate,
-            is_gantry_tau: on_tracks == [1, 2, 3]
-                && self.links.len() == 6
-                && (cranks, driven_lengths) == (0, 0)
-                && self.plate == Plate::Body,
         }
     }
 
@@ -203,7 +173,7 @@ impl Robot {
 
     /// The formula that a value of a link is, where the description gives one: it then has no parameter of its own.
     pub fn formula_of(&self, link: usize, value: Value) -> Option<&Formula> {
-        self.model.links.get(link)?.defaults.formula(value)
+        self.links.get(link)?.defaults.formula(value)
     }
 
     /// True if a value of a link is a parameter that a file or the description gives.
@@ -214,7 +184,7 @@ impl Robot {
             LinkKey::Geometry(Value::PlateJoint) => !self.plate.is_point(),
             LinkKey::Geometry(Value::TrackDirection) => track.is_some() && !on_crank,
             LinkKey::Pull => {
-                let link = self.model.links.get(link);
+                let link = self.links.get(link);
                 link.is_some_and(|link| link.uncertain_pull().is_some())
             }
             LinkKey::Geometry(_) | LinkKey::TrackRotation => true,
@@ -228,15 +198,6 @@ impl Robot {
 
     /// A robot as described, with variants.
     fn of(model: Model, description: &str, variants: Vec<Variant>) -> Self {
-        let cluster = |own: &model::Cluster| Cluster {
-            name: own.name.clone(),
-            track: own.track,
-        };
-        let link = |own: &model::Link| Link {
-            name: own.name.clone(),
-            cluster: own.cluster,
-            actuated_by: own.actuated_by,
-        };
         Self {
             name: model.name.clone(),
             source: model.name.clone(),
@@ -244,8 +205,8 @@ impl Robot {
             plate: model.plate,
             drives: model.drives(),
             tracks: model.tracks.iter().map(|own| own.name.clone()).collect(),
-            clusters: model.clusters.iter().map(cluster).collect(),
-            links: model.links.iter().map(link).collect(),
+            clusters: model.clusters.clone(),
+            links: model.links.clone(),
             commands: model.commands(),
             variants: variants.into(),
             model: Arc::new(model),

@@ -131,10 +131,9 @@ impl SimulatedFolder {
             Err(_) => folder.symlink_metadata().is_ok(),
         };
         if occupied {
-            return Err(
-                input_error!(files::ALREADY_THERE, &shown; "something is there already";
-                "name a folder that does not exist or is empty"),
-            );
+            return Err(input_error!(files::ALREADY_THERE, &shown;
+                "something is there already";
+                "name a folder that does not exist or is empty"));
         }
         let Some(name) = folder.file_name() else {
             return Err(input_error!(files::CANNOT_WRITE, &shown; "this does not name a folder"));

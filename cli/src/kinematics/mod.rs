@@ -380,9 +380,8 @@ impl<'a> Setup<'a> {
             more => format!(", as do {more} more"),
         };
         let why = &first.outside.last()?.text;
-        Some(
-            remark!(codes::BEYOND_KNOWLEDGE; "pose {} lies outside the region of calibration{more}: {why}", row.pose),
-        )
+        Some(remark!(codes::BEYOND_KNOWLEDGE;
+            "pose {} lies outside the region of calibration{more}: {why}", row.pose))
     }
 
     fn outcome(mut self, rows: &[Row], reached: &[Reached], asked: Asked) -> Outcome {

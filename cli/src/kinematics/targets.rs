@@ -153,10 +153,9 @@ fn pose_of_option(
             Plate::PointInPlane => "x and y",
             _ => "x, y and z",
         };
-        return Err(
-            input_error!(files::IDLE_MOTION, option; "found {}: {}", found.join(" and "), stays(plate);
-            "give {motions} alone"),
-        );
+        return Err(input_error!(files::IDLE_MOTION, option;
+            "found {}: {}", found.join(" and "), stays(plate);
+            "give {motions} alone"));
     }
     let kept = |names: [&str; 3], values: [f64; 3]| {
         [0, 1, 2].map(|k| {
@@ -176,9 +175,8 @@ fn check_count(option: &str, numbers: &[f64], expected: &[usize]) -> Result<(), 
         return Ok(());
     }
     let expected: Vec<String> = expected.iter().map(ToString::to_string).collect();
-    Err(
-        input_error!(files::COUNT, option; "found {} numbers, expected {}", numbers.len(), expected.join(" or ")),
-    )
+    Err(input_error!(files::COUNT, option;
+        "found {} numbers, expected {}", numbers.len(), expected.join(" or ")))
 }
 
 fn check_angles(option: &str, angles_rad: &[f64]) -> Result<(), InputError> {

@@ -27,10 +27,9 @@ pub(super) fn formula(parser: &mut Parser<'_>) -> Parse<Expression> {
 fn node(parser: &Parser<'_>, kind: ExpressionKind, start: &Start, depth: usize) -> Parse<Node> {
     let location = parser.since(start.0);
     if depth > DEPTH_LIMIT {
-        return Err(
-            diagnostic!(TOO_DEEP, location; "this formula has more than {DEPTH_LIMIT} levels";
-            "split it into several terms"),
-        );
+        return Err(diagnostic!(TOO_DEEP, location;
+            "this formula has more than {DEPTH_LIMIT} levels";
+            "split it into several terms"));
     }
     Ok(Node {
         expression: Expression { kind, location },
@@ -127,10 +126,9 @@ fn primary(parser: &mut Parser<'_>) -> Parse<Node> {
     if let Some(mut inside) = parser.enter(Delimiter::Parenthesis) {
         let (mut items, depth) = list(&mut inside)?;
         return match items.len() {
-            0 => Err(
-                diagnostic!(MISSING_VALUE, parser.since(start.0); "empty parentheses";
-                "write a value, or a vector `(x, y, z)`"),
-            ),
+            0 => Err(diagnostic!(MISSING_VALUE, parser.since(start.0);
+                "empty parentheses";
+                "write a value, or a vector `(x, y, z)`")),
             1 => {
                 let inner = items.remove(0);
                 node(parser, inner.kind, &start, depth)
@@ -199,10 +197,9 @@ fn list(inside: &mut Parser<'_>) -> Parse<(Vec<Expression>, usize)> {
         depth = depth.max(item.depth);
         items.push(item.expression);
         if inside.eat(",").is_none() && !inside.at_end() {
-            return Err(
-                expected!(inside, MISSING_SEPARATOR; "an operator, `,` or `)`";
-                "any two values have an operator or a comma between them"),
-            );
+            return Err(expected!(inside, MISSING_SEPARATOR;
+                "an operator, `,` or `)`";
+                "any two values have an operator or a comma between them"));
         }
     }
     Ok((items, depth))

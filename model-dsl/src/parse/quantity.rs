@@ -27,16 +27,14 @@ pub(super) fn number(parser: &mut Parser<'_>) -> Parse<(f64, Span)> {
         return Err(parser.expected(language::PERCENT_SIGN, "a unit").help(help));
     }
     if find_unit(suffix).is_some() {
-        return Err(
-            diagnostic!(UNIT_WITHOUT_SPACE, span; "`{text}` lacks a space before its unit";
-            "write `{digits} {suffix}`"),
-        );
+        return Err(diagnostic!(UNIT_WITHOUT_SPACE, span;
+            "`{text}` lacks a space before its unit";
+            "write `{digits} {suffix}`"));
     }
     if !suffix.is_empty() {
-        return Err(
-            diagnostic!(NOT_DECIMAL, span; "`{text}` is not a decimal number";
-            "`{suffix}` does not belong there"),
-        );
+        return Err(diagnostic!(NOT_DECIMAL, span;
+            "`{text}` is not a decimal number";
+            "`{suffix}` does not belong there"));
     }
     if !value.is_finite() {
         return Err(

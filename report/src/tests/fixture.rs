@@ -55,7 +55,6 @@ pub(crate) fn study() -> Study {
             robot: "GantryTau".to_owned(),
             architecture: Architecture {
                 carts: 3,
-                is_gantry_tau: true,
                 ..Architecture::default()
             },
             folder: "data/prototype".to_owned(),

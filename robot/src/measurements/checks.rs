@@ -280,7 +280,7 @@ mod tests {
         let link = |name: &str, cluster| Link {
             name: name.into(),
             cluster,
-            actuated_by: None,
+            ..Link::default()
         };
         Robot {
             name: "GantryTau".into(),

@@ -232,9 +232,8 @@ fn read_text(path: &Path) -> Result<Option<String>, InputError> {
     match fs::read(path) {
         Ok(bytes) => input_error::utf8(&path.display().to_string(), bytes).map(Some),
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
-        Err(error) => Err(
-            input_error!(files::CANNOT_READ, path.display().to_string(); "cannot read the file: {error}"),
-        ),
+        Err(error) => Err(input_error!(files::CANNOT_READ, path.display().to_string();
+            "cannot read the file: {error}")),
     }
 }
 

@@ -54,10 +54,9 @@ impl RobotFile {
         let of_machine = undescribed(robot);
         let lacks: Vec<String> = of_links.chain(of_machine).collect();
         if !lacks.is_empty() {
-            return Err(
-                input_error!(fit::NO_VALUE, &robot.source; "nothing gives a value for {}", lacks.join(", ");
-                "`tau init F.tau` writes a robot.toml to fill in, to be named with `--robot`"),
-            );
+            return Err(input_error!(fit::NO_VALUE, &robot.source;
+                "nothing gives a value for {}", lacks.join(", ");
+                "`tau init F.tau` writes a robot.toml to fill in, to be named with `--robot`"));
         }
         Ok(Self {
             source: Origin(robot.source.clone()),

@@ -56,7 +56,7 @@ impl<'a> Dimensions<'a> {
             .copied();
         match self.robot.formula_of(link, Geometry::Length) {
             Some(formula) => formula.value(&|leaf| self.leaf(link, driven, leaf)),
-            None => Some(self.stated(link, Geometry::Length)?.first()? + driven.unwrap_or(0.0)),
+            None => Some(self.stated(link, Geometry::Length)?.0.first()? + driven.unwrap_or(0.0)),
         }
     }
 
@@ -69,7 +69,7 @@ impl<'a> Dimensions<'a> {
         if !self.robot.has_parameter(link, LinkKey::Geometry(value)) {
             return Some([0.0; 3]);
         }
-        self.stated(link, value)?.try_into().ok()
+        self.stated(link, value)?.0.try_into().ok()
     }
 
     /// Joints of a link; `None` where not all that places them is given.
@@ -99,10 +99,7 @@ impl<'a> Dimensions<'a> {
             if let Some(formula) = crank.formula(value) {
                 return components(formula, &|leaf| self.of_robot(model, leaf));
             }
-            let stated = self.file.cranks.get(&of_track.name);
-            let stated = stated.and_then(|values| values.get(crank_key(value.name())));
-            let stated = stated.and_then(|value| value.value.clone().try_into().ok());
-            stated.or(crank.quantity(value).value)
+            self.stated_of_crank(track, value)?.0.try_into().ok()
         };
         Some([of(CrankValue::Centre)?, of(CrankValue::Axis)?])
     }
@@ -110,25 +107,31 @@ impl<'a> Dimensions<'a> {
     /// Tension (N) to which a link is pulled; `None` where it holds its length, or nothing states the tension.
     pub fn pull_n(&self, link: usize) -> Option<f64> {
         let own = self.robot.links.get(link)?;
-        let model = &self.robot.model;
-        let pull = model.links.get(link)?.pull.as_ref()?;
+        let pull = own.pull.as_ref()?;
         let stated = self.file.links.get(&own.name);
         let stated = stated.and_then(|values| values.pull.as_ref()?.value.first().copied());
         stated.or_else(|| pull.value.map(|[pull]| pull))
     }
 
-    /// Numbers that the file, or else the description, states.
-    fn stated(&self, link: usize, value: Geometry) -> Option<Vec<f64>> {
+    /// Numbers that the file, or else the description, states, with their tolerance: zero where it gives none.
+    pub fn stated(&self, link: usize, value: Geometry) -> Option<(Vec<f64>, f64)> {
         let own = self.robot.links.get(link)?;
         let track = self.robot.clusters.get(own.cluster)?.track;
         let shared = track.and_then(|track| self.file.tracks.get(&self.robot.tracks[track]));
         let values = [self.file.links.get(&own.name), shared];
         let mut stated = values.into_iter().flatten();
         let stated = stated.find_map(|values| values.get(LinkKey::Geometry(value)));
-        stated.map(|value| value.value.clone()).or_else(|| {
-            let given = self.robot.model.links.get(link)?.defaults.given(value);
-            given.0.map(<[f64]>::to_vec)
-        })
+        let stated = stated.map(|value| (value.value.clone(), value.tol));
+        stated.or_else(|| given(own.defaults.given(value)))
+    }
+
+    /// The same of a crank by its index among the tracks.
+    pub fn stated_of_crank(&self, track: usize, value: CrankValue) -> Option<(Vec<f64>, f64)> {
+        let of_track = self.robot.model.tracks.get(track)?;
+        let stated = self.file.cranks.get(&of_track.name);
+        let stated = stated.and_then(|values| values.get(crank_key(value.name())));
+        let stated = stated.map(|value| (value.value.clone(), value.tol));
+        stated.or_else(|| given(of_track.crank.as_ref()?.quantity(value).given()))
     }
 
     fn leaf(&self, link: usize, command: Option<f64>, leaf: &Formula) -> Option<f64> {
@@ -153,6 +156,11 @@ impl<'a> Dimensions<'a> {
         let values = stated.or(parameter.nominal.as_ref())?;
         values.get(component).copied()
     }
+}
+
+/// Value and tolerance that a description gives.
+fn given((value, tolerance): (Option<&[f64]>, Option<f64>)) -> Option<(Vec<f64>, f64)> {
+    Some((value?.to_vec(), tolerance.unwrap_or(0.0)))
 }
 
 fn components(formula: &Formula, of: &dyn Fn(&Formula) -> Option<f64>) -> Option<[f64; 3]> {

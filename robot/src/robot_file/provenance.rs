@@ -125,25 +125,9 @@ impl Document<'_> {
     pub(super) fn provenance(&mut self, root: &DeTable<'_>) -> Option<Provenance> {
         let table = self.table(root.get("calibration")?)?;
         let place = key_place(root, "calibration");
-        self.known_keys(
-            table,
-            &[
-                "program",
-                "date",
-                "variant",
-                "split",
-                "poses",
-                "folder",
-                "description",
-                "commands_m",
-                "position_m",
-                "widening",
-                "position_sigma_m",
-                "length_noise",
-                "tracker_effects",
-                "rows",
-            ],
-        );
+        let known = "program date variant split poses folder description commands_m position_m widening \
+                     position_sigma_m length_noise tracker_effects rows";
+        self.known_keys(table, &known.split(' ').collect::<Vec<_>>());
         let mut text = |key: &str| {
             let value = self.required(table, key, &place)?;
             self.text(value)

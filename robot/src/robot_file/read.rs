@@ -123,29 +123,9 @@ impl<'a> Document<'a> {
 
     fn file(&mut self, root: &DeTable<'_>) -> RobotFile {
         let start = 0..0;
-        self.known_keys(
-            root,
-            &[
-                "robot",
-                "noise",
-                "payload",
-                "range",
-                "reference",
-                "calibration",
-                "covariance",
-                "paths",
-                "links",
-                "clusters",
-                "tracks",
-                "cranks",
-                "parameters",
-                "effects",
-                "drives",
-                "targets",
-                "surfaces",
-                "balls",
-            ],
-        );
+        let known = "robot noise payload range reference calibration covariance paths links clusters tracks cranks \
+                     parameters effects drives targets surfaces balls";
+        self.known_keys(root, &known.split(' ').collect::<Vec<_>>());
         let robot = match self
             .required(root, "robot", &start)
             .map(|v| (v.get_ref(), v.span()))

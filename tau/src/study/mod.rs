@@ -350,9 +350,8 @@ fn chosen_variants<'a>(
             .iter()
             .map(|variant| variant.name.as_str())
             .collect();
-        remarks.push(
-            remark!(fit::VARIANT_LEFT_OUT; "left out for want of set 2: {}", names.join(", ")),
-        );
+        remarks.push(remark!(fit::VARIANT_LEFT_OUT;
+            "left out for want of set 2: {}", names.join(", ")));
     }
     chosen
 }
