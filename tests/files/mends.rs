@@ -1,6 +1,6 @@
 //! Refusals of machines of users: each says where, the value found and its mend.
 
-use tau::robot_file::RobotFile;
+use tau::robot_file::{RobotFile, StatedNoise};
 use tau_testkit::{Work, list, number, robots};
 
 use crate::answers::{Answers, replaced};
@@ -232,13 +232,15 @@ fn sections_to_fill_in_are_those_that_the_machine_needs() {
         let asked = text.contains("\n[drives]\nnoise_m = \"?\"\n");
         assert_eq!(asked, has_drives, "{model}");
         if has_drives {
-            for noise in ["1e-4", "\"estimate\""] {
+            let robot = robots::named(model);
+            for (noise, expected) in [
+                ("2e-5", StatedNoise::Known(2e-5)),
+                ("\"estimate\"", StatedNoise::Estimate),
+            ] {
                 let drives = text.replace("noise_m = \"?\"", &format!("noise_m = {noise}"));
-                work.write("own.toml", drives.replace("\"?\"", "1e-4"));
-                let line = format!(
-                    "kinematics forward --model {file} --robot DIR/own.toml --variant Full --commands 0,0,0,0"
-                );
-                work.run(&line).done();
+                let filled = drives.replace("\"?\"", "1e-4");
+                let file = RobotFile::parse_for(&filled, "own.toml", &robot).unwrap();
+                assert_eq!(file.noise_of_drive(3), Some(expected), "{model}");
             }
         }
     }
