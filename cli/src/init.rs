@@ -20,7 +20,7 @@ pub(super) fn run(arguments: &arguments::Init) -> Result<Outcome, Failure> {
         let name = out.display().to_string();
         return Err(
             input_error!(files::ALREADY_THERE, name; "there is a file of this name";
-            "name another one with `--out`, or replace it with `--force`")
+                "name another one with `--out`, or replace it with `--force`")
             .into(),
         );
     }

@@ -432,7 +432,7 @@ fn apart(path: &Path, out: &Path) -> Result<(), InputError> {
     }
     Err(
         input_error!(files::REPLACES_INPUT, path.display().to_string();
-        "two outputs are to be written to this file";
-        "name another with `--json`"),
+            "two outputs are to be written to this file";
+            "name another with `--json`"),
     )
 }

@@ -3,6 +3,7 @@
 use std::f64::consts::TAU;
 
 use nalgebra::{Rotation3, Vector3};
+use tau_robot::fingerprint::hash;
 
 /// Streams of random numbers.
 #[derive(Debug, Clone)]
@@ -11,13 +12,7 @@ pub(crate) struct Random(tau_robot::random::Random);
 impl Random {
     /// A stream of its own for each purpose: a change of the noise leaves the machine as it is.
     pub(crate) fn new(seed: u64, purpose: &str) -> Self {
-        // FNV-1a.
-        let hash = purpose
-            .bytes()
-            .fold(0xcbf2_9ce4_8422_2325, |hash: u64, byte| {
-                (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
-            });
-        let mut random = tau_robot::random::Random(seed ^ hash);
+        let mut random = tau_robot::random::Random(seed ^ hash(purpose.as_bytes()));
         random.bits();
         Self(random)
     }

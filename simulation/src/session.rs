@@ -66,8 +66,8 @@ impl<'a> Session<'a> {
         let Some(reference) = file.completed(robot).reference else {
             return Err(
                 input_error!(tau_codes::kinematics::NO_REFERENCE, &file.source;
-                "found no `[reference]`, expected the pose at which the machine stands at some commands";
-                "{}", file.reference_advice(robot)),
+                    "found no `[reference]`, expected the pose at which the machine stands at some commands";
+                    "{}", file.reference_advice(robot)),
             );
         };
         let mut drawing = Drawing::new(robot, file, &reference)?;
@@ -76,16 +76,16 @@ impl<'a> Session<'a> {
             if let Some(free) = Commanded::free_at(&drawing.nominal, &reference) {
                 return Err(
                     input_error!(tau_codes::kinematics::REFERENCE_SINGULAR, &file.source;
-                    "the machine is singular at its `[reference]`: the plate is free to {free}";
-                    "links whose lines meet, are parallel or lie in one plane hold the plate too loosely: compare \
-                     joints and the reference with the drawing"),
+                        "the machine is singular at its `[reference]`: the plate is free to {free}";
+                        "links whose lines meet, are parallel or lie in one plane hold the plate too loosely: compare \
+                         joints and the reference with the drawing"),
                 );
             }
             return Err(
                 input_error!(tau_codes::kinematics::REFERENCE_UNASSEMBLED, &file.source;
-                "the arm can't be assembled near `[reference]` so that the links hold the plate";
-                "compare lengths, joints and the reference with the drawing: in metres, and of the assembly that was \
-                 built"),
+                    "the arm can't be assembled near `[reference]` so that the links hold the plate";
+                    "compare lengths, joints and the reference with the drawing: in metres, and of the assembly that was \
+                     built"),
             );
         };
         // A scale that the ordinary variant holds, or what else it can't describe, would be an error that nobody asked for.

@@ -76,7 +76,7 @@ pub(super) fn commands_of_option(
         let (found, most) = (numbers[command], plausible::LONGEST_M);
         let name = robot.command_column(command);
         let message = format!("found {found} as `{name}`, expected metres, at most {most}");
-        return Err(in_millimetres(option, message));
+        return Err(in_millimetres(option, &message));
     }
     Ok(vec![Row {
         commands_m: numbers.clone(),
@@ -137,7 +137,7 @@ fn pose_of_option(
         let message = format!(
             "found a position {far_m:.1} m from the origin, expected metres, at most {most}"
         );
-        return Err(in_millimetres(option, message));
+        return Err(in_millimetres(option, &message));
     }
     let named = POSITION.into_iter().zip(position_m);
     let named = named.chain(ANGLES.into_iter().zip(angles_rad.unwrap_or_default()));
@@ -190,7 +190,7 @@ fn check_angles(option: &str, angles_rad: &[f64]) -> Result<(), InputError> {
 }
 
 /// The mistake of an option whose lengths are too large for metres.
-fn in_millimetres(option: &str, message: String) -> InputError {
+fn in_millimetres(option: &str, message: &str) -> InputError {
     input_error!(files::NOT_METRES, option; "{message}"; "these look like millimetres: divide by 1000")
 }
 

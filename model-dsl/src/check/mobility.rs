@@ -107,7 +107,7 @@ fn held(
     match clusters.flat_map(|links| &links.pulls).next() {
         Some(pull) if geometry.links.len() >= freedoms => {
             error!(diagnostics, LOOSE, &pull.name; "{message}";
-            "a pulled link yields: leave out `pulled` where the drive holds its position")
+                "a pulled link yields: leave out `pulled` where the drive holds its position");
         }
         _ => error!(diagnostics, LOOSE, &robot.name; "{message}";
             "declare the links that are missing, or a plate with fewer freedoms: `plate point;`, `plate … in plane;`"),

@@ -256,12 +256,12 @@ pub(super) fn named(
     None
 }
 
-/// Reports a quantity that the effect's subject does not have.
 /// True in effects on links that drums wind up.
 fn is_wound(scope: &Scope<'_>) -> bool {
     scope.subject() == Some(Subject::LinkByAngle)
 }
 
+/// Reports a quantity that the effect's subject does not have.
 fn available(
     name: &Ident,
     subjects: &[&str],

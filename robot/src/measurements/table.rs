@@ -144,7 +144,7 @@ impl<'a> Table<'a> {
             match alike(name, &strangers) {
                 Some((index, found)) => {
                     mistake!(mistakes, files::COLUMN_MISSING, self.header[index].clone();
-                    "column `{name}` is missing, found `{found}`"; "{}", unit_advice(name, found))
+                        "column `{name}` is missing, found `{found}`"; "{}", unit_advice(name, found));
                 }
                 None => missing.push(name),
             }

@@ -304,8 +304,8 @@ pub(super) fn complete(
         match key {
             Some(key) => {
                 mistake!(mistakes, files::KEY_MISSING, key.span(); "link `{}` lacks {}", link.name, quoted(missing);
-                "a length is given as `{{ value = 2.0, tol = 3e-4 }}`, the others as `{{ value = [0.1, 0.2, 0.3], tol = \
-                 3e-4 }}`")
+                    "a length is given as `{{ value = 2.0, tol = 3e-4 }}`, the others as `{{ value = [0.1, 0.2, 0.3], tol = \
+                     3e-4 }}`");
             }
             None => mistake!(mistakes, files::KEY_MISSING, key_place(root, "links");
                 "`[links.{}]` is missing, expected {}", link.name, quoted(missing)),

@@ -142,7 +142,7 @@ impl Document<'_> {
         match kind {
             Kind::Length if components[0] <= 0.0 => {
                 mistake!(self.mistakes, files::OUT_OF_BOUNDS, place;
-                "found a length of {}, expected metres above 0", components[0])
+                    "found a length of {}, expected metres above 0", components[0]);
             }
             Kind::Force if components[0] <= 0.0 => {
                 let found = components[0];

@@ -73,8 +73,8 @@ impl Files {
         match &self.folder {
             Some(path) => Folder::read_noting(path, &shape, note),
             None if !prototype::is_of(robot) => Err(input_error!(files::NO_FOLDER, "FOLDER";
-                    "found no measurement folder for robot `{}`: the measurements that are built in are of a Gantry-Tau",
-                        robot.name; "name the folder; `tau simulate --model F.tau --out FOLDER` makes one to try")),
+                "found no measurement folder for robot `{}`: the measurements that are built in are of a Gantry-Tau",
+                    robot.name; "name the folder; `tau simulate --model F.tau --out FOLDER` makes one to try")),
             None => {
                 let texts = Texts {
                     tcp_poses: Some(prototype::TCP_POSES),

@@ -60,7 +60,7 @@ impl<R: DeclaredRobot> ParameterKey<R> for ParameterHandle<R> {
         if own != calibrated {
             return Err(
                 input_error!(fit::OTHER_CALIBRATION, &calibration.machine.robot.name;
-                "`{}` is a parameter of variant `{own}`, and this is a calibration of `{calibrated}`", self.name()),
+                    "`{}` is a parameter of variant `{own}`, and this is a calibration of `{calibrated}`", self.name()),
             );
         }
         by_name(calibration, self.name())
