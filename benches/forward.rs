@@ -70,24 +70,6 @@ fn checked(bencher: Bencher<'_, '_>, name: &str) {
     });
 }
 
-/// Every pose from the one that belongs to the command before, several at a time.
-#[divan::bench(args = ["Nominal", "Full"])]
-fn each(bencher: Bencher<'_, '_>, name: &str) {
-    let (machine, start_m, start) = machine(name);
-    let path = path(&start_m);
-    let (mut pose, mut before) = (start, &path[0]);
-    let mut starts = vec![];
-    for commands in &path {
-        let start = Sample::new(pose, commands);
-        pose = machine.forward_along(before, &start).expect("a pose").pose;
-        before = commands;
-        starts.push(start);
-    }
-    bencher
-        .counter(ItemsCount::new(POSES))
-        .bench_local(|| machine.forward_each(&starts));
-}
-
 #[divan::bench(args = ["Nominal", "Full"])]
 fn unchecked(bencher: Bencher<'_, '_>, name: &str) {
     follow(bencher, name, |machine, sample| {

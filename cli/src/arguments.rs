@@ -13,7 +13,7 @@ use clap_complete::Shell;
 
 use super::numbers::{Triple, positive};
 pub(super) use firmware::{Export, Firmware, Import};
-pub(super) use generate::{Generate, Language};
+pub(super) use generate::Generate;
 pub(super) use init::Init;
 pub(super) use kinematics::{Forward, Inverse, Kinematic, Kinematics};
 pub(super) use trust::{Check, Judgement, KeepOutliers, Loss, Outliers, Strict};

@@ -1,7 +1,7 @@
 //! `tau check`.
 
 use serde_json::json;
-use tau_codes::{Remark, fit};
+use tau_codes::{fit, remark};
 use tau_report as report;
 
 use super::deliver::{Outcome, document};
@@ -27,8 +27,7 @@ pub(super) fn run(arguments: &arguments::Check, console: &Console<'_>) -> Result
             }
             None => why_not().unwrap_or_default(),
         };
-        let text = format!("a calibration would mean nothing: {why}");
-        Remark::new(fit::REFUSED, text)
+        remark!(fit::REFUSED; "a calibration would mean nothing: {why}")
     });
     let wrong = report::trust::terminal::wrong(&found);
     let outcome = Outcome {

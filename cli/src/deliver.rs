@@ -3,6 +3,7 @@
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
+use tau_robot::input_error;
 
 use serde_json::{Value, json};
 use tau::Session;
@@ -75,21 +76,12 @@ impl Outcome {
             Some((text, Target::StandardOutput)) => printed = Some(text),
             None => {}
         }
-        report::write_files(&self.files).map_err(|error| {
-            InputError::whole(
-                files::CANNOT_WRITE,
-                "output",
-                format!("cannot write {error}"),
-            )
-        })?;
+        report::write_files(&self.files)
+            .map_err(|error| input_error!(files::CANNOT_WRITE, "output"; "cannot write {error}"))?;
         console.has_json = has_json && printed.is_none();
         for path in &self.stale {
             fs::remove_file(path).map_err(|error| {
-                InputError::whole(
-                    files::CANNOT_WRITE,
-                    path.display().to_string(),
-                    format!("cannot remove: {error}"),
-                )
+                input_error!(files::CANNOT_WRITE, path.display().to_string(); "cannot remove: {error}")
             })?;
         }
         if !console.quiet {
@@ -153,11 +145,7 @@ fn listed<'a>(heading: &str, paths: impl IntoIterator<Item = &'a Path>) -> Strin
 
 /// An error of the file system, which names its path.
 fn cannot_write(folder: &Path, error: &io::Error) -> InputError {
-    InputError::whole(
-        files::CANNOT_WRITE,
-        folder.display().to_string(),
-        format!("cannot write here: {error}"),
-    )
+    input_error!(files::CANNOT_WRITE, folder.display().to_string(); "cannot write here: {error}")
 }
 
 /// Fails where a file can't be written, before any work is done for it.
@@ -189,11 +177,8 @@ pub(super) fn check_folder(folder: &Path) -> Result<(), InputError> {
         .find(|path| fs::symlink_metadata(path).is_ok())
         .unwrap_or(Path::new("."));
     if !present.is_dir() {
-        return Err(InputError::whole(
-            files::IS_FILE,
-            present.display().to_string(),
-            "this is a file, expected a folder to write into",
-        ));
+        return Err(input_error!(files::IS_FILE, present.display().to_string();
+            "this is a file, expected a folder to write into"));
     }
     let probe = present.join(format!(".tau.{}.probe", std::process::id()));
     match fs::File::create_new(&probe).and_then(|_| fs::remove_file(&probe)) {
@@ -212,8 +197,7 @@ pub(super) fn check_results(folder: &Path) -> Result<(), InputError> {
         return check_folder(folder);
     };
     let name = folder.join("robot.toml").display().to_string();
-    let message =
-        format!("`--out` would replace this file, beside which measurements stand (`{file}`)");
-    Err(InputError::whole(files::REPLACES_INPUT, name, message)
-        .help("write into another folder with `--out`"))
+    Err(input_error!(files::REPLACES_INPUT, name;
+        "`--out` would replace this file, beside which measurements stand (`{file}`)";
+        "write into another folder with `--out`"))
 }

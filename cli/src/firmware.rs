@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use tau_robot::input_error;
 
 use tau::Robot;
 use tau::calibration::Prepared;
@@ -99,11 +100,7 @@ pub(super) fn export(arguments: &arguments::Export) -> Result<Outcome, Failure> 
         .as_ref()
         .or(beside.exists().then_some(&beside));
     let Some(description) = description else {
-        let error = InputError::whole(
-            files::NO_SUCH_FILE,
-            beside.display().to_string(),
-            "the file does not exist",
-        );
+        let error = input_error!(files::NO_SUCH_FILE, beside.display().to_string(); "the file does not exist");
         return Err(error.help("name the description with `--model`").into());
     };
     let robot = described(description)?;

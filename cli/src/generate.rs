@@ -6,16 +6,15 @@ use std::path::Path;
 use tau::input_error::InputError;
 use tau_codegen::emit;
 use tau_codegen::language;
-use tau_codes::{Remark, files};
+use tau_codes::{files, remark};
 use tau_report::shell_word;
 use tau_robot::input_error::read;
 
 use super::Failure;
-use super::arguments::{self, Language};
+use super::arguments;
 use super::deliver::{Outcome, check_file};
 
 pub(super) fn run(arguments: &arguments::Generate) -> Result<Outcome, Failure> {
-    check_languages(&arguments.lang)?;
     let source = &arguments.description;
     let name = source.display().to_string();
     let text = read(source, "the description of a robot (.tau)")?;
@@ -49,16 +48,13 @@ pub(super) fn run(arguments: &arguments::Generate) -> Result<Outcome, Failure> {
             summary: format!("{path_name} is what {name} gives\n"),
             ..Outcome::default()
         }),
-        (false, true) => Err(Failure::Failed(Remark::new(
-            files::STALE,
-            match current {
-                None => format!("{path_name} does not exist: run `{command}`"),
-                Some(current) => format!(
-                    "{path_name} is stale from line {}: run `{command}`",
-                    first_difference(&current, &code)
-                ),
-            },
-        ))),
+        (false, true) => {
+            let how = current.map_or("does not exist".to_owned(), |current| {
+                format!("is stale from line {}", first_difference(&current, &code))
+            });
+            Err(Failure::Failed(remark!(files::STALE;
+                "{path_name} {how}: run `{command}`")))
+        }
         (false, false) => Ok(Outcome {
             summary: format!("written: {path_name}\n"),
             files: vec![(path, code)],
@@ -75,22 +71,6 @@ fn slashed(path: &Path) -> String {
 /// For a comment, which ends where the line does.
 fn one_line(text: &str) -> String {
     text.replace(char::is_control, "?")
-}
-
-fn check_languages(languages: &[Language]) -> Result<(), InputError> {
-    let refused = languages.iter().find_map(|language| match language {
-        Language::Rust => None,
-        Language::C => Some("C99"),
-        Language::Latex => Some("LaTeX"),
-    });
-    match refused {
-        None => Ok(()),
-        Some(language) => Err(InputError::whole(
-            files::OPTION_VALUE,
-            "--lang",
-            format!("{language} can't be generated yet, expected `rust`"),
-        )),
-    }
 }
 
 /// A file without its first line, which names the command that wrote it: another one, such as the same

@@ -1,8 +1,8 @@
 //! `tau init`.
 
 use std::fs;
+use tau_robot::input_error;
 
-use tau::input_error::InputError;
 use tau::robot_file::RobotFile;
 use tau_codes::files;
 
@@ -19,9 +19,9 @@ pub(super) fn run(arguments: &arguments::Init) -> Result<Outcome, Failure> {
     if fs::symlink_metadata(out).is_ok() && !arguments.force {
         let name = out.display().to_string();
         return Err(
-            InputError::whole(files::ALREADY_THERE, name, "there is a file of this name")
-                .help("name another one with `--out`, or replace it with `--force`")
-                .into(),
+            input_error!(files::ALREADY_THERE, name; "there is a file of this name";
+                "name another one with `--out`, or replace it with `--force`")
+            .into(),
         );
     }
     let text = RobotFile::template(&robot);

@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use tau_robot::input_error;
 
 use tau::input_error::InputError;
 use tau_codes::files;
@@ -35,9 +36,9 @@ impl Kept {
             return Ok(());
         }
         let name = output.display().to_string();
-        let message = format!("`{option}` would replace this file, which is read");
-        Err(InputError::whole(files::REPLACES_INPUT, name, message)
-            .help(format!("write elsewhere with `{option}`")))
+        Err(input_error!(files::REPLACES_INPUT, name;
+            "`{option}` would replace this file, which is read";
+            "write elsewhere with `{option}`"))
     }
 
     /// The same of several files in the folder that `--out` names.

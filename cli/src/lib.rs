@@ -29,6 +29,7 @@ use std::ffi::OsString;
 use std::fmt;
 use std::io::{self, IsTerminal, Write};
 use std::process::ExitCode;
+use tau_robot::input_error;
 
 use clap::error::ErrorKind;
 use clap::{CommandFactory, FromArgMatches};
@@ -273,12 +274,9 @@ impl Console<'_> {
             .and_then(|()| self.out.flush());
         written.map_err(|error| match error.kind() {
             io::ErrorKind::BrokenPipe => Failure::ReaderGone,
-            _ => InputError::whole(
-                files::CANNOT_WRITE,
-                "standard output",
-                format!("cannot write: {error}"),
-            )
-            .into(),
+            _ => {
+                input_error!(files::CANNOT_WRITE, "standard output"; "cannot write: {error}").into()
+            }
         })
     }
 }
@@ -301,7 +299,8 @@ fn completions(arguments: &arguments::Completions) -> Outcome {
 mod tests {
     use super::*;
     use clap::Parser;
-    use tau::simulation::Request;
+    use tau::prototype;
+    use tau::simulation::Simulation;
 
     #[test]
     fn the_command_line_is_consistent() {
@@ -314,6 +313,9 @@ mod tests {
         let Some(Command::Simulate(typed)) = arguments.command else {
             panic!("{arguments:?}");
         };
-        assert_eq!(simulate::request(&typed), Request::default());
+        let robot = tau::Robot::from(&tau_generated::gantry_tau::ROBOT);
+        let found = simulate::simulation(&typed, &robot).unwrap();
+        let usual = Simulation::new(robot.clone(), prototype::parameters_of(&robot).unwrap());
+        assert_eq!(format!("{found:?}"), format!("{usual:?}"));
     }
 }

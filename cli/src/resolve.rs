@@ -1,6 +1,7 @@
 //! Robot, parameters, measurements and variant that the arguments name, read and checked.
 
 use std::path::Path;
+use tau_robot::input_error;
 
 use tau::input_error::InputError;
 use tau::measurements::Split;
@@ -109,11 +110,8 @@ fn unknown_robot(name: &Path) -> InputError {
     let meant = nearest.map_or_else(String::new, |own| {
         format!("did you mean `{}`? ", names[own])
     });
-    let message = format!("found neither a file nor a standard robot `{name}`");
-    InputError::whole(files::NO_SUCH_ROBOT, "--model", message).help(format!(
-        "{meant}standard robots are {}; descriptions are files such as `mine.tau`",
-        quoted(names)
-    ))
+    input_error!(files::NO_SUCH_ROBOT, "--model"; "found neither a file nor a standard robot `{name}`";
+        "{meant}standard robots are {}; descriptions are files such as `mine.tau`", quoted(names))
 }
 
 /// The robot that is [described], or else the built-in one that the robot file is for, or else the Gantry-Tau.

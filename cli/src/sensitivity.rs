@@ -1,6 +1,6 @@
 //! `tau sensitivity`.
 
-use tau_codes::Remark;
+use tau_codes::remark;
 use tau_report as report;
 
 use super::deliver::{Outcome, document};
@@ -19,11 +19,9 @@ pub(super) fn run(
     let session = session.comparing_poses()?;
     let found = session.sensitivity(&session.machine(variant)?, arguments.step)?;
     let failure = (found.disagreement > LARGEST_DISAGREEMENT).then(|| {
-        let text = format!(
+        remark!(tau_codes::fit::SENSITIVITIES_DIFFER;
             "steps and implicit differentiation differ by {:.0} %: neither is right; take another `--step`",
-            100.0 * found.disagreement
-        );
-        Remark::new(tau_codes::fit::SENSITIVITIES_DIFFER, text)
+                100.0 * found.disagreement)
     });
     Ok(Outcome {
         failure,

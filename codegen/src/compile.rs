@@ -7,7 +7,7 @@
 use std::sync::Arc;
 
 use tau_model_dsl::Model;
-use tau_model_dsl::model::{Arm, Place, TrackShape, Variant};
+use tau_model_dsl::model::{Arm, Place, TrackModel, Variant};
 use tau_runtime::{self as runtime, Input, ResidualKind, Shape};
 
 use crate::equations::{self, Context, Equations, Parameter, Staging};
@@ -34,9 +34,9 @@ pub struct CompiledVariant {
     /// Lines of its doc comment.
     pub docs: Vec<String>,
     /// Closure per link or per cluster.
-    pub arm: runtime::Arm,
+    pub arm: Arm,
     /// One model per track.
-    pub tracks: Vec<runtime::TrackModel>,
+    pub tracks: Vec<TrackModel>,
     /// Effects with their places.
     pub effects: Vec<(String, Vec<String>)>,
     /// All parameters.
@@ -223,32 +223,9 @@ fn compile_known(
     let mut compiled = CompiledVariant {
         name: variant.name.clone(),
         docs: variant.docs.clone(),
-        arm: match variant.arm {
-            Arm::Full => runtime::Arm::Full,
-            Arm::Reduced => runtime::Arm::Reduced,
-        },
-        tracks: variant
-            .tracks
-            .iter()
-            .map(|track| runtime::TrackModel {
-                shape: match track.shape {
-                    TrackShape::Linear => runtime::TrackShape::Linear,
-                    TrackShape::Piecewise => runtime::TrackShape::Piecewise,
-                    TrackShape::Crank => runtime::TrackShape::Crank,
-                },
-                per_link: track.per_link,
-            })
-            .collect(),
-        effects: variant
-            .effects
-            .iter()
-            .map(|used| {
-                (
-                    model.effects[used.effect].name.clone(),
-                    equations::places(model, used.place),
-                )
-            })
-            .collect(),
+        arm: variant.arm,
+        tracks: variant.tracks.clone(),
+        effects: effects(model, variant),
         families: vec![],
         instances: vec![],
         parameters: parameters.clone(),
@@ -271,6 +248,16 @@ fn compile_known(
     }
     compiled.name_families(model);
     compiled
+}
+
+/// Effects of a variant with their places, as the description writes them.
+pub fn effects(model: &Model, variant: &Variant) -> Vec<(String, Vec<String>)> {
+    let uses = variant.effects.iter();
+    uses.map(|used| {
+        let name = model.effects[used.effect].name.clone();
+        (name, equations::places(model, used.place))
+    })
+    .collect()
 }
 
 /// True if a variant has effects of the tracker.
@@ -343,8 +330,8 @@ impl CompiledVariant {
                     (ResidualKind::CartPose | ResidualKind::CartPosition, _) => {
                         model.tracks[first.of].name.as_str()
                     }
-                    (_, runtime::Arm::Full) => &model.links[first.of].name,
-                    (_, runtime::Arm::Reduced) => &model.clusters[first.of].name,
+                    (_, Arm::Full) => &model.links[first.of].name,
+                    (_, Arm::Reduced) => &model.clusters[first.of].name,
                 };
                 format!("{base}_{of}")
             };

@@ -25,6 +25,14 @@ macro_rules! codes {
     };
 }
 
+/// A [`Remark`] of a code with the arguments of [`format!`].
+#[macro_export]
+macro_rules! remark {
+    ($code:expr; $($text:tt)*) => {
+        $crate::Remark::new($code, ::std::format!($($text)*))
+    };
+}
+
 pub mod discovery;
 pub mod files;
 pub mod fit;

@@ -14,9 +14,6 @@ use crate::machine::Error;
 use crate::numerics::parallel;
 use crate::weighing::Outlier;
 
-/// Poses that a thread predicts at once: whole blocks of samples, and parts for every core where there are some hundred.
-const AT_ONCE: usize = 64;
-
 /// Mean, largest and root-mean-square of a length, in µm.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Summary {
@@ -156,19 +153,10 @@ pub fn evaluate_knowing(
     let measured = poses.iter().map(of_pose);
     let measured = measured.collect::<Result<Vec<&TcpPose>, InputError>>()?;
     // The first of several errors is told, whichever thread comes across one first.
-    let chunks: Vec<&[&TcpPose]> = measured.chunks(AT_ONCE).collect();
-    let reached = parallel::map(&chunks, |measured| {
-        let samples: Vec<Sample<'_>> = measured.iter().map(|&own| own.into()).collect();
-        machine.forward_each(&samples)
-    });
-    let reached: Vec<_> = measured
-        .into_iter()
-        .zip(reached.into_iter().flatten())
-        .collect();
-    let errors = parallel::map_owned(reached, |(measured, reached)| {
+    let errors = parallel::map_owned(measured, |measured| {
         let sample = Sample::from(measured);
         let fail = |error| (measured.pose, machine.explained(error, &sample));
-        let predicted = reached.map_err(fail)?.pose;
+        let predicted = machine.forward_fitted(&sample).map_err(fail)?.pose;
         let of = |own: &Expected| own.of(machine, measured.pose, &sample.at(predicted));
         let sigma = expected.map(of);
         let sigma = sigma.transpose().map_err(fail)?;

@@ -10,7 +10,7 @@ use super::{Error, Pose, newton};
 
 /// Below this smallest singular value a pose counts as singular: a micrometre of error in a link
 /// moves the plate by ten millimetres.
-pub(crate) const SINGULAR: f64 = 1e-4;
+const SINGULAR: f64 = 1e-4;
 /// Largest root mean square mismatch of the link lengths (m) at which [`Machine::forward`] takes a pose
 /// for that of the commands, unless noise of drives and links makes more likely. Only a machine with more
 /// links than hold the plate has any: noise and what its model lacks leave tens of micrometres after

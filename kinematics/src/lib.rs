@@ -1,6 +1,5 @@
 //! Forward and inverse kinematics of any variant, by its generated closures and their derivatives.
 
-mod blocks;
 mod continuation;
 mod error;
 mod forward;

@@ -15,11 +15,11 @@ const STEPS_BY_TANGENT: usize = 10;
 /// Motion (m, rad) by which the change of the tangent is measured: its own error and that of rounding are as small.
 const BEND: f64 = 1e-5;
 /// Least share of the fall that the tangent lets expect which a step must bring (L. Armijo, Pacific J. Math. 16, 1966).
-pub(crate) const LEAST_FALL: f64 = 1e-4;
+const LEAST_FALL: f64 = 1e-4;
 /// A mismatch of link lengths (m) that is rounding.
-pub(crate) const ROUNDING_M: f64 = 1e-13;
+const ROUNDING_M: f64 = 1e-13;
 /// A step (m, rad) after which nothing moves any more.
-pub(crate) const SETTLED: f64 = 1e-11;
+const SETTLED: f64 = 1e-11;
 /// Longest step: the closures are quadratic, beyond this the tangent says nothing.
 pub(crate) const LONGEST_STEP: f64 = 0.5;
 

@@ -1,8 +1,8 @@
 //! Forces in the links and on the carts, from the load that the arm carries and the drives that pull.
 
-use nalgebra::{DMatrix, Rotation3, Vector3};
-use tau_robot::robot::{Plate, Robot, Value};
-use tau_robot::robot_file::{Dimensions, Payload, RobotFile};
+use nalgebra::{DMatrix, Vector3};
+use tau_robot::robot::{Plate, Robot};
+use tau_robot::robot_file::{Dimensions, Joints, Payload, RobotFile};
 
 use super::Pose;
 use super::least_norm::least_norm;
@@ -18,12 +18,7 @@ pub struct Statics {
 
 #[derive(Debug, Clone)]
 struct Rod {
-    plate_joint: Vector3<f64>,
-    track_offset: Vector3<f64>,
-    direction: Vector3<f64>,
-    /// Centre and axis of the crank that carries it.
-    crank: Option<[Vector3<f64>; 2]>,
-    track: Option<usize>,
+    joints: Joints,
     /// Tension to which its drive is controlled (N).
     pull_n: Option<f64>,
     /// True if that is known to a tolerance.
@@ -77,8 +72,8 @@ impl Statics {
     pub fn joints_apart_m(&self, other: &Self) -> f64 {
         let pairs = self.links.iter().zip(&other.links);
         let apart = pairs.map(|(own, other)| {
-            let on_plate = (own.plate_joint - other.plate_joint).norm();
-            on_plate.max((own.track_offset - other.track_offset).norm())
+            let on_plate = (own.joints.plate - other.joints.plate).norm();
+            on_plate.max((own.joints.offset - other.joints.offset).norm())
         });
         apart.fold(0.0, f64::max)
     }
@@ -131,11 +126,11 @@ impl<'s> Frame<'s> {
         let links = statics.links.iter();
         let levers: Vec<Vector3<f64>> = links
             .clone()
-            .map(|rod| pose.rotation * rod.plate_joint)
+            .map(|rod| pose.rotation * rod.joints.plate)
             .collect();
         let directions = links.zip(&levers).map(|(rod, lever)| {
-            let command = rod.track.and_then(|track| commands_m.get(track));
-            let rod = rod.joint(command.copied().unwrap_or(0.0)) - pose.position - lever;
+            let command = rod.joints.track.and_then(|track| commands_m.get(track));
+            let rod = rod.joints.at(command.copied().unwrap_or(0.0)) - pose.position - lever;
             rod.try_normalize(0.0).unwrap_or_default()
         });
         Self {
@@ -189,9 +184,9 @@ impl<'s> Frame<'s> {
         let mut directions = vec![Vector3::zeros(); tracks];
         let links = self.statics.links.iter().zip(&self.directions);
         for ((rod, direction), tension) in links.zip(tensions) {
-            if let Some(track) = rod.track {
+            if let Some(track) = rod.joints.track {
                 forces[track] -= direction * *tension;
-                directions[track] += rod.direction;
+                directions[track] += rod.joints.direction;
             }
         }
         forces
@@ -204,33 +199,14 @@ impl<'s> Frame<'s> {
 
 impl Rod {
     fn new(robot: &Robot, dimensions: Dimensions<'_>, link: usize) -> Option<Self> {
-        let vector = |value| dimensions.vector(link, value).map(Vector3::from);
-        let track = robot.clusters.get(robot.links[link].cluster)?.track;
-        let described = robot.model.links.get(link);
-        Some(Self {
-            plate_joint: vector(Value::PlateJoint)?,
-            track_offset: vector(Value::TrackOffset)?,
-            direction: vector(Value::TrackDirection)?,
-            crank: track
-                .and_then(|track| dimensions.crank(track))
-                .map(|crank| crank.map(Vector3::from)),
-            track,
-            pull_n: match described.and_then(|own| own.pull.as_ref()) {
-                Some(_) => Some(dimensions.pull_n(link)?),
-                None => None,
-            },
-            is_uncertain: described.is_some_and(|own| own.uncertain_pull().is_some()),
+        let own = robot.links.get(link)?;
+        let pull_n = dimensions.pull_n(link);
+        // Without the tension of a link that is pulled no forces are known.
+        (pull_n.is_some() == own.pull.is_some()).then_some(Self {
+            joints: dimensions.joints(link)?,
+            pull_n,
+            is_uncertain: own.uncertain_pull().is_some(),
         })
-    }
-
-    /// The joint on the cart, the crank or the base at a command.
-    fn joint(&self, command: f64) -> Vector3<f64> {
-        match self.crank {
-            Some([centre, axis]) => {
-                centre + Rotation3::new(axis * command) * (self.track_offset - centre)
-            }
-            None => self.track_offset + self.direction * command,
-        }
     }
 }
 

@@ -10,6 +10,30 @@ pub(crate) const TOLERANCE_HELP: &str =
     "a tolerance, one standard deviation, is written `tol 1 mm`";
 pub(crate) const COMMENT_HELP: &str = "comments begin with `//`: `// …`";
 
+/// A mistake of a code at a place, with message and remedy: each the arguments of [`format!`].
+macro_rules! diagnostic {
+    ($code:ident, $place:expr; $message:literal $(, $said:expr)*; $help:literal $(, $remedy:expr)*) => {
+        $crate::diagnostics::Diagnostic::new(tau_codes::language::$code, $place, format!($message $(, $said)*))
+            .help(format!($help $(, $remedy)*))
+    };
+}
+
+/// Adds a [`diagnostic!`] to those of a pass.
+macro_rules! error {
+    ($diagnostics:expr, $($diagnostic:tt)*) => {
+        $diagnostics.push(diagnostic!($($diagnostic)*))
+    };
+}
+
+/// What a parser expected in place of the next token, with the remedy.
+macro_rules! expected {
+    ($parser:expr, $code:ident; $what:literal; $help:literal $(, $remedy:expr)*) => {
+        $parser
+            .expected(tau_codes::language::$code, &format!($what))
+            .help(format!($help $(, $remedy)*))
+    };
+}
+
 /// First and last token of the text that something concerns.
 ///
 /// Two spans, because stable Rust cannot join spans inside a macro.
@@ -311,16 +335,6 @@ impl Diagnostics {
 
     pub(crate) fn push(&mut self, diagnostic: Diagnostic) {
         self.list.push(diagnostic);
-    }
-
-    pub(crate) fn error(
-        &mut self,
-        code: Code,
-        location: impl Into<Location>,
-        message: impl Into<String>,
-        help: impl Into<String>,
-    ) {
-        self.push(Diagnostic::new(code, location, message).help(help));
     }
 
     /// Number of mistakes so far, to learn whether a step found any.

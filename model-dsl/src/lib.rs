@@ -22,8 +22,9 @@
 //! # Ok::<(), tau_model_dsl::Errors>(())
 //! ```
 
-mod check;
+#[macro_use]
 mod diagnostics;
+mod check;
 pub mod model;
 mod names;
 mod parse;

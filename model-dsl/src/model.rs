@@ -187,23 +187,24 @@ pub struct Reference {
     pub orientation: [f64; 3],
 }
 
-/// Closure per link or per cluster.
+/// Closures of an arm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Arm {
-    /// One closure equation per cluster.
+    /// One closure equation per cluster, plate offsets folded into the track offsets
+    /// (Dressler et al. 2010, eqs. 1 and 3).
     Reduced,
-    /// One closure equation per link.
+    /// One closure equation per link (eq. 5).
     Full,
 }
 
-/// Shape of a cart's path.
+/// The path of a cart as a function of its command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TrackShape {
-    /// `C(q) = C0 + q v`.
+    /// `C(q) = C0 + q v` (eq. 2).
     Linear,
-    /// Interpolated between measured cart points.
+    /// Interpolation between measured cart points, carried by a calibrated rigid transform (eq. 4).
     Piecewise,
-    /// A circle about the axis of a crank.
+    /// `C(q) = centre + Rot(q·axis)·(C0 − centre)`.
     Crank,
 }
 
@@ -212,7 +213,7 @@ pub enum TrackShape {
 pub struct TrackModel {
     /// Straight or interpolated.
     pub shape: TrackShape,
-    /// True if each link has its own direction (or rotation).
+    /// True if each link has a direction (or rotation) of its own.
     pub per_link: bool,
 }
 

@@ -1,7 +1,6 @@
 //! Names: what they may be, and which one was probably meant.
 
 use proc_macro2::Ident;
-use tau_codes::language;
 
 use crate::diagnostics::Diagnostic;
 
@@ -36,14 +35,9 @@ pub(crate) fn reserved(name: &Ident) -> Option<Diagnostic> {
     } else {
         return None;
     };
-    Some(
-        Diagnostic::new(
-            language::RESERVED_NAME,
-            name,
-            format!("{reason} and cannot be a name"),
-        )
-        .help("choose another name, of ASCII letters, digits and `_`"),
-    )
+    Some(diagnostic!(RESERVED_NAME, name;
+        "{reason} and cannot be a name";
+        "choose another name, of ASCII letters, digits and `_`"))
 }
 
 /// True if a word begins something of Rust that has no meaning in a model.

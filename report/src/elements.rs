@@ -32,7 +32,6 @@ pub(super) fn figure(figures: &[Figure], file_name: &str) -> Markup {
             figure aria-label=(found.title) {
                 div.scroll tabindex="0" role="region" aria-label=(found.title) { (PreEscaped(&found.svg)) }
                 figcaption {
-                    @if let Some(number) = found.number { b { "Figure " (number) ". " } }
                     (found.caption)
                 }
             }

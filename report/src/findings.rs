@@ -16,16 +16,10 @@ use super::table::DRAWN;
 /// Remark on the coordinates in which changes of orientation are summed where the Euler angles of the files can't be.
 pub(super) fn turn(sensitivity: &Sensitivity, of: Architecture) -> Option<String> {
     let turns = !of.plate.turning_axes().is_empty();
-    let as_in_paper = if of.is_gantry_tau {
-        " as in the paper"
-    } else {
-        ""
-    };
     (turns && sensitivity.turn == Turn::RotationVector).then(|| {
-        format!(
-            "The plate stands level at some pose, where Euler angles mean nothing: orientation is summed by the \
-             rotation vector ω in the measurement frame, not by α, β and γ{as_in_paper}."
-        )
+        "The plate stands level at some pose, where Euler angles mean nothing: orientation is summed by the rotation \
+         vector ω in the measurement frame, not by α, β and γ."
+            .to_owned()
     })
 }
 
@@ -37,7 +31,7 @@ pub(super) fn no_sensitivity(sensitivity: &Sensitivity) -> String {
     )
 }
 
-/// Meaning of the brackets in Table II.
+/// Meaning of the brackets in the table of the geometry.
 pub(super) fn brackets(variant: &VariantResult) -> String {
     format!(
         "In brackets the standard deviation in units of the last digit, from the stated noise{}.{}",

@@ -455,7 +455,7 @@ impl PoseErrorFields {
     }
 }
 
-/// The result of `tau sensitivity`: Table III by steps, and by implicit differentiation under `analytic`.
+/// The result of `tau sensitivity`: by steps, and by implicit differentiation under `analytic`.
 pub fn sensitivity(sensitivity: &Sensitivity) -> Value {
     let table = |value: fn(&ParameterSensitivity) -> f64| -> Map<String, Value> {
         let entry = |own: &ParameterSensitivity| (own.parameter.clone(), json!(value(own)));

@@ -9,8 +9,6 @@ mod elements;
 pub mod figures;
 mod findings;
 mod first_page;
-#[cfg(test)]
-mod fixture;
 mod gauge;
 pub mod html;
 pub mod json;

@@ -1,4 +1,4 @@
-//! Sections of the report on a study, from Table I to the last parameter.
+//! Sections of the report on a study, from the errors to the last parameter.
 
 use maud::{Markup, PreEscaped, html};
 use tau::study::results::{Study, VariantResult};
@@ -84,16 +84,12 @@ fn errors(study: &Study, figures: &[Figure]) -> Markup {
             p {
                 "Each calibrated model predicts the pose of the plate from the commands; the error is predicted minus measured. Position errors are lengths of the three-dimensional difference."
                 @if turns(study) && findings::has_reduced(study) { " A reduced arm predicts no orientation." }
-                @if study.setting.architecture.is_gantry_tau {
-                    " Tables I to III and the numbered figures follow those of Dressler, Brogårdh and Robertsson, A Kinematic \
-                     Error Model for a Parallel Gantry-Tau Manipulator (ICRA 2010)."
-                }
             }
             @if let Some(comparison) = findings::comparison(study) { p { (comparison) } }
             (table(&tables::errors(study), "wide"))
             (figure(figures, "position_error_by_variant.svg"))
             (figure(figures, "position_error_by_pose.svg"))
-            (figure(figures, "figure_8_orientation_errors.svg"))
+            (figure(figures, "orientation_errors.svg"))
         }
         @if !study.remarks.is_empty() {
             aside.remarks {
@@ -281,12 +277,12 @@ fn assumptions(study: &Study, figures: &[Figure]) -> Markup {
         @if turns(study) && study.assumptions.orientation.is_empty() {
             p { "No orientation was measured." }
         }
-        (figure(figures, "figure_4_orientation.svg"))
+        (figure(figures, "orientation_grid.svg"))
         @if has_carts && study.assumptions.linearity.is_empty() {
             p { "Without cart poses (set 2) the linearity of the tracks cannot be checked." }
         }
-        (figure(figures, "figure_5_linearity_parallel.svg"))
-        (figure(figures, "figure_6_linearity_orthogonal.svg"))
+        (figure(figures, "linearity_parallel.svg"))
+        (figure(figures, "linearity_orthogonal.svg"))
         @if has_carts && study.assumptions.sets.is_empty() {
             p { "Without cart positions at random poses (set 3) and cart poses (set 2) the two cannot be compared." }
         }
@@ -329,8 +325,8 @@ fn sensitivity(study: &Study, figures: &[Figure]) -> Markup {
         }
         @if let Some(remark) = findings::turn(found, study.setting.architecture) { p { (remark) } }
         @for quantity in tables::sensitivity(found, study.setting.architecture) { (table(&quantity, "wide compact even")) }
-        (figure(figures, "figure_9_sensitivity_position.svg"))
-        (figure(figures, "figure_10_sensitivity_orientation.svg"))
+        (figure(figures, "sensitivity_position.svg"))
+        (figure(figures, "sensitivity_orientation.svg"))
     }
 }
 

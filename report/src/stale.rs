@@ -61,7 +61,8 @@ fn is_figure(name: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{fixture, study_files, write_files};
+    use crate::tests::fixture;
+    use crate::{study_files, write_files};
 
     #[test]
     fn only_what_an_earlier_study_wrote_and_nobody_changed_is_stale() {
@@ -85,10 +86,10 @@ mod tests {
         assert_eq!(
             names,
             [
-                "figure_10_sensitivity_orientation.svg",
-                "figure_5_linearity_parallel.svg",
-                "figure_6_linearity_orthogonal.svg",
-                "figure_9_sensitivity_position.svg"
+                "linearity_orthogonal.svg",
+                "linearity_parallel.svg",
+                "sensitivity_orientation.svg",
+                "sensitivity_position.svg"
             ]
         );
     }

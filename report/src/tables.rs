@@ -15,7 +15,7 @@ use super::number::{
 use super::parts;
 use super::table::{Cell, Column, Table, columns, number, text};
 
-/// Errors of each variant: Table I, or, where poses were not measured, those of measurements that were held out.
+/// Errors of each variant, or, where poses were not measured, those of measurements that were held out.
 pub(super) fn errors(study: &Study) -> Table {
     if study.setting.rows.is_some() {
         return measured::of_study(study);
@@ -50,11 +50,7 @@ pub(super) fn errors(study: &Study) -> Table {
         })
         .collect();
     Table {
-        title: numbered(
-            "Table I",
-            &format!("Errors at the {}", findings::compared(&study.setting).1),
-            study.setting.architecture,
-        ),
+        title: format!("Errors at the {}", findings::compared(&study.setting).1),
         columns: columns(&[
             ("", &["Variant"]),
             ("Position error (µm)", &["mean", "max", "rms"]),
@@ -94,16 +90,7 @@ impl Digits {
     }
 }
 
-/// The title of a table, with its number in the paper for the paper's robot.
-fn numbered(number: &str, title: &str, of: Architecture) -> String {
-    if of.is_gantry_tau {
-        format!("{number}. {title}")
-    } else {
-        title.to_owned()
-    }
-}
-
-/// Table II for one variant: the calibrated geometry of each link or cluster.
+/// The calibrated geometry of each link or cluster.
 pub(super) fn geometry(variant: &VariantResult, of: Architecture) -> Table {
     let links = &variant.links;
     let any = |present: fn(&LinkResult) -> bool| links.iter().any(present);
@@ -185,11 +172,7 @@ pub(super) fn geometry(variant: &VariantResult, of: Architecture) -> Table {
         })
         .collect();
     Table {
-        title: numbered(
-            "Table II",
-            &format!("Calibrated geometry, {}", variant.name),
-            of,
-        ),
+        title: format!("Calibrated geometry, {}", variant.name),
         columns: columns(&groups),
         rows,
     }
@@ -231,7 +214,7 @@ pub(super) fn turn(turn: Turn) -> &'static str {
     }
 }
 
-/// Table III: position, orientation where the plate turns, and cost, one table each; none where no parameter is a link's.
+/// Sensitivities: position, orientation where the plate turns, and cost, one table each; none where no parameter is a link's.
 pub(super) fn sensitivity(sensitivity: &Sensitivity, of: Architecture) -> Vec<Table> {
     type Quantity = fn(&ParameterSensitivity) -> f64;
     let orientation = format!("orientation, Σ({}) in rad", turn(sensitivity.turn));
@@ -288,7 +271,7 @@ pub(super) fn sensitivity(sensitivity: &Sensitivity, of: Architecture) -> Vec<Ta
                 [text(&link.link)].into_iter().chain(entries).collect()
             });
             Table {
-                title: numbered("Table III", &format!("Sensitivity: {quantity}"), of),
+                title: format!("Sensitivity: {quantity}"),
                 columns: headings.clone(),
                 rows: rows.collect(),
             }

@@ -198,7 +198,7 @@ pub fn calibration(
     screen.into_text()
 }
 
-/// Table II, and the meaning of what stands in brackets.
+/// The calibrated geometry, and the meaning of what stands in brackets.
 fn geometry(screen: &mut Screen, result: &VariantResult, of: Architecture) {
     screen.table(&tables::geometry(result, of));
     if let Some(machine) = tables::machine(result) {
@@ -324,7 +324,7 @@ fn without_outliers(screen: &mut Screen, errors: &[PoseError], outliers: &[Outli
 /// Outliers that are named one by one.
 const NAMED: usize = 8;
 
-/// Table III, with what it was computed for and how well its two ways agree.
+/// Sensitivities, with what it was computed for and how well its two ways agree.
 pub fn sensitivity(sensitivity: &Sensitivity, of: Architecture, width: usize) -> String {
     let mut screen = Screen::new(width);
     sensitivities(&mut screen, sensitivity, of);

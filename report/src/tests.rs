@@ -6,7 +6,9 @@ use tau::calibration::ParameterEstimate;
 use tau::robot::Owner;
 use tau::study::results::Study;
 
-use super::{figures, fixture, html, json, tables, terminal};
+use super::{figures, html, json, tables, terminal};
+
+pub(crate) mod fixture;
 
 /// The report as XML: HTML's only elements without an end in it are those of the head, and its script is left out.
 pub(super) fn parse_html(page: &str) -> String {
@@ -84,8 +86,6 @@ fn render(study: &Study) -> (Vec<figures::Figure>, String, String) {
 #[test]
 fn all_figures_stand_in_the_report() {
     let (figures, page, _) = render(&fixture::study());
-    let numbers: Vec<_> = figures.iter().filter_map(|figure| figure.number).collect();
-    assert_eq!(numbers, [8, 4, 5, 6, 9, 10]);
     assert_eq!(figures.len(), 9);
     assert_eq!(page.matches("<figure aria-label").count(), 9);
     assert_eq!(page.matches("<figure class=\"machine-figure\"").count(), 1);
@@ -113,7 +113,7 @@ fn table_one_says_the_same_everywhere() {
     let json = serde_json::json!(json::study(&study));
     let page = parse_html(&page);
     let document = Document::parse(&page).unwrap();
-    let rows = cells(table(&document, "Table I."));
+    let rows = cells(table(&document, "Errors at the validation poses"));
     assert_eq!(rows.len(), study.variants.len());
     for row in rows {
         let variant = &json["variants"][&row[0]];

@@ -147,7 +147,11 @@ mod tests {
     }
 
     fn of_study(folder: &Path) -> Vec<(PathBuf, String)> {
-        study_files(folder, &crate::fixture::study(), &crate::fixture::record())
+        study_files(
+            folder,
+            &crate::tests::fixture::study(),
+            &crate::tests::fixture::record(),
+        )
     }
 
     fn texts(folder: &Path, names: &[&str]) -> Vec<(PathBuf, String)> {
@@ -182,7 +186,7 @@ mod tests {
             .collect();
         expected.sort();
         assert_eq!(names(&folder.path().join("new/deep")), expected);
-        assert!(expected.contains(&"figure_10_sensitivity_orientation.svg".to_owned()));
+        assert!(expected.contains(&"sensitivity_orientation.svg".to_owned()));
     }
 
     #[test]

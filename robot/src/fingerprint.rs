@@ -33,6 +33,11 @@ pub fn of_numbers(numbers: impl IntoIterator<Item = f64>) -> String {
     format!("{:012x}", (hash ^ (hash >> 48)) & 0xffff_ffff_ffff)
 }
 
+/// Hash of bytes.
+pub fn hash(bytes: &[u8]) -> u64 {
+    hashed(OFFSET_BASIS, bytes)
+}
+
 /// The hash of nothing.
 const OFFSET_BASIS: u64 = 0xcbf2_9ce4_8422_2325;
 

@@ -10,6 +10,31 @@ use annotate_snippets::renderer::DecorStyle;
 use annotate_snippets::{AnnotationKind, Group, Level, Origin, Renderer, Snippet};
 use tau_codes::{Code, Remark, files};
 
+/// An [`InputError`] of a code about a source as a whole, with message and remedy: each the arguments of [`format!`].
+#[macro_export]
+macro_rules! input_error {
+    ($code:expr, $source:expr; $message:literal $(, $said:expr)* $(; $help:literal $(, $remedy:expr)*)?) => {
+        $crate::input_error::InputError::whole($code, $source, ::std::format!($message $(, $said)*))
+            $(.help(::std::format!($help $(, $remedy)*)))?
+    };
+}
+
+/// Adds a mistake of a code at a place of a text to others, with message and remedy: each the arguments of [`format!`].
+#[macro_export]
+macro_rules! mistake {
+    ($mistakes:expr, $code:expr, $place:expr; $message:literal $(, $said:expr)*) => {
+        $mistakes.add($code, $place, ::std::format!($message $(, $said)*), None)
+    };
+    ($mistakes:expr, $code:expr, $place:expr; $message:literal $(, $said:expr)*; $help:literal $(, $remedy:expr)*) => {
+        $mistakes.add(
+            $code,
+            $place,
+            ::std::format!($message $(, $said)*),
+            Some(::std::format!($help $(, $remedy)*)),
+        )
+    };
+}
+
 /// One or more mistakes in the input.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct InputError {

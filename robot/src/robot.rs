@@ -8,14 +8,16 @@ use std::path::Path;
 use std::sync::Arc;
 
 use tau_codegen::CompiledRobot;
-use tau_codegen::compile::CompiledVariant;
+use tau_codegen::compile::{CompiledVariant, effects};
 pub use tau_codegen::equations::Parameter;
 use tau_codegen::language;
-pub use tau_codegen::language::model::{CrankValue, Drive, Formula, Plate, Readable, Value};
-use tau_codegen::language::model::{EffectUse, Model, Place};
+use tau_codegen::language::model::{self, EffectUse, Model, Place};
+pub use tau_codegen::language::model::{
+    Arm, Cluster, CrankValue, Drive, Formula, Link, Plate, Readable, TrackModel, TrackShape, Value,
+};
 use tau_codes::files;
 use tau_runtime as runtime;
-pub use tau_runtime::{Arm, Input, Owner, ResidualFamily, ResidualKind, TrackModel, TrackShape};
+pub use tau_runtime::{Input, Owner, ResidualFamily, ResidualKind};
 
 use crate::input_error::{self, InputError};
 pub use crate::link_key::LinkKey;
@@ -45,26 +47,6 @@ pub struct Robot {
     pub commands: usize,
     /// Variants in order of declaration.
     pub variants: Arc<[Variant]>,
-}
-
-/// Links between one cart (or the fixed base) and the plate.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Cluster {
-    /// Name in the description.
-    pub name: String,
-    /// Index of the track whose cart carries it; `None` on the fixed base.
-    pub track: Option<usize>,
-}
-
-/// A rod between two spherical joints.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Link {
-    /// Name in the description.
-    pub name: String,
-    /// Index of its cluster.
-    pub cluster: usize,
-    /// Index of the command that drives its length, where the length is actuated.
-    pub actuated_by: Option<usize>,
 }
 
 /// A choice of arm, tracks and effects, with its functions.
@@ -143,17 +125,11 @@ pub struct Architecture {
     pub driven_lengths: usize,
     /// Freedoms of the plate.
     pub plate: Plate,
-    /// True for that of Dressler, Brogårdh and Robertsson (ICRA 2010): three carts that carry one, two and three links.
-    pub is_gantry_tau: bool,
 }
 
 impl Robot {
     /// The drives and the plate.
     pub fn architecture(&self) -> Architecture {
-        let mut on_tracks: Vec<usize> = (0..self.tracks.len())
-            .map(|track| self.links_of_track(track).len())
-            .collect();
-        on_tracks.sort_unstable();
         let driven = self.links.iter().filter(|link| link.actuated_by.is_some());
         let driven_lengths = driven.count();
         let cranks = (0..self.tracks.len())
@@ -164,10 +140,6 @@ impl Robot {
             cranks,
             driven_lengths,
             plate: self.plate,
-            is_gantry_tau: on_tracks == [1, 2, 3]
-                && self.links.len() == 6
-                && (cranks, driven_lengths) == (0, 0)
-                && self.plate == Plate::Body,
         }
     }
 
@@ -201,7 +173,7 @@ impl Robot {
 
     /// The formula that a value of a link is, where the description gives one: it then has no parameter of its own.
     pub fn formula_of(&self, link: usize, value: Value) -> Option<&Formula> {
-        self.model.links.get(link)?.defaults.formula(value)
+        self.links.get(link)?.defaults.formula(value)
     }
 
     /// True if a value of a link is a parameter that a file or the description gives.
@@ -212,7 +184,7 @@ impl Robot {
             LinkKey::Geometry(Value::PlateJoint) => !self.plate.is_point(),
             LinkKey::Geometry(Value::TrackDirection) => track.is_some() && !on_crank,
             LinkKey::Pull => {
-                let link = self.model.links.get(link);
+                let link = self.links.get(link);
                 link.is_some_and(|link| link.uncertain_pull().is_some())
             }
             LinkKey::Geometry(_) | LinkKey::TrackRotation => true,
@@ -222,6 +194,23 @@ impl Robot {
             LinkKey::TrackRotation | LinkKey::Pull => None,
         };
         exists && formula.is_none()
+    }
+
+    /// A robot as described, with variants.
+    fn of(model: Model, description: &str, variants: Vec<Variant>) -> Self {
+        Self {
+            name: model.name.clone(),
+            source: model.name.clone(),
+            description: description.to_owned(),
+            plate: model.plate,
+            drives: model.drives(),
+            tracks: model.tracks.iter().map(|own| own.name.clone()).collect(),
+            clusters: model.clusters.clone(),
+            links: model.links.clone(),
+            commands: model.commands(),
+            variants: variants.into(),
+            model: Arc::new(model),
+        }
     }
 
     /// A robot from its description, compiled at run time: its functions are interpreted.
@@ -462,116 +451,47 @@ impl From<&runtime::Robot> for Robot {
                 "the code of `{name}` carries a description that this version can't read; generate it again: {errors}"
             )
         });
-        Self {
-            name: robot.name.into(),
-            source: robot.name.into(),
-            description: robot.description.into(),
-            plate: model.plate,
-            drives: model.drives(),
-            model: Arc::new(model),
-            tracks: robot.tracks.iter().map(|&name| name.into()).collect(),
-            clusters: robot
-                .clusters
-                .iter()
-                .map(|c| Cluster {
-                    name: c.name.into(),
-                    track: c.track,
-                })
-                .collect(),
-            links: robot
-                .links
-                .iter()
-                .map(|l| Link {
-                    name: l.name.into(),
-                    cluster: l.cluster,
-                    actuated_by: l.actuated_by,
-                })
-                .collect(),
-            commands: robot.commands,
-            variants: robot.variants.iter().map(Variant::from).collect(),
-        }
-    }
-}
-
-impl From<&runtime::Variant> for Variant {
-    fn from(variant: &runtime::Variant) -> Self {
-        Self {
-            name: variant.name.into(),
-            arm: variant.arm,
-            tracks: variant.tracks.to_vec(),
-            effects: variant
-                .effects
-                .iter()
-                .map(|e| {
-                    (
-                        e.name.into(),
-                        e.places.iter().map(|&place| place.into()).collect(),
-                    )
-                })
-                .collect(),
-            parameters: variant
-                .parameters
-                .iter()
-                .map(|p| Parameter {
-                    name: p.name.into(),
-                    owner: p.owner,
-                    quantity: p.quantity.into(),
-                    component: p.component,
-                    unit: p.unit.into(),
-                    nominal: p.nominal,
-                    tolerance: p.tolerance,
-                    search: p.search,
-                })
-                .collect(),
-            instances: variant
-                .instances
-                .iter()
-                .map(|i| Instance {
-                    kind: i.kind,
-                    of: i.of,
-                    family: Arc::new(Static(i.family)),
-                    parameters: i.parameters.iter().map(|&index| index as usize).collect(),
-                    inputs: i.inputs.to_vec(),
-                })
-                .collect(),
-        }
+        let variants = model.variants.iter().zip(robot.variants);
+        let variants = variants.map(|own| Variant::generated(&model, own));
+        let variants = variants.collect();
+        Self::of(model, robot.description, variants)
     }
 }
 
 impl From<&CompiledRobot> for Robot {
     fn from(robot: &CompiledRobot) -> Self {
-        let model = &robot.model;
+        let variants = robot.variants.iter().map(Variant::from).collect();
+        Self::of(robot.model.clone(), &robot.description, variants)
+    }
+}
+
+impl Variant {
+    /// A variant of a model with its generated functions.
+    fn generated(model: &Model, (own, tables): (&model::Variant, &runtime::Variant)) -> Self {
+        let parameter = |own: &runtime::Parameter| Parameter {
+            name: own.name.into(),
+            owner: own.owner,
+            quantity: own.quantity.into(),
+            component: own.component,
+            unit: own.unit.into(),
+            nominal: own.nominal,
+            tolerance: own.tolerance,
+            search: own.search,
+        };
+        let instance = |own: &runtime::Instance| Instance {
+            kind: own.kind,
+            of: own.of,
+            family: Arc::new(Static(own.family)),
+            parameters: own.parameters.iter().map(|&index| index as usize).collect(),
+            inputs: own.inputs.to_vec(),
+        };
         Self {
-            name: model.name.clone(),
-            source: model.name.clone(),
-            description: robot.description.clone(),
-            plate: model.plate,
-            drives: model.drives(),
-            model: Arc::new(model.clone()),
-            tracks: model
-                .tracks
-                .iter()
-                .map(|track| track.name.clone())
-                .collect(),
-            clusters: model
-                .clusters
-                .iter()
-                .map(|c| Cluster {
-                    name: c.name.clone(),
-                    track: c.track,
-                })
-                .collect(),
-            links: model
-                .links
-                .iter()
-                .map(|l| Link {
-                    name: l.name.clone(),
-                    cluster: l.cluster,
-                    actuated_by: l.actuated_by,
-                })
-                .collect(),
-            commands: model.commands(),
-            variants: robot.variants.iter().map(Variant::from).collect(),
+            name: tables.name.into(),
+            arm: own.arm,
+            tracks: own.tracks.clone(),
+            effects: effects(model, own),
+            parameters: tables.parameters.iter().map(parameter).collect(),
+            instances: tables.instances.iter().map(instance).collect(),
         }
     }
 }

@@ -25,7 +25,4 @@ pub use formulas::Formulas;
 pub use handles::{DeclaredRobot, ParameterHandle, VariantHandle};
 pub use lanes::{Kernel, LANES, Lanes, Samples, block_count, vectorized};
 pub use normal::NormalEquations;
-pub use tables::{
-    Arm, Cluster, EffectUse, Input, Instance, Link, Owner, Parameter, ResidualKind, Robot,
-    TrackModel, TrackShape, Variant,
-};
+pub use tables::{Input, Instance, Owner, Parameter, ResidualKind, Robot, Variant};

@@ -2,99 +2,26 @@
 
 use crate::ResidualFamily;
 
-/// A robot: its structure and its variants.
+/// A robot: its description and its variants.
 #[derive(Debug, Clone, Copy)]
 pub struct Robot {
     /// Name in the description.
     pub name: &'static str,
     /// The whole description, in the language.
     pub description: &'static str,
-    /// Names of the tracks, in order of declaration; carts carry the same numbers, from 1.
-    pub tracks: &'static [&'static str],
-    /// Clusters in order of declaration.
-    pub clusters: &'static [Cluster],
-    /// Links in order of declaration.
-    pub links: &'static [Link],
-    /// Number of commands `q1_m, q2_m, …`: one per track, then one per link of actuated length.
-    pub commands: usize,
     /// Variants in order of declaration.
     pub variants: &'static [Variant],
 }
 
-/// Links between one cart (or the fixed base) and the plate.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Cluster {
-    /// Name in the description.
-    pub name: &'static str,
-    /// Index of the track whose cart carries it; `None` on the fixed base.
-    pub track: Option<usize>,
-}
-
-/// A rod between a spherical joint on a cart (or the base) and one on the plate.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Link {
-    /// Name in the description.
-    pub name: &'static str,
-    /// Index of its cluster.
-    pub cluster: usize,
-    /// Index of the command that drives its length, where the length is actuated.
-    pub actuated_by: Option<usize>,
-}
-
-/// The arm's closures: per link or per cluster.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Arm {
-    /// One closure equation per cluster, plate offsets folded into the track offsets
-    /// (Dressler et al. 2010, eqs. 1 and 3).
-    Reduced,
-    /// One closure equation per link (eq. 5).
-    Full,
-}
-
-/// The path of a cart as a function of its command.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum TrackShape {
-    /// `C(q) = C0 + q v` (eq. 2).
-    Linear,
-    /// Interpolation between measured cart points, carried by a calibrated rigid transform (eq. 4).
-    Piecewise,
-    /// `C(q) = centre + Rot(q·axis)·(C0 − centre)`.
-    Crank,
-}
-
-/// A variant's model of one track.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct TrackModel {
-    /// Straight or interpolated.
-    pub shape: TrackShape,
-    /// True if each link has a direction (or rotation) of its own.
-    pub per_link: bool,
-}
-
-/// A choice of arm, tracks and effects, with its generated functions.
+/// A choice of arm, tracks and effects: what its generated functions take.
 #[derive(Debug, Clone, Copy)]
 pub struct Variant {
     /// Name in the description.
     pub name: &'static str,
-    /// Closure per link or per cluster.
-    pub arm: Arm,
-    /// One model per track.
-    pub tracks: &'static [TrackModel],
-    /// Effects in the order in which they were added.
-    pub effects: &'static [EffectUse],
     /// All parameters that any of its residuals depend on.
     pub parameters: &'static [Parameter],
     /// Residuals: each a family, with the parameters and data it takes.
     pub instances: &'static [Instance],
-}
-
-/// An effect of a variant, at a place.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct EffectUse {
-    /// Name of the effect.
-    pub name: &'static str,
-    /// Its places: tracks, links, `all` or `tcp`.
-    pub places: &'static [&'static str],
 }
 
 /// Owner of a parameter.

@@ -1,14 +1,14 @@
 //! The machine of the drawings: numbers from the robot file or the description, and what formulas make of them.
 
 use std::collections::BTreeMap;
+use tau_robot::input_error;
 
 use nalgebra::Vector3;
 use tau_codegen::language::model::{CrankValue, Formula, Held, Link, Model, Value as Geometry};
 use tau_codes::files;
 use tau_robot::input_error::{Errors, InputError, quoted};
 use tau_robot::robot::{LinkKey, Robot};
-use tau_robot::robot_file::keys::crank_key;
-use tau_robot::robot_file::{LinkValues, Origin, Reference, RobotFile, Value};
+use tau_robot::robot_file::{Dimensions, Origin, Reference, RobotFile};
 
 use super::machine::Machine;
 use super::parts::{Crank, Rod};
@@ -54,12 +54,8 @@ impl<'a> Drawing<'a> {
     ) -> Result<Self, InputError> {
         let mut errors = Errors::default();
         let mut lacks = |what: String| {
-            let message = format!("the virtual robot needs {what}");
-            errors.add(InputError::whole(
-                files::UNKNOWN_VALUES,
-                &file.source,
-                message,
-            ));
+            errors.add(input_error!(files::UNKNOWN_VALUES, &file.source;
+                "the virtual robot needs {what}"));
         };
         if let Some(pulls) = unknown_pulls(robot) {
             lacks(pulls);
@@ -226,10 +222,10 @@ pub(super) fn refuse_not_finite(
     let Some((link, value)) = rods.find_map(|(rod, link)| Some((link, of_rod(rod)?))) else {
         return Ok(());
     };
-    let message = format!("`{value}` of link `{}` is not a finite number", link.name);
-    let help = "compare its formula with the values of the parameters in it, and their tolerances: the root of a negative \
-         number or a division by zero has no value";
-    Err(InputError::whole(files::FORMULA_VALUE, source, message).help(help))
+    Err(input_error!(files::FORMULA_VALUE, source;
+        "`{value}` of link `{}` is not a finite number", link.name;
+        "compare its formula with the values of the parameters in it, and their tolerances: the root of a negative \
+         number or a division by zero has no value"))
 }
 
 /// A component of a parameter of the whole machine.
@@ -298,7 +294,7 @@ fn bound(formula: &Formula, of: &dyn Fn(&Formula) -> Option<f64>) -> Formula {
 
 /// Tensions of links that pull by ones which the description leaves unknown, with the remedy.
 fn unknown_pulls(robot: &Robot) -> Option<String> {
-    let links = &robot.model.links;
+    let links = &robot.links;
     let is_unknown = |link: &&Link| link.pull.as_ref().is_some_and(|pull| pull.value.is_none());
     let names: Vec<&str> = links
         .iter()
@@ -319,24 +315,17 @@ fn links(
     file: &RobotFile,
     lacks: &mut dyn FnMut(String),
 ) -> (Vec<Rod>, Vec<OfLink>) {
+    let dimensions = Dimensions::new(robot, file);
     let mut rods = Vec::new();
     let mut tolerances = Vec::new();
     for (index, link) in robot.links.iter().enumerate() {
-        let track = robot.clusters[link.cluster].track;
-        let shared = track.and_then(|track| file.tracks.get(&robot.tracks[track]));
-        let own = [file.links.get(&link.name), shared];
-        let described = robot.model.links.get(index);
         let mut find = |value: Geometry| -> (Vec<f64>, f64) {
             let key = LinkKey::Geometry(value);
             let components = key.components();
             if !robot.has_parameter(index, key) {
                 return (vec![0.0; components], 0.0);
             }
-            let mut stated = own.into_iter().flatten();
-            let stated = stated.find_map(|values: &LinkValues| values.get(key));
-            let found = stated.map(|value| (value.value.clone(), value.tol));
-            let found = found.or_else(|| given_by(described?.defaults.given(value)));
-            found.unwrap_or_else(|| {
+            dimensions.stated(index, value).unwrap_or_else(|| {
                 lacks(format!("the {} of link `{}`", value.name(), link.name));
                 (vec![0.0; components], 0.0)
             })
@@ -345,21 +334,19 @@ fn links(
         let (joint, of_joint) = find(Geometry::PlateJoint);
         let (offset, of_offset) = find(Geometry::TrackOffset);
         let (direction, of_direction) = find(Geometry::TrackDirection);
-        let pull = described.and_then(|link| link.pull.as_ref());
-        let stated = own[0].and_then(|values| values.pull.as_ref());
+        let pull = link.pull.as_ref();
+        let stated = file.links.get(&link.name);
+        let stated = stated.and_then(|values| values.pull.as_ref());
         rods.push(Rod {
             length_m: length.first().copied().unwrap_or(0.0),
             plate_joint_m: three(&joint),
             track_offset_m: three(&offset),
             track_direction: three(&direction),
-            track,
+            track: robot.clusters[link.cluster].track,
             actuated_by: link.actuated_by,
             transmission: None,
             // Pulls without a value were refused.
-            pull_n: pull.and_then(|pull| {
-                let stated = stated.and_then(|stated| stated.value.first().copied());
-                stated.or_else(|| pull.value.map(|[value]| value))
-            }),
+            pull_n: dimensions.pull_n(index),
         });
         tolerances.push(OfLink {
             length: of_length,
@@ -389,19 +376,15 @@ fn cranks(
         let Some(described) = described.and_then(|track| track.crank.as_ref()) else {
             return (None, [0.0; 2]);
         };
-        let stated = file.cranks.get(name);
         let [(centre, of_centre), (axis, of_axis)] = CrankValue::ALL.map(|value| {
             if described.formula(value).is_some() {
                 return (vec![0.0; 3], 0.0);
             }
-            let stated = stated.and_then(|values| values.get(crank_key(value.name())));
-            let found = stated.map(|value: &Value| (value.value.clone(), value.tol));
-            found
-                .or_else(|| given_by(described.quantity(value).given()))
-                .unwrap_or_else(|| {
-                    lacks(format!("the {} of crank `{name}`", value.name()));
-                    (vec![0.0; 3], 0.0)
-                })
+            let stated = Dimensions::new(robot, file).stated_of_crank(track, value);
+            stated.unwrap_or_else(|| {
+                lacks(format!("the {} of crank `{name}`", value.name()));
+                (vec![0.0; 3], 0.0)
+            })
         });
         let crank = Crank {
             centre_m: three(&centre),
@@ -431,11 +414,6 @@ fn parameters(
         ((name.clone(), values), (name.clone(), tolerance))
     });
     found.unzip()
-}
-
-/// Value and tolerance that a description gives.
-fn given_by((value, tolerance): (Option<&[f64]>, Option<f64>)) -> Option<(Vec<f64>, f64)> {
-    Some((value?.to_vec(), tolerance.unwrap_or(0.0)))
 }
 
 fn three(values: &[f64]) -> Vector3<f64> {

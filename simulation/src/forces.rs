@@ -1,6 +1,7 @@
 //! Measured forces: tensions of the links that drives lengthen, as load cells or motor currents give them.
 
 use tau_codes::files;
+use tau_robot::input_error;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::Shape;
 
@@ -13,18 +14,14 @@ use super::random::Random;
 pub(super) fn check(machine: &Machine) -> Result<(), InputError> {
     const OPTION: &str = "--noise-force";
     if !machine.rods.iter().any(|rod| rod.actuated_by.is_some()) {
-        let message =
+        return Err(input_error!(files::OPTION_WITHOUT_USE, OPTION;
             "found no link that a drive lengthens, expected some, of which tensions are measured";
-        return Err(
-            InputError::whole(files::OPTION_WITHOUT_USE, OPTION, message)
-                .help("leave the option out"),
-        );
+            "leave the option out"));
     }
     if !machine.is_loaded() {
-        let message =
+        return Err(input_error!(files::NO_FORCES, OPTION;
             "found neither `[payload]` nor a link that is pulled, expected forces in the arm";
-        return Err(InputError::whole(files::NO_FORCES, OPTION, message)
-            .help("add `[payload]` to the robot file, or give its mass with `--payload`"));
+            "add `[payload]` to the robot file, or give its mass with `--payload`"));
     }
     Ok(())
 }

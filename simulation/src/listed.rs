@@ -110,17 +110,14 @@ impl Subject {
 
     /// True if it acts on a link of an index.
     pub(crate) fn admits(self, robot: &Robot, link: usize) -> bool {
-        let drive = robot.links[link].actuated_by;
-        let is_pulled = || {
-            let link = robot.model.links.get(link);
-            link.is_some_and(|link| link.pull.is_some())
-        };
+        let link = &robot.links[link];
+        let drive = link.actuated_by;
         match self {
             Self::Link => true,
             Self::DrivenLink => drive.is_some(),
             Self::LinkByLength => drive.is_some_and(|drive| !robot.is_angle(drive)),
             Self::LinkByAngle => drive.is_some_and(|drive| robot.is_angle(drive)),
-            Self::PulledLink => is_pulled(),
+            Self::PulledLink => link.pull.is_some(),
             Self::Cart | Self::CartFromSource | Self::Crank | Self::Base | Self::Tcp => false,
         }
     }

@@ -51,6 +51,15 @@ impl Effect {
     }
 }
 
+/// A mistake of a code in a part of a text, with message and remedy: each the arguments of [`format!`].
+macro_rules! error {
+    ($text:expr, $code:expr, $part:expr; $message:literal $(, $said:expr)*; $help:literal $(, $remedy:expr)*) => {
+        $text
+            .error($code, $part, format!($message $(, $said)*))
+            .help(format!($help $(, $remedy)*))
+    };
+}
+
 struct Text<'a> {
     source: Source<'a>,
 }
@@ -139,10 +148,9 @@ impl Text<'_> {
             None => (whole, None),
         };
         let Some((name, rest)) = head.split_once('(') else {
-            let message = "expected an effect with its place and parameters";
-            return Err(self
-                .error(files::EFFECT_SYNTAX, head, message)
-                .help(EXAMPLE));
+            return Err(error!(self, files::EFFECT_SYNTAX, head;
+                "expected an effect with its place and parameters";
+                "{EXAMPLE}"));
         };
         let of_name: Vec<&Listed> = (LISTED.iter())
             .filter(|listed| listed.name == name.text)
@@ -153,34 +161,19 @@ impl Text<'_> {
             known.dedup();
             let mut described = robot.model.effects.iter();
             if described.any(|own| own.name == name.text) {
-                let message = format!(
-                    "`{}` is an effect of the description, whose formulas the simulation does not compute: that would only \
-                     check them against themselves",
-                    name.text
-                );
-                return Err(self
-                    .error(files::NO_SUCH_EFFECT, name, message)
-                    .help(format!(
-                        "its physics is written out for those of the catalogue: {}",
-                        quoted(known)
-                    )));
+                return Err(error!(self, files::NO_SUCH_EFFECT, name;
+                    "`{}` is an effect of the description, whose formulas the simulation does not compute: that would \
+                     only check them against themselves", name.text;
+                    "its physics is written out for those of the catalogue: {}", quoted(known)));
             }
-            return Err(self
-                .error(
-                    files::NO_SUCH_EFFECT,
-                    name,
-                    format!("unknown effect `{}`", name.text),
-                )
-                .help(suggestion(name.text, known)));
+            return Err(error!(self, files::NO_SUCH_EFFECT, name;
+                "unknown effect `{}`", name.text;
+                "{}", suggestion(name.text, known)));
         }
         let Some(places) = rest.text.strip_suffix(')') else {
-            return Err(self
-                .error(
-                    files::EFFECT_SYNTAX,
-                    head,
-                    "the parenthesis about the place is not closed",
-                )
-                .help(EXAMPLE));
+            return Err(error!(self, files::EFFECT_SYNTAX, head;
+                "the parenthesis about the place is not closed";
+                "{EXAMPLE}"));
         };
         let places = Part {
             text: places,
@@ -190,13 +183,9 @@ impl Text<'_> {
         let (listed, place) = self.place(&of_name, places, robot)?;
         let Some(tail) = tail.filter(|tail| !tail.text.is_empty()) else {
             let names: Vec<String> = listed.parameters.iter().map(in_units).collect();
-            return Err(self
-                .error(
-                    files::EFFECT_PARAMETER,
-                    whole,
-                    format!("`{}` has no parameters here", listed.name),
-                )
-                .help(format!("add them after a colon: {}", names.join(", "))));
+            return Err(error!(self, files::EFFECT_PARAMETER, whole;
+                "`{}` has no parameters here", listed.name;
+                "add them after a colon: {}", names.join(", ")));
         };
         let parameters = self.parameters(listed, tail)?;
         let flat = parameters
@@ -312,10 +301,8 @@ impl Text<'_> {
             };
             let Some(index) = listed.parameters.iter().position(|p| p.name == name.text) else {
                 let known = listed.parameters.iter().map(|p| p.name);
-                let message = format!("`{}` has no parameter `{}`", listed.name, name.text);
-                return Err(self
-                    .error(files::EFFECT_PARAMETER, name, message)
-                    .help(suggestion(name.text, known)));
+                return Err(error!(self, files::EFFECT_PARAMETER, name;
+                    "`{}` has no parameter `{}`", listed.name, name.text; "{}", suggestion(name.text, known)));
             };
             if given[index].is_some() {
                 return Err(self.error(
@@ -332,9 +319,8 @@ impl Text<'_> {
             if parameter.required && !given.as_ref().is_some_and(|v| v.iter().all(|&v| v > 0.0)) {
                 let message = format!("`{}` needs a {} above zero", listed.name, parameter.name);
                 let what = if given.is_some() { "write" } else { "add" };
-                return Err(self
-                    .error(files::EFFECT_PARAMETER, tail, message)
-                    .help(format!("{what} {}, above 0", in_units(parameter))));
+                return Err(error!(self, files::EFFECT_PARAMETER, tail; "{message}";
+                    "{what} {}, above 0", in_units(parameter)));
             }
             let values = given.unwrap_or_else(|| vec![0.0; parameter.components]);
             amplitude |= !parameter.required && values.iter().any(|&value| value != 0.0);
@@ -360,28 +346,18 @@ impl Text<'_> {
         });
         let numbers = inner.map_or_else(|| vec![part], Part::list);
         if numbers.len() != parameter.components {
-            let message = format!(
+            return Err(error!(self, files::EFFECT_PARAMETER, part;
                 "`{}` has {} component{}, found {}",
-                parameter.name,
-                parameter.components,
-                plural(parameter.components),
-                numbers.len()
-            );
-            return Err(self
-                .error(files::EFFECT_PARAMETER, part, message)
-                .help(format!("write {}", in_units(parameter))));
+                    parameter.name, parameter.components, plural(parameter.components), numbers.len();
+                "write {}", in_units(parameter)));
         }
         numbers
             .into_iter()
             .map(|number| match number.text.parse::<f64>() {
                 Ok(value) if value.is_finite() => Ok(value),
-                _ => Err(self
-                    .error(
-                        files::NOT_A_NUMBER,
-                        number,
-                        format!("`{}` is not a number", number.text),
-                    )
-                    .help(format!("write {}", in_units(parameter)))),
+                _ => Err(error!(self, files::NOT_A_NUMBER, number;
+                    "`{}` is not a number", number.text;
+                    "write {}", in_units(parameter))),
             })
             .collect()
     }

@@ -113,7 +113,7 @@ const STEPS: [f64; 3] = [0.24 / 2.0435, 0.2 / 2.0435, 0.2 / 2.0435];
 /// Times between measurements of the three sets (s).
 pub(super) const SECONDS: [f64; 3] = [30.0, 20.0, 10.0];
 /// Farthest that the plate turns from home (rad): spherical joints swing by twenty degrees or so.
-pub(super) const FARTHEST_TURN: f64 = 0.35;
+pub const FARTHEST_TURN: f64 = 0.35;
 /// Commands are rounded as a controller's are (1/m).
 const COUNTS_PER_METRE: f64 = 1e7;
 

@@ -3,36 +3,23 @@
 use std::f64::consts::TAU;
 
 use nalgebra::{Rotation3, Vector3};
+use tau_robot::fingerprint::hash;
 
-/// SplitMix64 (Steele, Lea and Flood 2014).
+/// Streams of random numbers.
 #[derive(Debug, Clone)]
-pub(crate) struct Random(u64);
+pub(crate) struct Random(tau_robot::random::Random);
 
 impl Random {
     /// A stream of its own for each purpose: a change of the noise leaves the machine as it is.
     pub(crate) fn new(seed: u64, purpose: &str) -> Self {
-        // FNV-1a.
-        let hash = purpose
-            .bytes()
-            .fold(0xcbf2_9ce4_8422_2325, |hash: u64, byte| {
-                (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
-            });
-        let mut random = Self(seed ^ hash);
+        let mut random = tau_robot::random::Random(seed ^ hash(purpose.as_bytes()));
         random.bits();
-        random
-    }
-
-    fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        Self(random)
     }
 
     /// Uniform in [0, 1).
     pub(crate) fn unit(&mut self) -> f64 {
-        (self.bits() >> 11) as f64 / (1_u64 << 53) as f64
+        self.0.uniform()
     }
 
     /// Uniform between two limits.
@@ -42,7 +29,7 @@ impl Random {
 
     /// −1 or +1.
     pub(crate) fn sign(&mut self) -> f64 {
-        if self.bits() >> 63 == 0 { 1.0 } else { -1.0 }
+        self.0.sign()
     }
 
     /// Standard normal (Box and Muller).
@@ -126,7 +113,7 @@ mod tests {
 
     #[test]
     fn streams_differ_by_purpose_and_seed() {
-        let first = |seed, purpose| Random::new(seed, purpose).bits();
+        let first = |seed, purpose| Random::new(seed, purpose).0.bits();
         assert_eq!(first(1, "a"), first(1, "a"));
         assert_ne!(first(1, "a"), first(1, "b"));
         assert_ne!(first(1, "a"), first(2, "a"));

@@ -1,8 +1,9 @@
 //! A simulation from drawings to measurements.
 
 use std::collections::BTreeMap;
+use tau_robot::input_error;
 
-use tau_codes::{Remark, files};
+use tau_codes::{Remark, files, remark};
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::{CART_POSITIONS, Folder, PlateKind, Shape};
 use tau_robot::number::shortest;
@@ -37,14 +38,12 @@ pub fn simulate(simulation: &Simulation) -> Result<SimulatedFolder, InputError> 
 }
 
 /// A remark on what would be within reach, where points of a grid are not.
-pub(super) fn within_reach(simulation: &Simulation) -> Option<Remark> {
+pub fn within_reach(simulation: &Simulation) -> Option<Remark> {
     let session = Session::new(simulation).ok()?;
     let is_grid = matches!(simulation.poses, Poses::Grid { .. });
     let places_tcp = session.home.places_tcp(&session.nominal);
-    (is_grid && places_tcp).then(|| {
-        let text = format!("to stay within reach, {}", session.advice());
-        Remark::new(files::LEFT_OUT, text)
-    })
+    (is_grid && places_tcp)
+        .then(|| remark!(files::LEFT_OUT; "to stay within reach, {}", session.advice()))
 }
 
 /// Stream of the random numbers of set 1.
@@ -65,31 +64,29 @@ impl<'a> Session<'a> {
         } = simulation;
         // Another assembly would be another machine, of which no variant of the robot file is true.
         let Some(reference) = file.completed(robot).reference else {
-            let message = "found no `[reference]`, expected the pose at which the machine stands at some commands";
-            return Err(InputError::whole(
-                tau_codes::kinematics::NO_REFERENCE,
-                &file.source,
-                message,
-            )
-            .help(file.reference_advice(robot)));
+            return Err(
+                input_error!(tau_codes::kinematics::NO_REFERENCE, &file.source;
+                    "found no `[reference]`, expected the pose at which the machine stands at some commands";
+                    "{}", file.reference_advice(robot)),
+            );
         };
         let mut drawing = Drawing::new(robot, file, &reference)?;
         drawing::refuse_not_finite(&drawing.nominal, robot, &file.source)?;
         let Some(home) = Commanded::reference(&drawing.nominal, &reference) else {
             if let Some(free) = Commanded::free_at(&drawing.nominal, &reference) {
-                let message = format!(
-                    "the machine is singular at its `[reference]`: the plate is free to {free}"
+                return Err(
+                    input_error!(tau_codes::kinematics::REFERENCE_SINGULAR, &file.source;
+                        "the machine is singular at its `[reference]`: the plate is free to {free}";
+                        "links whose lines meet, are parallel or lie in one plane hold the plate too loosely: compare \
+                         joints and the reference with the drawing"),
                 );
-                return Err(InputError::whole(tau_codes::kinematics::REFERENCE_SINGULAR, &file.source, message).help(
-                    "links whose lines meet, are parallel or lie in one plane hold the plate too loosely: compare joints and \
-                     the reference with the drawing",
-                ));
             }
-            let message =
-                "the arm can't be assembled near `[reference]` so that the links hold the plate";
-            return Err(InputError::whole(tau_codes::kinematics::REFERENCE_UNASSEMBLED, &file.source, message).help(
-                "compare lengths, joints and the reference with the drawing: in metres, and of the assembly that was built",
-            ));
+            return Err(
+                input_error!(tau_codes::kinematics::REFERENCE_UNASSEMBLED, &file.source;
+                    "the arm can't be assembled near `[reference]` so that the links hold the plate";
+                    "compare lengths, joints and the reference with the drawing: in metres, and of the assembly that was \
+                     built"),
+            );
         };
         // A scale that the ordinary variant holds, or what else it can't describe, would be an error that nobody asked for.
         let variant = match &simulation.variant {
@@ -119,12 +116,9 @@ impl<'a> Session<'a> {
             |effect: &&Effect| effect.listed && LOADED.contains(&effect.name.as_str());
         let following = machine.effects.iter().find(follows_forces);
         if let Some(effect) = following.filter(|_| !machine.is_loaded()) {
-            let message = format!(
-                "found no `[payload]`, expected one: `{}` follows the forces in the arm",
-                effect.name
-            );
-            return Err(InputError::whole(files::NO_FORCES, &file.source, message)
-                .help("add `[payload]` to the robot file, or give its mass with `--payload`"));
+            return Err(input_error!(files::NO_FORCES, &file.source;
+                "found no `[payload]`, expected one: `{}` follows the forces in the arm", effect.name;
+                "add `[payload]` to the robot file, or give its mass with `--payload`"));
         }
         if simulation.noise_force_n.is_some() {
             forces::check(&machine)?;
@@ -239,11 +233,8 @@ impl<'a> Session<'a> {
         let (mut set3, mut states3) = self.reached(set3);
         // A single pose says nothing of how carts move, and readers refuse it.
         if set3.stops.len() == 1 {
-            let text = format!(
-                "{CART_POSITIONS} is left out: of {} random poses one is within reach",
-                simulation.random_poses
-            );
-            remarks.push(Remark::new(files::LEFT_OUT, text));
+            remarks.push(remark!(files::LEFT_OUT;
+                "{CART_POSITIONS} is left out: of {} random poses one is within reach", simulation.random_poses));
             (set3.stops, states3) = (vec![], vec![]);
         }
         let points =
@@ -314,12 +305,9 @@ impl<'a> Session<'a> {
 
     fn check_tilt(&self) -> Result<(), InputError> {
         if self.simulation.tilt_rad > 0.0 && !self.home.turns_plate(&self.nominal) {
-            let message = "the drives can't turn the plate where it is: its orientation follows from its position, or it \
-                           has none";
-            return Err(
-                InputError::whole(tau_codes::kinematics::NO_TURN, "--tilt", message)
-                    .help("leave the option out"),
-            );
+            return Err(input_error!(tau_codes::kinematics::NO_TURN, "--tilt";
+                "the drives can't turn the plate where it is: its orientation follows from its position, or it has none";
+                "leave the option out"));
         }
         Ok(())
     }
@@ -398,25 +386,13 @@ impl<'a> Session<'a> {
     /// The error that fewer than two poses are left of those planned.
     fn too_few(&self, planned: usize) -> InputError {
         if planned > 1 {
-            let message = format!(
+            return input_error!(tau_codes::kinematics::TOO_FEW_WITHIN_REACH, "poses";
                 "fewer than two poses are within reach of the machine that was drawn from the tolerances, with its \
-                 effects; {planned} are of that of the drawings"
-            );
-            return InputError::whole(
-                tau_codes::kinematics::TOO_FEW_WITHIN_REACH,
-                "poses",
-                message,
-            )
-            .help(
-                "give smaller tolerances, or smaller effects, or take the drawings with --exact",
-            );
+                 effects; {planned} are of that of the drawings";
+                "give smaller tolerances, or smaller effects, or take the drawings with --exact");
         }
-        InputError::whole(
-            tau_codes::kinematics::TOO_FEW_WITHIN_REACH,
-            "poses",
-            "fewer than two poses are within reach",
-        )
-        .help(self.advice())
+        input_error!(tau_codes::kinematics::TOO_FEW_WITHIN_REACH, "poses"; "fewer than two poses are within reach";
+            "{}", self.advice())
     }
 
     /// Remarks on what says nothing: measurements that no pose changes, effects of forces where none act, and of a tracker without one.
@@ -557,94 +533,4 @@ impl<'a> Session<'a> {
 }
 
 #[cfg(test)]
-mod tests {
-    use tau_robot::robot::Robot;
-
-    use super::*;
-
-    /// A point on three upright tracks at the corners of a triangle.
-    fn delta(measures: &[Measure]) -> Simulation {
-        let arm = |name: &str, x: f64, y: f64| {
-            format!(
-                "cluster arm_{name} on {name} {{ link rod_{name} {{
-                    length = 333 mm tol 0.5 mm; track_offset = ({x}, {y}, 600) mm tol 1 mm;
-                    track_direction = (0, 0, -1) tol 0.001; }} }}"
-            )
-        };
-        let [a, b, c] = [
-            arm("a", -121.0, -70.0),
-            arm("b", 121.0, -70.0),
-            arm("c", 0.0, 140.0),
-        ];
-        let text = format!(
-            "robot Delta {{ plate point; track a, b, c; {a} {b} {c}
-                reference {{ commands = (0.3, 0.3, 0.3) m; position = (0, 0, 0) m; }}
-                variant Full {{ tracks linear per link; }} }}"
-        );
-        let robot = Robot::from_text(&text).unwrap();
-        let file = tau_robot::prototype::parameters_of(&robot).unwrap();
-        Simulation {
-            measures: measures.to_vec(),
-            ..Simulation::new(robot, file)
-        }
-    }
-
-    #[test]
-    fn true_poses_have_the_numbers_of_the_files() {
-        let positions = Measure::Rows(PlateKind::Position);
-        for measures in [vec![positions], vec![Measure::Poses, positions]] {
-            let simulated = simulate(&Simulation {
-                poses: Poses::Random { count: 5 },
-                readings: 2,
-                ..delta(&measures)
-            });
-            let SimulatedFolder { folder, truth, .. } = simulated.unwrap();
-            let text: serde_json::Value = serde_json::from_str(&truth.to_json()).unwrap();
-            let true_z_m: BTreeMap<u64, f64> = (text["tcp_poses"].as_array().unwrap().iter())
-                .map(|own| {
-                    let z_m = own["position_m"][2].as_f64().unwrap();
-                    (own["pose"].as_u64().unwrap(), z_m)
-                })
-                .collect();
-            assert_eq!(folder.plate_rows.len(), 10);
-            let rows = folder.plate_rows.iter();
-            let rows = rows.map(|row| (row.pose, row.values[2].unwrap()));
-            let poses = folder.tcp_poses.iter();
-            let poses = poses.map(|pose| (pose.pose, pose.position_m[2]));
-            for (pose, z_m) in rows.chain(poses) {
-                let off_m = z_m - true_z_m[&u64::from(pose)];
-                assert!(off_m.abs() < 1e-3, "{measures:?}: pose {pose}: {off_m} m");
-            }
-        }
-    }
-
-    #[test]
-    fn carts_are_measured_within_the_commands_of_a_small_grid() {
-        let small = Simulation {
-            poses: Poses::Grid {
-                counts: [2, 4, 4],
-                step_m: Some([0.003; 3]),
-                limit: None,
-                jitter: 0.0,
-            },
-            ..delta(&[Measure::Rows(PlateKind::Height)])
-        };
-        let simulated = simulate(&small).unwrap();
-        assert_eq!(simulated.folder.cart_positions.len(), 3 * 150);
-        let folder = std::path::Path::new("folder");
-        simulated.check(folder, &small.robot).unwrap();
-    }
-
-    #[test]
-    fn a_single_pose_makes_no_set_of_cart_positions() {
-        let one = Simulation {
-            random_poses: 1,
-            ..delta(&[Measure::Poses])
-        };
-        let simulated = simulate(&one).unwrap();
-        assert!(simulated.folder.cart_positions.is_empty());
-        let remarks = &simulated.truth.remarks;
-        assert_eq!(remarks.len(), 1, "{remarks:?}");
-        assert_eq!(remarks[0].code, files::LEFT_OUT);
-    }
-}
+mod tests;

@@ -4,6 +4,7 @@ use std::ffi::OsString;
 use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
+use tau_robot::input_error;
 
 use nalgebra::Vector3;
 use serde_json::{Map, Value, json};
@@ -97,7 +98,7 @@ impl SimulatedFolder {
     ///
     /// # Errors
     /// Answer of a reader of the folder, by the names that its files would have.
-    pub(super) fn check(&self, folder: &Path, robot: &Robot) -> Result<(), InputError> {
+    pub fn check(&self, folder: &Path, robot: &Robot) -> Result<(), InputError> {
         let texts = self.texts();
         let text = |name: &str| {
             let mut files = texts.iter();
@@ -124,31 +125,18 @@ impl SimulatedFolder {
     /// Any other error of the file system.
     pub fn write(&self, folder: &Path) -> Result<(), InputError> {
         let shown = folder.display().to_string();
-        let failed = |error: &std::io::Error| {
-            InputError::whole(
-                files::CANNOT_WRITE,
-                &shown,
-                format!("cannot write the folder: {error}"),
-            )
-        };
+        let failed = |error: &std::io::Error| input_error!(files::CANNOT_WRITE, &shown; "cannot write the folder: {error}");
         let occupied = match fs::read_dir(folder) {
             Ok(mut entries) => entries.next().is_some(),
             Err(_) => folder.symlink_metadata().is_ok(),
         };
         if occupied {
-            return Err(InputError::whole(
-                files::ALREADY_THERE,
-                &shown,
-                "something is there already",
-            )
-            .help("name a folder that does not exist or is empty"));
+            return Err(input_error!(files::ALREADY_THERE, &shown;
+                "something is there already";
+                "name a folder that does not exist or is empty"));
         }
         let Some(name) = folder.file_name() else {
-            return Err(InputError::whole(
-                files::CANNOT_WRITE,
-                &shown,
-                "this does not name a folder",
-            ));
+            return Err(input_error!(files::CANNOT_WRITE, &shown; "this does not name a folder"));
         };
         let mut partial_name = OsString::from(".");
         partial_name.push(name);

@@ -60,7 +60,6 @@ fn usage_is_refused_by_the_option_that_is_wrong() {
         kinematics forward --variant Full --commands 0.1,a,0.2 => T260
         kinematics forward --variant Full --commands 0.1,0.2,0.3 --poses PROTOTYPE/tcp_poses.csv => T260
         generate --out DIR/x => T260
-        generate GANTRY --out DIR/x --lang fortran => T260
         completions tcsh => T260
         simulate --out DIR/x --random --grid-step 0.1,0.1,0.1 => T260";
     insta::assert_snapshot!("usage", refusals(&Work::empty(), cases));
@@ -80,8 +79,6 @@ fn names_and_numbers_are_refused_at_their_option() {
         kinematics inverse --variant Full --pose 1,2 => T246 --pose
         kinematics inverse --variant Full --pose 0,0,140 => T221 --pose
         kinematics forward --variant Full --commands 100,0.2,0.3 => T221 --commands
-        generate GANTRY --out DIR/x --lang rust,c => T261 --lang
-        generate GANTRY --out DIR/x --lang latex => T261 --lang
         simulate --model LinearDelta --out DIR/x => T264 --model
         simulate --model FOUR-BELTS --out DIR/x => T264 --model
         simulate --model hexapd --out DIR/x => T264 --model

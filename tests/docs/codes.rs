@@ -65,9 +65,15 @@ fn every_code_is_used() {
             let next = sources[end..].chars().next();
             !next.is_some_and(|next| next == '_' || next.is_alphanumeric())
         };
-        let uses = sources.match_indices(name);
-        uses.into_iter()
-            .any(|(at, _)| sources[..at].ends_with("::") && is_word(at + name.len()))
+        // By its module, or of the language in a macro for messages.
+        let is_named = |at: usize| {
+            let before = &sources[..at];
+            let line = before.rsplit('\n').next().unwrap_or_default();
+            let in_macro = before.ends_with("!(") || before.ends_with(", ");
+            before.ends_with("::") || in_macro && line.contains("!(")
+        };
+        let mut uses = sources.match_indices(name);
+        uses.any(|(at, _)| is_named(at) && is_word(at + name.len()))
     };
     let unused: Vec<_> = names.iter().filter(|(_, name)| !is_used(name)).collect();
     assert!(unused.is_empty(), "{unused:?}");

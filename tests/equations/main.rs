@@ -9,7 +9,6 @@
 //! | `effects` | each effect of the catalogue at each of its places |
 //! | `codegen` | the generated code is as small as it was, and follows from the text |
 //! | `kinematics` | forward and inverse kinematics undo each other, and say what is impossible |
-//! | `side_by_side` | poses of many samples are those of single ones |
 //! | `layout` | the arm is drawn as it stands |
 //! | `simulation` | the virtual robot obeys physics by hand, and has the noise that it is told |
 //! | `slow` | long ways by the hundred |
@@ -22,7 +21,6 @@ mod kinematics;
 mod layout;
 mod messages;
 mod reference;
-mod side_by_side;
 mod simulation;
 #[cfg(feature = "slow")]
 mod slow;

@@ -35,7 +35,7 @@ fn pair() -> Robot {
     let link = |name: &str, cluster| Link {
         name: name.into(),
         cluster,
-        actuated_by: None,
+        ..Link::default()
     };
     Robot {
         name: "Pair".into(),

@@ -1,6 +1,6 @@
 //! Refusals of machines of users: each says where, the value found and its mend.
 
-use tau::robot_file::RobotFile;
+use tau::robot_file::{RobotFile, StatedNoise};
 use tau_testkit::{Work, list, number, robots};
 
 use crate::answers::{Answers, replaced};
@@ -214,13 +214,34 @@ fn poses_that_four_drives_miss_are_approached() {
     insta::assert_snapshot!(answers.shown());
 }
 
-/// The file to fill in has a range of lengths only where commands are lengths.
+/// The file to fill in has a range of lengths only where commands are lengths, and asks for the noise of drives where they
+/// measure each other: taken for exact, they can only contradict each other.
 #[test]
-fn a_range_is_asked_of_lengths_alone() {
-    for (model, has_range) in [("five_bar", false), ("four_belts", true)] {
+fn sections_to_fill_in_are_those_that_the_machine_needs() {
+    for (model, has_range, has_drives) in [
+        ("five_bar", false, false),
+        ("linear_delta", true, false),
+        ("four_belts", true, true),
+        ("four_lines", false, true),
+    ] {
         let work = Work::empty();
-        let model = tau_testkit::GANTRY.replace("gantry_tau", model);
-        work.run(&format!("init {model} --out DIR/own.toml")).done();
-        assert_eq!(work.read("own.toml").contains("q_m"), has_range, "{model}");
+        let file = tau_testkit::GANTRY.replace("gantry_tau", model);
+        work.run(&format!("init {file} --out DIR/own.toml")).done();
+        let text = work.read("own.toml");
+        assert_eq!(text.contains("q_m"), has_range, "{model}");
+        let asked = text.contains("\n[drives]\nnoise_m = \"?\"\n");
+        assert_eq!(asked, has_drives, "{model}");
+        if has_drives {
+            let robot = robots::named(model);
+            for (noise, expected) in [
+                ("2e-5", StatedNoise::Known(2e-5)),
+                ("\"estimate\"", StatedNoise::Estimate),
+            ] {
+                let drives = text.replace("noise_m = \"?\"", &format!("noise_m = {noise}"));
+                let filled = drives.replace("\"?\"", "1e-4");
+                let file = RobotFile::parse_for(&filled, "own.toml", &robot).unwrap();
+                assert_eq!(file.noise_of_drive(3), Some(expected), "{model}");
+            }
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 
 /// Generate code from a description
 ///
@@ -24,23 +24,4 @@ pub(crate) struct Generate {
     /// Write nothing; fail if a file in DIR is not what would be written
     #[arg(long)]
     pub(crate) check: bool,
-    /// Languages, separated by commas
-    #[arg(
-        long,
-        value_name = "LANG",
-        value_delimiter = ',',
-        default_value = "rust"
-    )]
-    pub(crate) lang: Vec<Language>,
-}
-
-/// A language to generate.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Language {
-    /// Rust
-    Rust,
-    /// C99 (not yet)
-    C,
-    /// LaTeX (not yet)
-    Latex,
 }

@@ -1,6 +1,7 @@
 //! Why kinematics failed, with what would mend it.
 
 use std::f64::consts::PI;
+use tau_robot::input_error;
 
 use tau::calibration::Prepared;
 use tau::input_error::InputError;
@@ -8,7 +9,7 @@ use tau::kinematics::{self, Machine, Pose, Sample};
 use tau::measurements::Folder;
 use tau::robot::{Robot, Variant};
 use tau::robot_file::{Reference as Stated, RobotFile};
-use tau_codes::Remark;
+use tau_codes::{Remark, remark};
 use tau_robot::measurements::plausible::LARGEST_ANGLE_RAD;
 use tau_robot::measurements::{Actuator, Shape};
 use tau_robot::number::shortest;
@@ -92,29 +93,19 @@ impl Setup<'_> {
         let Some((row, k)) = self.turned_by(rows, LARGEST_ANGLE_RAD) else {
             return Ok(());
         };
-        let message = format!(
-            "pose {}: found the command {} of {}, expected radians within a turn of {}, where the machine is known to stand",
-            row.pose,
-            row.commands_m[k],
-            self.machine.robot.command_columns()[k],
-            shortest(self.known_turn(k))
-        );
-        let help = "are these degrees? multiply by pi/180";
-        Err(InputError::whole(tau_codes::kinematics::TURNS, &row.source, message).help(help))
+        Err(input_error!(tau_codes::kinematics::TURNS, &row.source;
+            "pose {}: found the command {} of {}, expected radians within a turn of {}, where the machine is known to \
+             stand", row.pose, row.commands_m[k], self.machine.robot.command_columns()[k], shortest(self.known_turn(k));
+            "are these degrees? multiply by pi/180"))
     }
 
     /// A remark where a crank turns by more than half a turn from where the machine is known to stand, as degrees do.
     pub(super) fn half_turns(&self, rows: &[Row]) -> Option<Remark> {
         let (row, k) = self.turned_by(rows, PI)?;
-        let text = format!(
-            "{} of pose {} is {} rad, more than half a turn from {} rad, where the machine is known to stand: if these are \
-             degrees, multiply by pi/180",
-            self.machine.robot.command_columns()[k],
-            row.pose,
-            row.commands_m[k],
-            shortest(self.known_turn(k))
-        );
-        Some(Remark::new(tau_codes::kinematics::TURNS, text))
+        Some(remark!(tau_codes::kinematics::TURNS;
+            "{} of pose {} is {} rad, more than half a turn from {} rad, where the machine is known to stand: if these \
+             are degrees, multiply by pi/180",
+                self.machine.robot.command_columns()[k], row.pose, row.commands_m[k], shortest(self.known_turn(k))))
     }
 
     /// The first command of a crank that is farther than an angle (rad) from where the machine is known to stand.
@@ -184,22 +175,16 @@ impl Setup<'_> {
                     .into()
             }
             NoReference => {
-                let message = "found no `[reference]`, expected the pose at which the machine stands at some \
-                               commands: an arm can be assembled in several ways, and nothing says in which";
-                InputError::whole(
-                    tau_codes::kinematics::NO_REFERENCE,
-                    &self.file.source,
-                    message,
-                )
-                .help(format!(
-                    "{}, or name a measurement FOLDER{}",
-                    self.file.reference_advice(&self.machine.robot),
-                    if row.commands_m.is_empty() {
-                        ""
-                    } else {
-                        ", or give a pose nearby with `--start`"
-                    }
-                ))
+                let has_commands = !row.commands_m.is_empty();
+                let start = if has_commands {
+                    ", or give a pose nearby with `--start`"
+                } else {
+                    ""
+                };
+                input_error!(tau_codes::kinematics::NO_REFERENCE, &self.file.source;
+                    "found no `[reference]`, expected the pose at which the machine stands at some commands: an arm can \
+                     be assembled in several ways, and nothing says in which";
+                    "{}, or name a measurement FOLDER{start}", self.file.reference_advice(&self.machine.robot))
                 .into()
             }
             Missing { .. } | Commands { .. } | Partial { .. } | Target(_) => of_input().into(),

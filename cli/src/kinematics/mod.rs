@@ -5,6 +5,7 @@ mod targets;
 mod trust;
 
 use std::path::{Path, PathBuf};
+use tau_robot::input_error;
 
 use serde_json::{Value, json};
 use tau::calibration::Prepared;
@@ -16,7 +17,7 @@ use tau::robot::Arm;
 use tau::robot_file::{RobotFile, StatedNoise};
 use tau::session::csv;
 use tau::uncertainty::PoseUncertainty;
-use tau_codes::{Remark, kinematics as codes};
+use tau_codes::{Remark, kinematics as codes, remark};
 use tau_report as report;
 use tau_robot::input_error::{both, quoted};
 use tau_robot::number::shortest;
@@ -162,12 +163,9 @@ impl<'a> Setup<'a> {
         let certainty = Certainty::new(&prepared, &file);
         let machine = prepared.noisy_machine(&file);
         let of_tracker = (!left_out.is_empty()).then(|| {
-            let text = format!(
+            remark!(codes::TRACKER_LEFT_OUT;
                 "{} of `{}` are errors of the tracker, not of the machine, and are left out",
-                quoted(left_out.iter().map(String::as_str)),
-                variant.name
-            );
-            Remark::new(codes::TRACKER_LEFT_OUT, text)
+                    quoted(left_out.iter().map(String::as_str)), variant.name)
         });
         let region = file.calibration.as_ref();
         let range_m = region.map_or(range_m, |region| {
@@ -382,11 +380,8 @@ impl<'a> Setup<'a> {
             more => format!(", as do {more} more"),
         };
         let why = &first.outside.last()?.text;
-        let text = format!(
-            "pose {} lies outside the region of calibration{more}: {why}",
-            row.pose
-        );
-        Some(Remark::new(codes::BEYOND_KNOWLEDGE, text))
+        Some(remark!(codes::BEYOND_KNOWLEDGE;
+            "pose {} lies outside the region of calibration{more}: {why}", row.pose))
     }
 
     fn outcome(mut self, rows: &[Row], reached: &[Reached], asked: Asked) -> Outcome {
@@ -497,13 +492,9 @@ fn misfits(rows: &[Row], reached: &[Reached]) -> Option<Remark> {
         .zip(reached)
         .max_by(|(_, a), (_, b)| a.mismatch_m.total_cmp(&b.mismatch_m))
         .filter(|(_, reached)| reached.mismatch_m > allowed_m)?;
-    let text = format!(
-        "the links can't all have their lengths at these commands, and poses are those of least squares: \
-         they differ by {:.1} µm at pose {}, where it is most",
-        worst.mismatch_m * 1e6,
-        row.pose
-    );
-    Some(Remark::new(codes::COMPROMISE, text))
+    Some(remark!(codes::COMPROMISE;
+        "the links can't all have their lengths at these commands, and poses are those of least squares: they differ by \
+         {:.1} µm at pose {}, where it is most", worst.mismatch_m * 1e6, row.pose))
 }
 
 /// A remark on poses that the drives can't give, in place of which the nearest ones were taken.
@@ -516,12 +507,9 @@ fn misses(machine: &Machine, rows: &[Row], reached: &[Reached]) -> Option<Remark
         (off_m > SMALLEST_MISS || off_rad > SMALLEST_MISS).then_some((row.pose, off_m, off_rad))
     });
     let (pose, off_m, off_rad) = off.max_by(|a, b| (a.1 + a.2).total_cmp(&(b.1 + b.2)))?;
-    let text = format!(
-        "the plate has {freedoms} freedoms and can't take all poses that were asked for: the nearest ones were taken, at \
-         pose {pose}, where most is missed, {:.3} mm and {off_rad:.6} rad away",
-        1e3 * off_m
-    );
-    Some(Remark::new(codes::NEAREST_POSE, text))
+    Some(remark!(codes::NEAREST_POSE;
+        "the plate has {freedoms} freedoms and can't take all poses that were asked for: the nearest ones were taken, \
+         at pose {pose}, where most is missed, {:.3} mm and {off_rad:.6} rad away", 1e3 * off_m))
 }
 
 /// A remark where noise of drives or links is in the measurements, and nothing says how large it is.
@@ -539,14 +527,10 @@ fn noise_left_out(file: &RobotFile) -> Option<Remark> {
 
 /// A reduced arm whose robot file gives links, without measured poses.
 fn no_orientation(variant: &str, file: &Path) -> InputError {
-    InputError::whole(codes::NO_ORIENTATION,
-        file.display().to_string(),
-        format!(
-            "`{variant}` has a reduced arm, whose track offsets hold the plate joints in the mean measured \
-             orientation: found links and no measured poses"
-        ),
-    )
-    .help("name a measurement FOLDER, or give with --robot a file that `tau calibrate` wrote for this variant")
+    input_error!(codes::NO_ORIENTATION, file.display().to_string();
+        "`{variant}` has a reduced arm, whose track offsets hold the plate joints in the mean measured orientation: \
+         found links and no measured poses";
+        "name a measurement FOLDER, or give with --robot a file that `tau calibrate` wrote for this variant")
 }
 
 fn nearest<'a>(

@@ -2,6 +2,8 @@
 
 use std::io::{self, Read};
 use std::path::Path;
+use tau_robot::input_error;
+use tau_robot::mistake;
 
 use tau::kinematics::{Machine, Pose, Sample};
 use tau::robot::{Plate, Robot};
@@ -74,7 +76,7 @@ pub(super) fn commands_of_option(
         let (found, most) = (numbers[command], plausible::LONGEST_M);
         let name = robot.command_column(command);
         let message = format!("found {found} as `{name}`, expected metres, at most {most}");
-        return Err(in_millimetres(option, message));
+        return Err(in_millimetres(option, &message));
     }
     Ok(vec![Row {
         commands_m: numbers.clone(),
@@ -135,7 +137,7 @@ fn pose_of_option(
         let message = format!(
             "found a position {far_m:.1} m from the origin, expected metres, at most {most}"
         );
-        return Err(in_millimetres(option, message));
+        return Err(in_millimetres(option, &message));
     }
     let named = POSITION.into_iter().zip(position_m);
     let named = named.chain(ANGLES.into_iter().zip(angles_rad.unwrap_or_default()));
@@ -146,14 +148,14 @@ fn pose_of_option(
         .map(|(name, value)| format!("`{name}` of {value}"))
         .collect();
     if !found.is_empty() {
-        let message = format!("found {}: {}", found.join(" and "), stays(plate));
         let motions = match plate {
             Plate::BodyInPlane => "x, y and alpha",
             Plate::PointInPlane => "x and y",
             _ => "x, y and z",
         };
-        return Err(InputError::whole(files::IDLE_MOTION, option, message)
-            .help(format!("give {motions} alone")));
+        return Err(input_error!(files::IDLE_MOTION, option;
+            "found {}: {}", found.join(" and "), stays(plate);
+            "give {motions} alone"));
     }
     let kept = |names: [&str; 3], values: [f64; 3]| {
         [0, 1, 2].map(|k| {
@@ -173,15 +175,8 @@ fn check_count(option: &str, numbers: &[f64], expected: &[usize]) -> Result<(), 
         return Ok(());
     }
     let expected: Vec<String> = expected.iter().map(ToString::to_string).collect();
-    Err(InputError::whole(
-        files::COUNT,
-        option,
-        format!(
-            "found {} numbers, expected {}",
-            numbers.len(),
-            expected.join(" or ")
-        ),
-    ))
+    Err(input_error!(files::COUNT, option;
+        "found {} numbers, expected {}", numbers.len(), expected.join(" or ")))
 }
 
 fn check_angles(option: &str, angles_rad: &[f64]) -> Result<(), InputError> {
@@ -189,16 +184,14 @@ fn check_angles(option: &str, angles_rad: &[f64]) -> Result<(), InputError> {
         .iter()
         .find(|angle| angle.abs() > plausible::LARGEST_ANGLE_RAD);
     beyond.map_or(Ok(()), |angle| {
-        let message = format!("found the angle {angle}, expected radians between -2*pi and 2*pi");
-        Err(InputError::whole(files::NOT_RADIANS, option, message)
-            .help("are these degrees? multiply by pi/180"))
+        Err(input_error!(files::NOT_RADIANS, option; "found the angle {angle}, expected radians between -2*pi and 2*pi";
+            "are these degrees? multiply by pi/180"))
     })
 }
 
 /// The mistake of an option whose lengths are too large for metres.
-fn in_millimetres(option: &str, message: String) -> InputError {
-    InputError::whole(files::NOT_METRES, option, message)
-        .help("these look like millimetres: divide by 1000")
+fn in_millimetres(option: &str, message: &str) -> InputError {
+    input_error!(files::NOT_METRES, option; "{message}"; "these look like millimetres: divide by 1000")
 }
 
 /// Kind of targets in a CSV.
@@ -371,15 +364,7 @@ fn all_or_none(table: &Table<'_>, names: &[&str], mistakes: &mut Mistakes<'_>) {
         .partition(|name| table.column(name).is_some());
     let first = there.first().and_then(|name| table.column(name));
     if let (Some(first), false) = (first, missing.is_empty()) {
-        let message = format!(
-            "found {} without {}, expected all of them or none",
-            quoted(there),
-            quoted(missing)
-        );
-        mistakes.push(
-            tau_codes::kinematics::HALF_OF_POSE,
-            table.name_place(first),
-            message,
-        );
+        mistake!(mistakes, tau_codes::kinematics::HALF_OF_POSE, table.name_place(first);
+            "found {} without {}, expected all of them or none", quoted(there), quoted(missing));
     }
 }

@@ -6,7 +6,7 @@ use tau::calibration::Prepared;
 use tau::kinematics::{Machine, Reached};
 use tau::robot_file::{Provenance, RobotFile};
 use tau::uncertainty::{PoseUncertainty, Uncertainty};
-use tau_codes::{Remark, kinematics as codes};
+use tau_codes::{Remark, kinematics as codes, remark};
 
 use super::targets::Row;
 
@@ -121,11 +121,8 @@ impl Certainty {
             .filter(|(_, (q, [low, high]))| *q < low || *q > high)
             .map(|(k, (q, [low, high]))| {
                 let unit = if robot.is_angle(k) { "rad" } else { "m" };
-                let text = format!(
-                    "q{} is {q:.4} {unit}, calibrated were {low:.4} to {high:.4} {unit}",
-                    k + 1
-                );
-                Remark::new(codes::BEYOND_RANGE, text)
+                remark!(codes::BEYOND_RANGE;
+                    "q{} is {q:.4} {unit}, calibrated were {low:.4} to {high:.4} {unit}", k + 1)
             })
             .collect();
         let largest = record.position_sigma_m.map(|sigma| self.widening * sigma);
@@ -134,20 +131,14 @@ impl Certainty {
             .zip(largest)
             .filter(|(here, largest)| here > largest)
             .map(|(here, largest)| {
-                let text = format!(
+                remark!(codes::BEYOND_KNOWLEDGE;
                     "the position is known to {:.1} µm, at the poses that calibrated to {:.1} µm or better",
-                    1e6 * here,
-                    1e6 * largest
-                );
-                Remark::new(codes::BEYOND_KNOWLEDGE, text)
+                        1e6 * here, 1e6 * largest)
             });
         let is_uncertain = uncertain.is_some();
         outside.extend(uncertain);
         if self.uncertainty.is_none() {
-            outside.push(Remark::new(
-                codes::NOT_CALIBRATED,
-                "parameters of this variant were not calibrated with the others",
-            ));
+            outside.push(remark!(codes::NOT_CALIBRATED; "parameters of this variant were not calibrated with the others"));
         }
         (outside, is_uncertain)
     }

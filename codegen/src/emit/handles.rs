@@ -58,15 +58,8 @@ pub fn broken(public: bool, name: &Ident, variants: &[Ident], paths: &Paths) -> 
             const ROBOT: &'static #runtime::Robot = &#runtime::Robot {
                 name: #robot,
                 description: "",
-                tracks: &[],
-                clusters: &[],
-                links: &[],
-                commands: 0,
                 variants: &[#(#runtime::Variant {
                     name: #names,
-                    arm: #runtime::Arm::Full,
-                    tracks: &[],
-                    effects: &[],
                     parameters: &[],
                     instances: &[],
                 }),*],

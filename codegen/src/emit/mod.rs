@@ -135,8 +135,8 @@ fn imports(paths: &Paths) -> TokenStream {
     quote! {
         #[allow(unused_imports, reason = "one list for all modules")]
         use #runtime::{
-            Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern,
-            ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
+            Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern, ResidualKind, Samples,
+            Shape, Variant, math,
         };
     }
 }

@@ -9,22 +9,11 @@ use tau_model_dsl::model::Model;
 use super::{ident, snake_case};
 use crate::compile::{CompiledRobot, CompiledVariant};
 
-/// `ROBOT`; its imports are its own, since a robot may have the name of one.
+/// `ROBOT`, without an import: a robot may have the name of one.
 pub(super) fn robot(robot: &CompiledRobot, runtime: &TokenStream) -> TokenStream {
     let model = &robot.model;
     let name = &model.name;
     let description = raw_string(&robot.description);
-    let tracks = model.tracks.iter().map(|track| &track.name);
-    let clusters = model.clusters.iter().map(|cluster| {
-        let (name, track) = (&cluster.name, optional(cluster.track));
-        quote!(Cluster { name: #name, track: #track })
-    });
-    let links = model.links.iter().map(|link| {
-        let (name, cluster) = (&link.name, index(link.cluster));
-        let actuated_by = optional(link.actuated_by);
-        quote!(Link { name: #name, cluster: #cluster, actuated_by: #actuated_by })
-    });
-    let commands = index(model.commands());
     let variants = robot.variants.iter().map(|variant| {
         let module = ident(&snake_case(&variant.name));
         quote!(#module::VARIANT)
@@ -34,17 +23,10 @@ pub(super) fn robot(robot: &CompiledRobot, runtime: &TokenStream) -> TokenStream
     quote! {
         #[doc = #summary]
         #(#docs)*
-        pub static ROBOT: #runtime::Robot = {
-            use #runtime::{Cluster, Link, Robot};
-            Robot {
-                name: #name,
-                description: #description,
-                tracks: &[#(#tracks),*],
-                clusters: &[#(#clusters),*],
-                links: &[#(#links),*],
-                commands: #commands,
-                variants: &[#(#variants),*],
-            }
+        pub static ROBOT: #runtime::Robot = #runtime::Robot {
+            name: #name,
+            description: #description,
+            variants: &[#(#variants),*],
         };
     }
 }
@@ -56,16 +38,6 @@ pub(super) fn variant(
     families: &[TokenStream],
 ) -> TokenStream {
     let name = &variant.name;
-    let arm = as_written("Arm", variant.arm);
-    let tracks = variant.tracks.iter().map(|track| {
-        let shape = as_written("TrackShape", track.shape);
-        let per_link = track.per_link;
-        quote!(TrackModel { shape: #shape, per_link: #per_link })
-    });
-    let effects = variant
-        .effects
-        .iter()
-        .map(|(name, places)| quote!(EffectUse { name: #name, places: &[#(#places),*] }));
     let parameters = variant.parameters.iter().map(|parameter| {
         let (name, quantity, unit) = (&parameter.name, &parameter.quantity, &parameter.unit);
         let owner = as_written("Owner", parameter.owner);
@@ -111,9 +83,6 @@ pub(super) fn variant(
         #[doc = #summary]
         pub const VARIANT: Variant = Variant {
             name: #name,
-            arm: #arm,
-            tracks: &[#(#tracks),*],
-            effects: &[#(#effects),*],
             parameters: &[#(#parameters),*],
             instances: &[#(#instances),*],
         };

@@ -209,20 +209,15 @@ impl<'a> Assembly<'a> {
     fn place_roughly(&mut self, machine: &Machine, stated: Pose) -> Result<(), Error> {
         let measured = self.measured_poses();
         let place = |poses: &mut [UnknownPose]| {
-            let mut sought = vec![];
-            for (index, pose) in poses.iter_mut().enumerate() {
+            for pose in poses {
                 if let Some(&base) = measured.get(&pose.number) {
                     pose.base = base;
                 } else if let Some(sample) = pose.first_sample() {
-                    sought.push((index, sample));
+                    let view = sample.view();
+                    let reached = machine.forward_roughly(&view.at(stated), ROUGH_STEP);
+                    pose.base =
+                        reached.map_err(|error| pose.failed(machine.explained(error, &view)))?;
                 }
-            }
-            let starts: Vec<_> = sought.iter().map(|own| own.1.view().at(stated)).collect();
-            let reached = machine.forward_each_roughly(&starts, ROUGH_STEP);
-            for ((index, sample), reached) in sought.iter().zip(reached) {
-                let explained = |error| machine.explained(error, &sample.view());
-                let failed = |error| poses[*index].failed(explained(error));
-                poses[*index].base = reached.map_err(failed)?;
             }
             Ok(())
         };

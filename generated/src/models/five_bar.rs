@@ -30,11 +30,9 @@ impl ::tau_runtime::DeclaredRobot for FiveBar {
 ///A five-bar linkage: two cranks in a plane whose links meet in one point.
 ///
 ///A command is the angle of its crank, counterclockwise from the x axis.
-pub static ROBOT: ::tau_runtime::Robot = {
-    use ::tau_runtime::{Cluster, Link, Robot};
-    Robot {
-        name: "FiveBar",
-        description: r#"/// A five-bar linkage: two cranks in a plane whose links meet in one point.
+pub static ROBOT: ::tau_runtime::Robot = ::tau_runtime::Robot {
+    name: "FiveBar",
+    description: r#"/// A five-bar linkage: two cranks in a plane whose links meet in one point.
 ///
 /// A command is the angle of its crank, counterclockwise from the x axis.
 pub robot FiveBar {
@@ -80,55 +78,18 @@ pub robot FiveBar {
         hold left_x, left_y, right_x, right_y, upper_left, upper_right, all.length;
 }
 "#,
-        tracks: &["left", "right"],
-        clusters: &[
-            Cluster {
-                name: "on_left",
-                track: Some(0),
-            },
-            Cluster {
-                name: "on_right",
-                track: Some(1),
-            },
-        ],
-        links: &[
-            Link {
-                name: "lower_left",
-                cluster: 0,
-                actuated_by: None,
-            },
-            Link {
-                name: "lower_right",
-                cluster: 1,
-                actuated_by: None,
-            },
-        ],
-        commands: 2,
-        variants: &[full::VARIANT, basic::VARIANT],
-    }
+    variants: &[full::VARIANT, basic::VARIANT],
 };
 /// The variant `Full`.
 pub mod full {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
-        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
+        Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern,
+        ResidualKind, Samples, Shape, Variant, math,
     };
     /// Tables of the variant `Full` of `FiveBar`.
     pub const VARIANT: Variant = Variant {
         name: "Full",
-        arm: Arm::Full,
-        tracks: &[
-            TrackModel {
-                shape: TrackShape::Crank,
-                per_link: false,
-            },
-            TrackModel {
-                shape: TrackShape::Crank,
-                per_link: false,
-            },
-        ],
-        effects: &[],
         parameters: &[
             Parameter::new("lower_left.length", Owner::Link(0), "length", None, "m")
                 .with_values(Some(0.3), Some(0.0003)),
@@ -397,24 +358,12 @@ pub mod full {
 pub mod basic {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
-        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
+        Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern,
+        ResidualKind, Samples, Shape, Variant, math,
     };
     /// Tables of the variant `Basic` of `FiveBar`.
     pub const VARIANT: Variant = Variant {
         name: "Basic",
-        arm: Arm::Full,
-        tracks: &[
-            TrackModel {
-                shape: TrackShape::Crank,
-                per_link: false,
-            },
-            TrackModel {
-                shape: TrackShape::Crank,
-                per_link: false,
-            },
-        ],
-        effects: &[],
         parameters: &[
             Parameter::new("lower_left.length", Owner::Link(0), "length", None, "m")
                 .with_values(Some(0.3), Some(0.0003)),

@@ -40,11 +40,9 @@ impl ::tau_runtime::DeclaredRobot for FourBelts {
 ///A command is the length of its belt as the drive counts it. Each belt ends in a rigid arm that lies in the plane of
 ///the sled and turns about its middle, while the belt slopes to an anchor at another height. Frame: x and y in the
 ///plane of the arms, the origin at the bottom left.
-pub static ROBOT: ::tau_runtime::Robot = {
-    use ::tau_runtime::{Cluster, Link, Robot};
-    Robot {
-        name: "FourBelts",
-        description: r#"/// A router that hangs from four belts before a sheet: a point in a plane, held by more drives than it has freedoms.
+pub static ROBOT: ::tau_runtime::Robot = ::tau_runtime::Robot {
+    name: "FourBelts",
+    description: r#"/// A router that hangs from four belts before a sheet: a point in a plane, held by more drives than it has freedoms.
 ///
 /// A command is the length of its belt as the drive counts it. Each belt ends in a rigid arm that lies in the plane of
 /// the sled and turns about its middle, while the belt slopes to an anchor at another height. Frame: x and y in the
@@ -96,53 +94,19 @@ pub robot FourBelts {
     variant Anchors = Full hold arm, height;
 }
 "#,
-        tracks: &[],
-        clusters: &[
-            Cluster {
-                name: "belts",
-                track: None,
-            },
-        ],
-        links: &[
-            Link {
-                name: "top_left",
-                cluster: 0,
-                actuated_by: Some(0),
-            },
-            Link {
-                name: "top_right",
-                cluster: 0,
-                actuated_by: Some(1),
-            },
-            Link {
-                name: "bottom_left",
-                cluster: 0,
-                actuated_by: Some(2),
-            },
-            Link {
-                name: "bottom_right",
-                cluster: 0,
-                actuated_by: Some(3),
-            },
-        ],
-        commands: 4,
-        variants: &[scaled::VARIANT, full::VARIANT, anchors::VARIANT],
-    }
+    variants: &[scaled::VARIANT, full::VARIANT, anchors::VARIANT],
 };
 /// The variant `Scaled`.
 ///Every parameter, the scale of the belts among them: only for measurements that know a length.
 pub mod scaled {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
-        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
+        Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern,
+        ResidualKind, Samples, Shape, Variant, math,
     };
     /// Tables of the variant `Scaled` of `FourBelts`.
     pub const VARIANT: Variant = Variant {
         name: "Scaled",
-        arm: Arm::Full,
-        tracks: &[],
-        effects: &[],
         parameters: &[
             Parameter::new("top_left_x", Owner::Robot, "top_left_x", None, "m")
                 .with_values(Some(0.0), Some(0.02)),
@@ -429,15 +393,12 @@ pub mod scaled {
 pub mod full {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
-        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
+        Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern,
+        ResidualKind, Samples, Shape, Variant, math,
     };
     /// Tables of the variant `Full` of `FourBelts`.
     pub const VARIANT: Variant = Variant {
         name: "Full",
-        arm: Arm::Full,
-        tracks: &[],
-        effects: &[],
         parameters: &[
             Parameter::new("top_left_x", Owner::Robot, "top_left_x", None, "m")
                 .with_values(Some(0.0), Some(0.02)),
@@ -735,15 +696,12 @@ pub mod full {
 pub mod anchors {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
-        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
+        Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern,
+        ResidualKind, Samples, Shape, Variant, math,
     };
     /// Tables of the variant `Anchors` of `FourBelts`.
     pub const VARIANT: Variant = Variant {
         name: "Anchors",
-        arm: Arm::Full,
-        tracks: &[],
-        effects: &[],
         parameters: &[
             Parameter::new("top_left_x", Owner::Robot, "top_left_x", None, "m")
                 .with_values(Some(0.0), Some(0.02)),

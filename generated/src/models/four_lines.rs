@@ -44,11 +44,9 @@ impl ::tau_runtime::DeclaredRobot for FourLines {
 ///
 ///A command is the angle of its motor, zero where the lines were counted from, the origin; positive pays line out.
 ///With drum angle q/gear and k parallel parts of a line, what was paid out is radius·q/(gear·k) − build_up·(q/gear)²/(4k).
-pub static ROBOT: ::tau_runtime::Robot = {
-    use ::tau_runtime::{Cluster, Link, Robot};
-    Robot {
-        name: "FourLines",
-        description: r#"/// A printer that hangs from four lines wound on drums: a point in space, held by one drive more than it has freedoms.
+pub static ROBOT: ::tau_runtime::Robot = ::tau_runtime::Robot {
+    name: "FourLines",
+    description: r#"/// A printer that hangs from four lines wound on drums: a point in space, held by one drive more than it has freedoms.
 ///
 /// A command is the angle of its motor, zero where the lines were counted from, the origin; positive pays line out.
 /// With drum angle q/gear and k parallel parts of a line, what was paid out is radius·q/(gear·k) − build_up·(q/gear)²/(4k).
@@ -89,53 +87,19 @@ pub robot FourLines {
     variant Anchors = Radii hold radius_a, radius_b, radius_c, radius_d;
 }
 "#,
-        tracks: &[],
-        clusters: &[
-            Cluster {
-                name: "lines",
-                track: None,
-            },
-        ],
-        links: &[
-            Link {
-                name: "a",
-                cluster: 0,
-                actuated_by: Some(0),
-            },
-            Link {
-                name: "b",
-                cluster: 0,
-                actuated_by: Some(1),
-            },
-            Link {
-                name: "c",
-                cluster: 0,
-                actuated_by: Some(2),
-            },
-            Link {
-                name: "d",
-                cluster: 0,
-                actuated_by: Some(3),
-            },
-        ],
-        commands: 4,
-        variants: &[full::VARIANT, radii::VARIANT, anchors::VARIANT],
-    }
+    variants: &[full::VARIANT, radii::VARIANT, anchors::VARIANT],
 };
 /// The variant `Full`.
 ///Anchors, radius of each drum, build-up of line on them.
 pub mod full {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
-        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
+        Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern,
+        ResidualKind, Samples, Shape, Variant, math,
     };
     /// Tables of the variant `Full` of `FourLines`.
     pub const VARIANT: Variant = Variant {
         name: "Full",
-        arm: Arm::Full,
-        tracks: &[],
-        effects: &[],
         parameters: &[
             Parameter::new(
                     "a.track_offset.x",
@@ -730,15 +694,12 @@ pub mod full {
 pub mod radii {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
-        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
+        Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern,
+        ResidualKind, Samples, Shape, Variant, math,
     };
     /// Tables of the variant `Radii` of `FourLines`.
     pub const VARIANT: Variant = Variant {
         name: "Radii",
-        arm: Arm::Full,
-        tracks: &[],
-        effects: &[],
         parameters: &[
             Parameter::new(
                     "a.track_offset.x",
@@ -1332,15 +1293,12 @@ pub mod radii {
 pub mod anchors {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
-        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
+        Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern,
+        ResidualKind, Samples, Shape, Variant, math,
     };
     /// Tables of the variant `Anchors` of `FourLines`.
     pub const VARIANT: Variant = Variant {
         name: "Anchors",
-        arm: Arm::Full,
-        tracks: &[],
-        effects: &[],
         parameters: &[
             Parameter::new(
                     "a.track_offset.x",

@@ -82,11 +82,9 @@ impl ::tau_runtime::DeclaredRobot for GantryTau {
 }
 /// The robot `GantryTau`.
 ///The full-size Gantry-Tau of Dressler et al. 2010.
-pub static ROBOT: ::tau_runtime::Robot = {
-    use ::tau_runtime::{Cluster, Link, Robot};
-    Robot {
-        name: "GantryTau",
-        description: r#"/// The full-size Gantry-Tau of Dressler et al. 2010.
+pub static ROBOT: ::tau_runtime::Robot = ::tau_runtime::Robot {
+    name: "GantryTau",
+    description: r#"/// The full-size Gantry-Tau of Dressler et al. 2010.
 pub robot GantryTau {
     track one, two, three;
     cluster arm1 on one   { link l1; }
@@ -116,87 +114,22 @@ pub robot GantryTau {
     variant FullRack = Full + rack_pitch(two);
 }
 "#,
-        tracks: &["one", "two", "three"],
-        clusters: &[
-            Cluster {
-                name: "arm1",
-                track: Some(0),
-            },
-            Cluster {
-                name: "arm2",
-                track: Some(1),
-            },
-            Cluster {
-                name: "arm3",
-                track: Some(2),
-            },
-        ],
-        links: &[
-            Link {
-                name: "l1",
-                cluster: 0,
-                actuated_by: None,
-            },
-            Link {
-                name: "l2a",
-                cluster: 1,
-                actuated_by: None,
-            },
-            Link {
-                name: "l2b",
-                cluster: 1,
-                actuated_by: None,
-            },
-            Link {
-                name: "l3a",
-                cluster: 2,
-                actuated_by: None,
-            },
-            Link {
-                name: "l3b",
-                cluster: 2,
-                actuated_by: None,
-            },
-            Link {
-                name: "l3c",
-                cluster: 2,
-                actuated_by: None,
-            },
-        ],
-        commands: 3,
-        variants: &[
-            nominal::VARIANT, piecewise::VARIANT, full::VARIANT, full_piecewise::VARIANT,
-            best_per_link::VARIANT, full_rack::VARIANT,
-        ],
-    }
+    variants: &[
+        nominal::VARIANT, piecewise::VARIANT, full::VARIANT, full_piecewise::VARIANT,
+        best_per_link::VARIANT, full_rack::VARIANT,
+    ],
 };
 /// The variant `Nominal`.
 ///Straight tracks, one closure equation per cluster: what a controller usually holds.
 pub mod nominal {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
-        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
+        Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern,
+        ResidualKind, Samples, Shape, Variant, math,
     };
     /// Tables of the variant `Nominal` of `GantryTau`.
     pub const VARIANT: Variant = Variant {
         name: "Nominal",
-        arm: Arm::Reduced,
-        tracks: &[
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: false,
-            },
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: false,
-            },
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: false,
-            },
-        ],
-        effects: &[],
         parameters: &[
             Parameter::new("arm1.length", Owner::Cluster(0), "length", None, "m"),
             Parameter::new(
@@ -1576,28 +1509,12 @@ pub mod nominal {
 pub mod piecewise {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
-        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
+        Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern,
+        ResidualKind, Samples, Shape, Variant, math,
     };
     /// Tables of the variant `Piecewise` of `GantryTau`.
     pub const VARIANT: Variant = Variant {
         name: "Piecewise",
-        arm: Arm::Reduced,
-        tracks: &[
-            TrackModel {
-                shape: TrackShape::Piecewise,
-                per_link: false,
-            },
-            TrackModel {
-                shape: TrackShape::Piecewise,
-                per_link: false,
-            },
-            TrackModel {
-                shape: TrackShape::Piecewise,
-                per_link: false,
-            },
-        ],
-        effects: &[],
         parameters: &[
             Parameter::new("arm1.length", Owner::Cluster(0), "length", None, "m"),
             Parameter::new(
@@ -3445,28 +3362,12 @@ pub mod piecewise {
 pub mod full {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
-        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
+        Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern,
+        ResidualKind, Samples, Shape, Variant, math,
     };
     /// Tables of the variant `Full` of `GantryTau`.
     pub const VARIANT: Variant = Variant {
         name: "Full",
-        arm: Arm::Full,
-        tracks: &[
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-        ],
-        effects: &[],
         parameters: &[
             Parameter::new("l1.length", Owner::Link(0), "length", None, "m"),
             Parameter::new(
@@ -7874,28 +7775,12 @@ pub mod full {
 pub mod full_piecewise {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
-        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
+        Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern,
+        ResidualKind, Samples, Shape, Variant, math,
     };
     /// Tables of the variant `FullPiecewise` of `GantryTau`.
     pub const VARIANT: Variant = Variant {
         name: "FullPiecewise",
-        arm: Arm::Full,
-        tracks: &[
-            TrackModel {
-                shape: TrackShape::Piecewise,
-                per_link: true,
-            },
-            TrackModel {
-                shape: TrackShape::Piecewise,
-                per_link: true,
-            },
-            TrackModel {
-                shape: TrackShape::Piecewise,
-                per_link: true,
-            },
-        ],
-        effects: &[],
         parameters: &[
             Parameter::new("l1.length", Owner::Link(0), "length", None, "m"),
             Parameter::new(
@@ -13377,28 +13262,12 @@ pub mod full_piecewise {
 pub mod best_per_link {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
-        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
+        Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern,
+        ResidualKind, Samples, Shape, Variant, math,
     };
     /// Tables of the variant `BestPerLink` of `GantryTau`.
     pub const VARIANT: Variant = Variant {
         name: "BestPerLink",
-        arm: Arm::Full,
-        tracks: &[
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-            TrackModel {
-                shape: TrackShape::Piecewise,
-                per_link: true,
-            },
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-        ],
-        effects: &[],
         parameters: &[
             Parameter::new("l1.length", Owner::Link(0), "length", None, "m"),
             Parameter::new(
@@ -14626,33 +14495,12 @@ pub mod best_per_link {
 pub mod full_rack {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
-        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
+        Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern,
+        ResidualKind, Samples, Shape, Variant, math,
     };
     /// Tables of the variant `FullRack` of `GantryTau`.
     pub const VARIANT: Variant = Variant {
         name: "FullRack",
-        arm: Arm::Full,
-        tracks: &[
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-        ],
-        effects: &[
-            EffectUse {
-                name: "rack_pitch",
-                places: &["two"],
-            },
-        ],
         parameters: &[
             Parameter::new("l1.length", Owner::Link(0), "length", None, "m"),
             Parameter::new(

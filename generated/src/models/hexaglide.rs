@@ -34,11 +34,9 @@ impl ::tau_runtime::DeclaredRobot for Hexaglide {
 ///A hexaglide: six parallel tracks in a plane, one link on each cart.
 ///
 ///At q = 0 on every track the plate stands level at (0, 0, -0.7) m.
-pub static ROBOT: ::tau_runtime::Robot = {
-    use ::tau_runtime::{Cluster, Link, Robot};
-    Robot {
-        name: "Hexaglide",
-        description: r#"/// A hexaglide: six parallel tracks in a plane, one link on each cart.
+pub static ROBOT: ::tau_runtime::Robot = ::tau_runtime::Robot {
+    name: "Hexaglide",
+    description: r#"/// A hexaglide: six parallel tracks in a plane, one link on each cart.
 ///
 /// At q = 0 on every track the plate stands level at (0, 0, -0.7) m.
 pub robot Hexaglide {
@@ -100,108 +98,19 @@ pub robot Hexaglide {
     variant Parallel = Full hold all.track_direction;
 }
 "#,
-        tracks: &["t1", "t2", "t3", "t4", "t5", "t6"],
-        clusters: &[
-            Cluster {
-                name: "arm1",
-                track: Some(0),
-            },
-            Cluster {
-                name: "arm2",
-                track: Some(1),
-            },
-            Cluster {
-                name: "arm3",
-                track: Some(2),
-            },
-            Cluster {
-                name: "arm4",
-                track: Some(3),
-            },
-            Cluster {
-                name: "arm5",
-                track: Some(4),
-            },
-            Cluster {
-                name: "arm6",
-                track: Some(5),
-            },
-        ],
-        links: &[
-            Link {
-                name: "l1",
-                cluster: 0,
-                actuated_by: None,
-            },
-            Link {
-                name: "l2",
-                cluster: 1,
-                actuated_by: None,
-            },
-            Link {
-                name: "l3",
-                cluster: 2,
-                actuated_by: None,
-            },
-            Link {
-                name: "l4",
-                cluster: 3,
-                actuated_by: None,
-            },
-            Link {
-                name: "l5",
-                cluster: 4,
-                actuated_by: None,
-            },
-            Link {
-                name: "l6",
-                cluster: 5,
-                actuated_by: None,
-            },
-        ],
-        commands: 6,
-        variants: &[full::VARIANT, parallel::VARIANT],
-    }
+    variants: &[full::VARIANT, parallel::VARIANT],
 };
 /// The variant `Full`.
 ///Straight tracks, every link with its own joints.
 pub mod full {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
-        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
+        Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern,
+        ResidualKind, Samples, Shape, Variant, math,
     };
     /// Tables of the variant `Full` of `Hexaglide`.
     pub const VARIANT: Variant = Variant {
         name: "Full",
-        arm: Arm::Full,
-        tracks: &[
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-        ],
-        effects: &[],
         parameters: &[
             Parameter::new("l1.length", Owner::Link(0), "length", None, "m")
                 .with_values(Some(0.902696), Some(0.0003)),
@@ -2464,40 +2373,12 @@ pub mod full {
 pub mod parallel {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
-        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
+        Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern,
+        ResidualKind, Samples, Shape, Variant, math,
     };
     /// Tables of the variant `Parallel` of `Hexaglide`.
     pub const VARIANT: Variant = Variant {
         name: "Parallel",
-        arm: Arm::Full,
-        tracks: &[
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-        ],
-        effects: &[],
         parameters: &[
             Parameter::new("l1.length", Owner::Link(0), "length", None, "m")
                 .with_values(Some(0.902696), Some(0.0003)),

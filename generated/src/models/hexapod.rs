@@ -30,11 +30,9 @@ impl ::tau_runtime::DeclaredRobot for Hexapod {
 ///A hexapod: six legs of driven length between the fixed base and the plate.
 ///
 ///At the given lengths the plate stands level at (0, 0, 0.8) m. `track_offset` is the joint on the base.
-pub static ROBOT: ::tau_runtime::Robot = {
-    use ::tau_runtime::{Cluster, Link, Robot};
-    Robot {
-        name: "Hexapod",
-        description: r#"/// A hexapod: six legs of driven length between the fixed base and the plate.
+pub static ROBOT: ::tau_runtime::Robot = ::tau_runtime::Robot {
+    name: "Hexapod",
+    description: r#"/// A hexapod: six legs of driven length between the fixed base and the plate.
 ///
 /// At the given lengths the plate stands level at (0, 0, 0.8) m. `track_offset` is the joint on the base.
 pub robot Hexapod {
@@ -79,63 +77,19 @@ pub robot Hexapod {
     variant Lengths = Full hold all.plate_joint, all.track_offset;
 }
 "#,
-        tracks: &[],
-        clusters: &[
-            Cluster {
-                name: "legs",
-                track: None,
-            },
-        ],
-        links: &[
-            Link {
-                name: "leg1",
-                cluster: 0,
-                actuated_by: Some(0),
-            },
-            Link {
-                name: "leg2",
-                cluster: 0,
-                actuated_by: Some(1),
-            },
-            Link {
-                name: "leg3",
-                cluster: 0,
-                actuated_by: Some(2),
-            },
-            Link {
-                name: "leg4",
-                cluster: 0,
-                actuated_by: Some(3),
-            },
-            Link {
-                name: "leg5",
-                cluster: 0,
-                actuated_by: Some(4),
-            },
-            Link {
-                name: "leg6",
-                cluster: 0,
-                actuated_by: Some(5),
-            },
-        ],
-        commands: 6,
-        variants: &[full::VARIANT, lengths::VARIANT],
-    }
+    variants: &[full::VARIANT, lengths::VARIANT],
 };
 /// The variant `Full`.
 ///Every leg with its own joints.
 pub mod full {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
-        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
+        Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern,
+        ResidualKind, Samples, Shape, Variant, math,
     };
     /// Tables of the variant `Full` of `Hexapod`.
     pub const VARIANT: Variant = Variant {
         name: "Full",
-        arm: Arm::Full,
-        tracks: &[],
-        effects: &[],
         parameters: &[
             Parameter::new("leg1.length", Owner::Link(0), "length", None, "m")
                 .with_values(Some(0.855522), Some(0.0003)),
@@ -915,15 +869,12 @@ pub mod full {
 pub mod lengths {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
-        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
+        Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern,
+        ResidualKind, Samples, Shape, Variant, math,
     };
     /// Tables of the variant `Lengths` of `Hexapod`.
     pub const VARIANT: Variant = Variant {
         name: "Lengths",
-        arm: Arm::Full,
-        tracks: &[],
-        effects: &[],
         parameters: &[
             Parameter::new("leg1.length", Owner::Link(0), "length", None, "m")
                 .with_values(Some(0.855522), Some(0.0003)),

@@ -58,11 +58,9 @@ impl ::tau_runtime::DeclaredRobot for LinearDelta {
 ///The rods of a carriage are a pair of equal ones, so that the effector keeps its orientation.
 ///A command is how far its carriage has travelled down from the endstop. `endstop_…` is the height of the effector
 ///below the carriage at its endstop, as the firmware counts it. Frame: z = 0 is the bed, tower c stands on the y axis.
-pub static ROBOT: ::tau_runtime::Robot = {
-    use ::tau_runtime::{Cluster, Link, Robot};
-    Robot {
-        name: "LinearDelta",
-        description: r#"/// A linear delta, as printers are: three carriages on upright tracks, whose rods hold a point.
+pub static ROBOT: ::tau_runtime::Robot = ::tau_runtime::Robot {
+    name: "LinearDelta",
+    description: r#"/// A linear delta, as printers are: three carriages on upright tracks, whose rods hold a point.
 ///
 /// The rods of a carriage are a pair of equal ones, so that the effector keeps its orientation.
 /// A command is how far its carriage has travelled down from the endstop. `endstop_…` is the height of the effector
@@ -112,69 +110,19 @@ pub robot LinearDelta {
     variant Basic = Full hold arm_a, arm_b, arm_c;
 }
 "#,
-        tracks: &["a", "b", "c"],
-        clusters: &[
-            Cluster {
-                name: "arm_of_a",
-                track: Some(0),
-            },
-            Cluster {
-                name: "arm_of_b",
-                track: Some(1),
-            },
-            Cluster {
-                name: "arm_of_c",
-                track: Some(2),
-            },
-        ],
-        links: &[
-            Link {
-                name: "rods_a",
-                cluster: 0,
-                actuated_by: None,
-            },
-            Link {
-                name: "rods_b",
-                cluster: 1,
-                actuated_by: None,
-            },
-            Link {
-                name: "rods_c",
-                cluster: 2,
-                actuated_by: None,
-            },
-        ],
-        commands: 3,
-        variants: &[scaled::VARIANT, full::VARIANT, basic::VARIANT],
-    }
+    variants: &[scaled::VARIANT, full::VARIANT, basic::VARIANT],
 };
 /// The variant `Scaled`.
 ///Every parameter, the length of a step among them: only for measurements that know a length.
 pub mod scaled {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
-        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
+        Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern,
+        ResidualKind, Samples, Shape, Variant, math,
     };
     /// Tables of the variant `Scaled` of `LinearDelta`.
     pub const VARIANT: Variant = Variant {
         name: "Scaled",
-        arm: Arm::Full,
-        tracks: &[
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-        ],
-        effects: &[],
         parameters: &[
             Parameter::new("radius", Owner::Robot, "radius", None, "m")
                 .with_values(Some(0.14), Some(0.001)),
@@ -2181,28 +2129,12 @@ pub mod scaled {
 pub mod full {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
-        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
+        Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern,
+        ResidualKind, Samples, Shape, Variant, math,
     };
     /// Tables of the variant `Full` of `LinearDelta`.
     pub const VARIANT: Variant = Variant {
         name: "Full",
-        arm: Arm::Full,
-        tracks: &[
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-        ],
-        effects: &[],
         parameters: &[
             Parameter::new("radius", Owner::Robot, "radius", None, "m")
                 .with_values(Some(0.14), Some(0.001)),
@@ -4198,28 +4130,12 @@ pub mod full {
 pub mod basic {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
-        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
+        Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern,
+        ResidualKind, Samples, Shape, Variant, math,
     };
     /// Tables of the variant `Basic` of `LinearDelta`.
     pub const VARIANT: Variant = Variant {
         name: "Basic",
-        arm: Arm::Full,
-        tracks: &[
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-            TrackModel {
-                shape: TrackShape::Linear,
-                per_link: true,
-            },
-        ],
-        effects: &[],
         parameters: &[
             Parameter::new("radius", Owner::Robot, "radius", None, "m")
                 .with_values(Some(0.14), Some(0.001)),

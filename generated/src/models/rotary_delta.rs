@@ -38,11 +38,9 @@ impl ::tau_runtime::DeclaredRobot for RotaryDelta {
 ///The rods of a crank are a pair of equal ones, so that the effector keeps its orientation.
 ///A command is the angle of its crank, downwards from the horizontal. `radius` is that of the crank axes less that of
 ///the effector's joints. Frame: z up, the axes of the cranks in z = 0, crank a over the x axis.
-pub static ROBOT: ::tau_runtime::Robot = {
-    use ::tau_runtime::{Cluster, Link, Robot};
-    Robot {
-        name: "RotaryDelta",
-        description: r#"/// A rotary delta: three cranks on the base, whose rods hold a point.
+pub static ROBOT: ::tau_runtime::Robot = ::tau_runtime::Robot {
+    name: "RotaryDelta",
+    description: r#"/// A rotary delta: three cranks on the base, whose rods hold a point.
 ///
 /// The rods of a crank are a pair of equal ones, so that the effector keeps its orientation.
 /// A command is the angle of its crank, downwards from the horizontal. `radius` is that of the crank axes less that of
@@ -104,69 +102,19 @@ pub robot RotaryDelta {
     variant Basic = Full hold angle_b, angle_c, upper_a, upper_b, upper_c, all.length;
 }
 "#,
-        tracks: &["a", "b", "c"],
-        clusters: &[
-            Cluster {
-                name: "arm_of_a",
-                track: Some(0),
-            },
-            Cluster {
-                name: "arm_of_b",
-                track: Some(1),
-            },
-            Cluster {
-                name: "arm_of_c",
-                track: Some(2),
-            },
-        ],
-        links: &[
-            Link {
-                name: "rods_a",
-                cluster: 0,
-                actuated_by: None,
-            },
-            Link {
-                name: "rods_b",
-                cluster: 1,
-                actuated_by: None,
-            },
-            Link {
-                name: "rods_c",
-                cluster: 2,
-                actuated_by: None,
-            },
-        ],
-        commands: 3,
-        variants: &[full::VARIANT, basic::VARIANT],
-    }
+    variants: &[full::VARIANT, basic::VARIANT],
 };
 /// The variant `Full`.
 ///Radius, two angles of cranks, upper arms, rods and zeros of the angles.
 pub mod full {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
-        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
+        Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern,
+        ResidualKind, Samples, Shape, Variant, math,
     };
     /// Tables of the variant `Full` of `RotaryDelta`.
     pub const VARIANT: Variant = Variant {
         name: "Full",
-        arm: Arm::Full,
-        tracks: &[
-            TrackModel {
-                shape: TrackShape::Crank,
-                per_link: false,
-            },
-            TrackModel {
-                shape: TrackShape::Crank,
-                per_link: false,
-            },
-            TrackModel {
-                shape: TrackShape::Crank,
-                per_link: false,
-            },
-        ],
-        effects: &[],
         parameters: &[
             Parameter::new("rods_a.length", Owner::Link(0), "length", None, "m")
                 .with_values(Some(0.46), Some(0.0005)),
@@ -717,28 +665,12 @@ pub mod full {
 pub mod basic {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
-        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
+        Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern,
+        ResidualKind, Samples, Shape, Variant, math,
     };
     /// Tables of the variant `Basic` of `RotaryDelta`.
     pub const VARIANT: Variant = Variant {
         name: "Basic",
-        arm: Arm::Full,
-        tracks: &[
-            TrackModel {
-                shape: TrackShape::Crank,
-                per_link: false,
-            },
-            TrackModel {
-                shape: TrackShape::Crank,
-                per_link: false,
-            },
-            TrackModel {
-                shape: TrackShape::Crank,
-                per_link: false,
-            },
-        ],
-        effects: &[],
         parameters: &[
             Parameter::new("rods_a.length", Owner::Link(0), "length", None, "m")
                 .with_values(Some(0.46), Some(0.0005)),

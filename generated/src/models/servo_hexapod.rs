@@ -32,11 +32,9 @@ impl ::tau_runtime::DeclaredRobot for ServoHexapod {
 ///
 ///A command is the angle of its crank from where it is level, as a right-hand screw about its axis. At q = 0 the plate
 ///stands level at (0, 0, 0.21) m.
-pub static ROBOT: ::tau_runtime::Robot = {
-    use ::tau_runtime::{Cluster, Link, Robot};
-    Robot {
-        name: "ServoHexapod",
-        description: r#"/// A hexapod with servo motors: six cranks on the base, each with a rod to the plate.
+pub static ROBOT: ::tau_runtime::Robot = ::tau_runtime::Robot {
+    name: "ServoHexapod",
+    description: r#"/// A hexapod with servo motors: six cranks on the base, each with a rod to the plate.
 ///
 /// A command is the angle of its crank from where it is level, as a right-hand screw about its axis. At q = 0 the plate
 /// stands level at (0, 0, 0.21) m.
@@ -119,108 +117,19 @@ pub robot ServoHexapod {
     variant Rods = Full hold all.axis, all.centre;
 }
 "#,
-        tracks: &["servo1", "servo2", "servo3", "servo4", "servo5", "servo6"],
-        clusters: &[
-            Cluster {
-                name: "arm1",
-                track: Some(0),
-            },
-            Cluster {
-                name: "arm2",
-                track: Some(1),
-            },
-            Cluster {
-                name: "arm3",
-                track: Some(2),
-            },
-            Cluster {
-                name: "arm4",
-                track: Some(3),
-            },
-            Cluster {
-                name: "arm5",
-                track: Some(4),
-            },
-            Cluster {
-                name: "arm6",
-                track: Some(5),
-            },
-        ],
-        links: &[
-            Link {
-                name: "rod1",
-                cluster: 0,
-                actuated_by: None,
-            },
-            Link {
-                name: "rod2",
-                cluster: 1,
-                actuated_by: None,
-            },
-            Link {
-                name: "rod3",
-                cluster: 2,
-                actuated_by: None,
-            },
-            Link {
-                name: "rod4",
-                cluster: 3,
-                actuated_by: None,
-            },
-            Link {
-                name: "rod5",
-                cluster: 4,
-                actuated_by: None,
-            },
-            Link {
-                name: "rod6",
-                cluster: 5,
-                actuated_by: None,
-            },
-        ],
-        commands: 6,
-        variants: &[full::VARIANT, rods::VARIANT],
-    }
+    variants: &[full::VARIANT, rods::VARIANT],
 };
 /// The variant `Full`.
 ///Every rod and every crank with values of its own.
 pub mod full {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
-        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
+        Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern,
+        ResidualKind, Samples, Shape, Variant, math,
     };
     /// Tables of the variant `Full` of `ServoHexapod`.
     pub const VARIANT: Variant = Variant {
         name: "Full",
-        arm: Arm::Full,
-        tracks: &[
-            TrackModel {
-                shape: TrackShape::Crank,
-                per_link: false,
-            },
-            TrackModel {
-                shape: TrackShape::Crank,
-                per_link: false,
-            },
-            TrackModel {
-                shape: TrackShape::Crank,
-                per_link: false,
-            },
-            TrackModel {
-                shape: TrackShape::Crank,
-                per_link: false,
-            },
-            TrackModel {
-                shape: TrackShape::Crank,
-                per_link: false,
-            },
-            TrackModel {
-                shape: TrackShape::Crank,
-                per_link: false,
-            },
-        ],
-        effects: &[],
         parameters: &[
             Parameter::new("rod1.length", Owner::Link(0), "length", None, "m")
                 .with_values(Some(0.214023), Some(0.0002)),
@@ -1236,40 +1145,12 @@ pub mod full {
 pub mod rods {
     #[allow(unused_imports, reason = "one list for all modules")]
     use ::tau_runtime::{
-        Arm, EffectUse, Formulas, Input, Instance, Owner, Parameter, ParameterHandle,
-        Pattern, ResidualKind, Samples, Shape, TrackModel, TrackShape, Variant, math,
+        Formulas, Input, Instance, Owner, Parameter, ParameterHandle, Pattern,
+        ResidualKind, Samples, Shape, Variant, math,
     };
     /// Tables of the variant `Rods` of `ServoHexapod`.
     pub const VARIANT: Variant = Variant {
         name: "Rods",
-        arm: Arm::Full,
-        tracks: &[
-            TrackModel {
-                shape: TrackShape::Crank,
-                per_link: false,
-            },
-            TrackModel {
-                shape: TrackShape::Crank,
-                per_link: false,
-            },
-            TrackModel {
-                shape: TrackShape::Crank,
-                per_link: false,
-            },
-            TrackModel {
-                shape: TrackShape::Crank,
-                per_link: false,
-            },
-            TrackModel {
-                shape: TrackShape::Crank,
-                per_link: false,
-            },
-            TrackModel {
-                shape: TrackShape::Crank,
-                per_link: false,
-            },
-        ],
-        effects: &[],
         parameters: &[
             Parameter::new("rod1.length", Owner::Link(0), "length", None, "m")
                 .with_values(Some(0.214023), Some(0.0002)),

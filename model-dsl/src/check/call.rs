@@ -7,7 +7,7 @@ use super::parts::unknown_track;
 use super::scope::{Home, Scope};
 use super::value::{Checked, Shape, common, different_help};
 use super::vocabulary::{FUNCTIONS, meaning};
-use crate::diagnostics::{Diagnostics, Location};
+use crate::diagnostics::{Diagnostic, Diagnostics, Location};
 use crate::model::{Formula, Function, Readable, Subject};
 use crate::names::suggest;
 use crate::syntax::{Expression, ExpressionKind};
@@ -22,25 +22,14 @@ fn norm(
 ) -> Option<Checked> {
     let Ok([value]) = <[Option<Checked>; 1]>::try_from(values) else {
         let found = arguments.len();
-        let message = format!("`norm` takes 1 argument, found {found}");
-        diagnostics.error(
-            language::ARGUMENT_COUNT,
-            location,
-            message,
-            "write `norm((x, y, z))`",
-        );
+        error!(diagnostics, ARGUMENT_COUNT, location; "`norm` takes 1 argument, found {found}";
+            "write `norm((x, y, z))`");
         return None;
     };
     let Checked { shape, dimension } = value?;
     let Shape::Vector(components) = shape else {
-        let message = "`norm` takes a vector, but this is a scalar";
-        let help = "the size of a scalar is `abs(a)`";
-        diagnostics.error(
-            language::WRONG_SHAPE,
-            arguments.first()?.location,
-            message,
-            help,
-        );
+        error!(diagnostics, WRONG_SHAPE, arguments.first()?.location; "`norm` takes a vector, but this is a scalar";
+            "the size of a scalar is `abs(a)`");
         return None;
     };
     let [x, y, z] = components.map(|component| Formula::Power(Box::new(component), 2));
@@ -74,21 +63,19 @@ pub(super) fn call(
             let help = suggest("function", &text, known.chain(["norm"]));
             (language::UNKNOWN_FUNCTION, help)
         };
-        diagnostics.error(code, name, format!("`{text}` is not a function"), help);
+        diagnostics
+            .push(Diagnostic::new(code, name, format!("`{text}` is not a function")).help(help));
         return None;
     };
     if arguments.len() != *arity {
         let plural = if *arity == 1 { "" } else { "s" };
-        let message = format!(
-            "`{name}` takes {arity} argument{plural}, found {}",
-            arguments.len()
-        );
         let help = if *arity == 1 {
             format!("write `{name}(a)`")
         } else {
             format!("write `{name}(a, b)`")
         };
-        diagnostics.error(language::ARGUMENT_COUNT, location, message, help);
+        error!(diagnostics, ARGUMENT_COUNT, location;
+            "`{name}` takes {arity} argument{plural}, found {}", arguments.len(); "{help}");
         return None;
     }
     let mut scalars = Vec::new();
@@ -96,9 +83,8 @@ pub(super) fn call(
     for (one, written) in values.into_iter().zip(arguments) {
         let one = one?;
         let Shape::Scalar(scalar) = one.shape else {
-            let message = format!("`{name}` takes scalars, but this is a vector");
-            let help = "take it of a component, such as `rate[0]`";
-            diagnostics.error(language::WRONG_SHAPE, written.location, message, help);
+            error!(diagnostics, WRONG_SHAPE, written.location; "`{name}` takes scalars, but this is a vector";
+                "take it of a component, such as `rate[0]`");
             return None;
         };
         scalars.push(scalar);
@@ -142,14 +128,9 @@ fn result(
         Function::Sqrt => {
             let root = first.square_root();
             if root.is_none() {
-                let message = format!("{} has no square root", first.describe());
-                let help = "multiply or divide by a value, so that every exponent of the unit is even, as in `m^2`";
-                diagnostics.error(
-                    language::ARGUMENT_DIMENSION,
-                    arguments.first()?.location,
-                    message,
-                    help,
-                );
+                error!(diagnostics, ARGUMENT_DIMENSION, arguments.first()?.location;
+                    "{} has no square root", first.describe();
+                    "multiply or divide by a value, so that every exponent of the unit is even, as in `m^2`");
             }
             return root;
         }
@@ -158,13 +139,8 @@ fn result(
             let value = common(first, second);
             if value.is_none() {
                 let (left, right) = (first.describe(), second.describe());
-                let message = format!("`{name}` cannot compare {left} and {right}");
-                diagnostics.error(
-                    language::DIFFERENT_DIMENSIONS,
-                    location,
-                    message,
-                    different_help(first, second),
-                );
+                error!(diagnostics, DIFFERENT_DIMENSIONS, location; "`{name}` cannot compare {left} and {right}";
+                    "{}", different_help(first, second));
             }
             return value;
         }
@@ -177,17 +153,9 @@ fn result(
     } else {
         "an angle or a number"
     };
-    let message = format!("`{name}` takes {wanted}, found {}", first.describe());
-    let help = format!(
-        "divide the argument by a value of its unit: `{name}(… / (1 {}))`",
-        first.si_unit()
-    );
-    diagnostics.error(
-        language::ARGUMENT_DIMENSION,
-        arguments.first()?.location,
-        message,
-        help,
-    );
+    error!(diagnostics, ARGUMENT_DIMENSION, arguments.first()?.location;
+        "`{name}` takes {wanted}, found {}", first.describe();
+        "divide the argument by a value of its unit: `{name}(… / (1 {}))`", first.si_unit());
     None
 }
 
@@ -199,9 +167,8 @@ pub(super) fn command_of(
     diagnostics: &mut Diagnostics,
 ) -> Option<Checked> {
     if let Home::Value(home) = &scope.home {
-        let message = format!("`{}` cannot read the command of another drive", home.what);
-        let help = "`length` of a driven link reads its own command: `q`";
-        diagnostics.error(language::UNREADABLE_IN_VALUE, location, message, help);
+        error!(diagnostics, UNREADABLE_IN_VALUE, location; "`{}` cannot read the command of another drive", home.what;
+            "`length` of a driven link reads its own command: `q`");
         return None;
     }
     let [
@@ -211,9 +178,8 @@ pub(super) fn command_of(
         },
     ] = arguments
     else {
-        let message = "`q(…)` takes the name of one track";
-        let help = "write `q(track)`, or `q * (…)` for a product";
-        diagnostics.error(language::ARGUMENT_COUNT, location, message, help);
+        error!(diagnostics, ARGUMENT_COUNT, location; "`q(…)` takes the name of one track";
+            "write `q(track)`, or `q * (…)` for a product");
         return None;
     };
     let what = if *place == "source" {
@@ -224,9 +190,8 @@ pub(super) fn command_of(
             let Home::Effect(name, _) = &scope.home else {
                 return None;
             };
-            let message = format!("effect `{name}` has no source");
-            let help = format!("declare it: `effect {name} on cart from source`");
-            diagnostics.error(language::SUBJECT, place, message, help);
+            error!(diagnostics, SUBJECT, place; "effect `{name}` has no source";
+                "declare it: `effect {name} on cart from source`");
             return None;
         }
         Readable::SourceCommand
@@ -243,9 +208,8 @@ pub(super) fn command_of(
             .get(track)
             .is_some_and(|track| track.crank.is_some())
     {
-        let message = format!("`q({place})` is the angle of a crank, but effects read lengths");
-        let help = "name a track on which a cart runs";
-        diagnostics.error(language::COMMAND_NOT_THERE, place, message, help);
+        error!(diagnostics, COMMAND_NOT_THERE, place; "`q({place})` is the angle of a crank, but effects read lengths";
+            "name a track on which a cart runs");
         return None;
     }
     Some(Checked::scalar(Formula::Read(what), Dimension::LENGTH))

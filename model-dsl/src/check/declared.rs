@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 
 use proc_macro2::Ident;
-use tau_codes::language;
 
 use crate::diagnostics::Diagnostics;
 use crate::names::article;
@@ -49,9 +48,6 @@ pub(super) fn twice(
     help: &str,
     diagnostics: &mut Diagnostics,
 ) {
-    let message = format!(
-        "`{name}` is already declared as {} {first}, on line {line}",
-        article(first)
-    );
-    diagnostics.error(language::DECLARED_TWICE, name, message, help);
+    error!(diagnostics, DECLARED_TWICE, name;
+        "`{name}` is already declared as {} {first}, on line {line}", article(first); "{help}");
 }

@@ -1,7 +1,5 @@
 //! Effects: subject, parameters, terms.
 
-use tau_codes::language;
-
 use super::declared::{Declared, twice};
 use super::formula::formula;
 use super::quantity::{dimension, scalar, tolerance, unit_help};
@@ -37,15 +35,13 @@ pub(super) fn effect(
     let mut searches = effect.parameters.iter().filter(|one| one.search.is_some());
     let first = searches.next().and_then(|one| one.names.first());
     for further in searches.flat_map(|one| &one.names) {
-        let help = "an effect searches one parameter: declare the others with `param`";
         let known = first.map_or_else(String::new, |first| format!(" beside `{}`", first.name));
-        let message = format!("`{}` is searched{known}", further.name);
-        diagnostics.error(language::SEARCH, &further.name, message, help);
+        error!(diagnostics, SEARCH, &further.name; "`{}` is searched{known}", further.name;
+            "an effect searches one parameter: declare the others with `param`");
     }
     if effect.terms.is_empty() {
-        let help = "add a term, such as `along += …;`";
-        let message = format!("effect `{}` adds to nothing", effect.name);
-        diagnostics.error(language::NO_TERMS, &effect.name, message, help);
+        error!(diagnostics, NO_TERMS, &effect.name; "effect `{}` adds to nothing", effect.name;
+            "add a term, such as `along += …;`");
     }
     let terms: Vec<Term> = effect
         .terms
@@ -55,12 +51,8 @@ pub(super) fn effect(
     // A parameter may be unused because the formula that means it has an error.
     if diagnostics.count() == before {
         for (name, _) in scope.unused() {
-            diagnostics.error(
-                language::UNUSED_PARAMETER,
-                name,
-                format!("parameter `{name}` is used in no term"),
-                "use it in a formula, or remove it",
-            );
+            error!(diagnostics, UNUSED_PARAMETER, name; "parameter `{name}` is used in no term";
+                "use it in a formula, or remove it");
         }
     }
     let effect = Effect {
@@ -128,10 +120,8 @@ fn subject(effect: &syntax::Effect, diagnostics: &mut Diagnostics) -> Option<Sub
                         .to_owned()
                 }
             };
-            let message = format!(
-                "effects act on `cart`, `link`, `crank`, `base joint` or `tcp`, found `{word}`"
-            );
-            diagnostics.error(language::UNKNOWN_SUBJECT, &effect.subject, message, help);
+            error!(diagnostics, UNKNOWN_SUBJECT, &effect.subject;
+                "effects act on `cart`, `link`, `crank`, `base joint` or `tcp`, found `{word}`"; "{help}");
             None
         }
     };
@@ -140,14 +130,12 @@ fn subject(effect: &syntax::Effect, diagnostics: &mut Diagnostics) -> Option<Sub
     if let (Some(subject), Some(kind)) = (subject, effect.kind.as_ref().or(actuated))
         && !subject.is_link()
     {
-        let message = format!("only links are {kind}, found an effect on {word}");
-        let help = format!("leave out `{kind}`, or let the effect act on `link`");
-        diagnostics.error(language::SUBJECT, kind, message, help);
+        error!(diagnostics, SUBJECT, kind; "only links are {kind}, found an effect on {word}";
+            "leave out `{kind}`, or let the effect act on `link`");
     }
     if let (Some(kind), Some(actuated)) = (&effect.kind, actuated) {
-        let message = format!("the link is {kind} and {actuated}, expected one of the two");
-        let help = "write `on driven link`, `on pulled link`, `on link actuated length` or `on link actuated angle`";
-        diagnostics.error(language::SUBJECT, actuated, message, help);
+        error!(diagnostics, SUBJECT, actuated; "the link is {kind} and {actuated}, expected one of the two";
+            "write `on driven link`, `on pulled link`, `on link actuated length` or `on link actuated angle`");
     }
     let has_none = |subject: Subject| {
         matches!(
@@ -156,9 +144,8 @@ fn subject(effect: &syntax::Effect, diagnostics: &mut Diagnostics) -> Option<Sub
         )
     };
     if let (Some(source), true) = (&effect.source, subject.is_some_and(has_none)) {
-        let message = format!("only an effect on cart has a source, found `on {word} from source`");
-        let help = "leave out `from source`; `q(track)` reads the command of a named track";
-        diagnostics.error(language::SUBJECT, source, message, help);
+        error!(diagnostics, SUBJECT, source; "only an effect on cart has a source, found `on {word} from source`";
+            "leave out `from source`; `q(track)` reads the command of a named track");
     }
     subject
 }
@@ -188,48 +175,30 @@ fn parameters<'a>(
         .as_ref()
         .and_then(|quantity| tolerance(quantity, dimension, &first, &bounds, diagnostics));
     if let Some(exact) = declaration.exact {
-        let message = "an exact parameter of an effect would be a number of its formulas";
-        diagnostics.error(
-            language::CERTAINTY,
-            exact,
-            message,
-            "write the number into the formulas",
-        );
+        error!(diagnostics, CERTAINTY, exact; "an exact parameter of an effect would be a number of its formulas";
+            "write the number into the formulas");
     }
     let search = search(declaration, dimension, &first, diagnostics);
     for given in &declaration.names {
         let name = given.name.to_string();
         let mut is_sound = names.declare(&given.name, "parameter", diagnostics);
         if let Some(meaning) = meaning(&name) {
-            let message = format!("`{name}` is {meaning} and cannot be a parameter");
-            diagnostics.error(
-                language::NAME_WITH_MEANING,
-                &given.name,
-                message,
-                "choose another name",
-            );
+            error!(diagnostics, NAME_WITH_MEANING, &given.name; "`{name}` is {meaning} and cannot be a parameter";
+                "choose another name");
             is_sound = false;
         }
         let components = match given.components {
             None => 1,
             Some((3, location)) => {
                 if declaration.search.is_some() {
-                    diagnostics.error(
-                        language::SEARCH,
-                        location,
-                        format!("`{name}` is searched and cannot be a vector"),
-                        "search one number at a time",
-                    );
+                    error!(diagnostics, SEARCH, location; "`{name}` is searched and cannot be a vector";
+                        "search one number at a time");
                 }
                 3
             }
             Some((number, location)) => {
-                diagnostics.error(
-                    language::VECTOR_COMPONENTS,
-                    location,
-                    format!("a vector has 3 components, found {number}"),
-                    format!("write `{name}[3]`, or `{name}` for a scalar"),
-                );
+                error!(diagnostics, VECTOR_COMPONENTS, location; "a vector has 3 components, found {number}";
+                    "write `{name}[3]`, or `{name}` for a scalar");
                 3
             }
         };
@@ -261,16 +230,10 @@ fn search(
     // The grid's density follows from the range of the commands, which are lengths or angles.
     let of_commands = [Dimension::LENGTH, Dimension::ANGLE];
     if let Some(found) = dimension.filter(|dimension| !of_commands.contains(dimension)) {
-        diagnostics.error(language::SEARCH,
-            declaration.dimension.location,
-            format!(
-                "{name} is searched and must be {} or {}, found {}",
-                Dimension::LENGTH.describe(),
-                Dimension::ANGLE.describe(),
-                found.describe()
-            ),
-            "what is searched is the length or angle in which an effect repeats; declare anything else with `param`",
-        );
+        error!(diagnostics, SEARCH, declaration.dimension.location;
+            "{name} is searched and must be {} or {}, found {}",
+                Dimension::LENGTH.describe(), Dimension::ANGLE.describe(), found.describe();
+            "what is searched is the length or angle in which an effect repeats; declare anything else with `param`");
         return None;
     }
     let what = format!("the search range of {name}");
@@ -280,22 +243,14 @@ fn search(
     );
     let (from, to) = ends.0.zip(ends.1)?;
     if from >= to {
-        diagnostics.error(
-            language::SEARCH_RANGE,
-            low.location.to(high.location),
-            format!("{what} is empty"),
-            "write two ends, the smaller one first: `in 4 mm ..= 50 mm`",
-        );
+        error!(diagnostics, SEARCH_RANGE, low.location.to(high.location); "{what} is empty";
+            "write two ends, the smaller one first: `in 4 mm ..= 50 mm`");
         return None;
     }
     // Reciprocals of numbers smaller than the normal ones are infinite.
     if from < f64::MIN_POSITIVE {
-        diagnostics.error(
-            language::SEARCH_RANGE,
-            low.location,
-            format!("{what} must begin above zero"),
-            "write the smallest value that is plausible first: `in 4 mm ..= 50 mm`",
-        );
+        error!(diagnostics, SEARCH_RANGE, low.location; "{what} must begin above zero";
+            "write the smallest value that is plausible first: `in 4 mm ..= 50 mm`");
         return None;
     }
     Some((from, to))
@@ -315,17 +270,15 @@ fn term(
                 Some(near) => format!("did you mean `{near}`?"),
                 None => format!("effects add to {}", names.collect::<Vec<_>>().join(", ")),
             };
-            let message = format!("an effect cannot add to `{name}`");
-            diagnostics.error(language::UNKNOWN_TARGET, &given.target, message, help);
+            error!(diagnostics, UNKNOWN_TARGET, &given.target; "an effect cannot add to `{name}`"; "{help}");
         }
         (Some((_, Target::Command, ..)), Some(subject))
             if subject.is_link() && !subject.takes(Target::Command) =>
         {
             let on = subject.written();
-            let message =
-                format!("an effect on {on} cannot add to `{name}`, which is a length or an angle");
-            let help = "write `on link actuated length` or `on link actuated angle`";
-            diagnostics.error(language::TARGET_OF_OTHER, &given.target, message, help);
+            error!(diagnostics, TARGET_OF_OTHER, &given.target;
+                "an effect on {on} cannot add to `{name}`, which is a length or an angle";
+                "write `on link actuated length` or `on link actuated angle`");
         }
         (Some((_, target, ..)), Some(subject)) if !subject.takes(*target) => {
             let word = subject_word(subject);
@@ -334,13 +287,8 @@ fn term(
                 .filter(|(_, target, ..)| subject.takes(*target))
                 .map(|(name, ..)| *name)
                 .collect();
-            let message = format!("an effect on {word} cannot add to `{name}`");
-            let help = format!(
-                "it adds to {}; `{name}` needs an effect on {}",
-                own.join(", "),
-                subject_of(*target)
-            );
-            diagnostics.error(language::TARGET_OF_OTHER, &given.target, message, help);
+            error!(diagnostics, TARGET_OF_OTHER, &given.target; "an effect on {word} cannot add to `{name}`";
+                "it adds to {}; `{name}` needs an effect on {}", own.join(", "), subject_of(*target));
         }
         _ => {}
     }
@@ -362,23 +310,15 @@ fn term(
         } else {
             ("scalar", "vector", "use one component, such as `rate[0]`")
         };
-        let message = format!("`{name}` is a {wanted}, but this formula is a {found}");
-        diagnostics.error(language::WRONG_SHAPE, location, message, help);
+        error!(diagnostics, WRONG_SHAPE, location; "`{name}` is a {wanted}, but this formula is a {found}"; "{help}");
         return None;
     }
     let found = formula.dimension?;
     let number_as_angle = expected == Dimension::ANGLE && found == Dimension::NUMBER;
     if found != expected && !number_as_angle {
-        let message = format!(
-            "`{name}` is {}, but this formula is {}",
-            expected.describe(),
-            found.describe()
-        );
-        let help = found.divide(expected).map_or_else(
-            || unit_help(expected),
-            |factor| mismatch_help(factor, expected),
-        );
-        diagnostics.error(language::WRONG_DIMENSION, location, message, help);
+        error!(diagnostics, WRONG_DIMENSION, location;
+            "`{name}` is {}, but this formula is {}", expected.describe(), found.describe();
+            "{}", found.divide(expected).map_or_else(|| unit_help(expected), |factor| mismatch_help(factor, expected)));
         return None;
     }
     let written = location.source_text();

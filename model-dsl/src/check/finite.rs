@@ -1,7 +1,5 @@
 //! Formulas that have no value where the description says all that they hold.
 
-use tau_codes::language;
-
 use crate::diagnostics::Diagnostics;
 use crate::model::{Formula, LinkDefaults, RobotParameter, Value};
 use crate::syntax;
@@ -27,12 +25,9 @@ pub(super) fn values(
             .components(formula)
             .any(|number| !number.is_finite())
         {
-            let message = format!(
-                "`{}` is not a finite number at the values of the parameters",
-                one.name
-            );
-            let help = "compare them with the formula: the root of a negative number or a division by zero has no value";
-            diagnostics.error(language::NOT_FINITE, &one.name, message, help);
+            error!(diagnostics, NOT_FINITE, &one.name;
+                "`{}` is not a finite number at the values of the parameters", one.name;
+                "compare them with the formula: the root of a negative number or a division by zero has no value");
         }
     }
 }

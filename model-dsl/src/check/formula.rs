@@ -1,7 +1,5 @@
 //! Formulas, from their leaves up.
 
-use tau_codes::language;
-
 use super::call::{call, command_of};
 use super::quantity::unit_factor;
 use super::scope::{Scope, component, named};
@@ -38,7 +36,7 @@ pub(super) fn formula(
         );
         ("this constant is infinite", help)
     };
-    diagnostics.error(language::NOT_FINITE, expression.location, message, help);
+    error!(diagnostics, NOT_FINITE, expression.location; "{message}"; "{help}");
     None
 }
 
@@ -55,26 +53,15 @@ fn by_kind(
             let name = unit.name.to_string();
             let is_value = scope.parameter(&unit.name).is_some() || meaning(&name).is_some();
             if is_value && find_unit(&name).is_none() {
-                let message = format!("`{name}` is not a unit");
-                diagnostics.error(
-                    language::PRODUCT_WITHOUT_STAR,
-                    &unit.name,
-                    message,
-                    "for a product write `*` between the two",
-                );
+                error!(diagnostics, PRODUCT_WITHOUT_STAR, &unit.name; "`{name}` is not a unit";
+                    "for a product write `*` between the two");
                 return None;
             }
             let (size, dimension) = unit_factor(unit, false, diagnostics)?;
             let value = to_si(*value, size);
             if !value.is_finite() {
-                let message = "this value is too large";
-                let help = format!("numbers end at {:e}", f64::MAX);
-                diagnostics.error(
-                    language::NUMBER_TOO_LARGE,
-                    expression.location,
-                    message,
-                    help,
-                );
+                error!(diagnostics, NUMBER_TOO_LARGE, expression.location; "this value is too large";
+                    "numbers end at {:e}", f64::MAX);
                 return None;
             }
             Some(Checked::scalar(Formula::Number(value), dimension))
@@ -111,13 +98,7 @@ fn by_kind(
             if *operator == BinaryOperator::Divide
                 && matches!(&right_checked.shape, Shape::Scalar(right) if right.constant() == Some(0.0))
             {
-                let message = "division by zero";
-                diagnostics.error(
-                    language::NOT_FINITE,
-                    right.location,
-                    message,
-                    "divide by something else",
-                );
+                error!(diagnostics, NOT_FINITE, right.location; "division by zero"; "divide by something else");
                 return None;
             }
             binary(
@@ -131,14 +112,8 @@ fn by_kind(
         ExpressionKind::Power(base, exponent) => {
             let Checked { shape, dimension } = formula(base, scope, diagnostics)?;
             let Shape::Scalar(base) = shape else {
-                let message = "a vector has no power";
-                let help = "take the power of a component, such as `rate[0]^2`";
-                diagnostics.error(
-                    language::VECTOR_OPERATION,
-                    expression.location,
-                    message,
-                    help,
-                );
+                error!(diagnostics, VECTOR_OPERATION, expression.location; "a vector has no power";
+                    "take the power of a component, such as `rate[0]^2`");
                 return None;
             };
             let dimension = match dimension.map(|dimension| dimension.power(*exponent)) {

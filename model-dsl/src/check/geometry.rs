@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 
 use proc_macro2::Ident;
-use tau_codes::language;
 
 use super::declared::Declared;
 use super::formula::formula;
@@ -74,7 +73,7 @@ pub(super) fn link(
         };
         match refused {
             Some((message, help)) => {
-                diagnostics.error(language::VALUE_NOT_HERE, &one.name, message, help);
+                error!(diagnostics, VALUE_NOT_HERE, &one.name; "{message}"; "{help}");
             }
             None => drop(given.entry(value).or_insert(one)),
         }
@@ -152,9 +151,8 @@ pub(super) fn link(
         && !given.contains_key(&Value::Length)
         && let (Some((_, location)), Some(name)) = (links.actuated, links.names.first())
     {
-        let message = format!("how long `{name}` is at an angle is not said");
-        let help = "write it as a formula of the command: `length = zero + radius * q;`, with `param radius: m/rad;`";
-        diagnostics.error(language::COMMAND_UNREAD, location, message, help);
+        error!(diagnostics, COMMAND_UNREAD, location; "how long `{name}` is at an angle is not said";
+            "write it as a formula of the command: `length = zero + radius * q;`, with `param radius: m/rad;`");
     }
     defaults
 }
@@ -233,29 +231,14 @@ fn moves_plate(
         ("track direction", "write a vector along the track")
     };
     if components == [0.0; 3] {
-        diagnostics.error(
-            language::NO_DIRECTION,
-            &given.name,
-            format!("the {what} is zero"),
-            help,
-        );
+        error!(diagnostics, NO_DIRECTION, &given.name; "the {what} is zero"; "{help}");
     } else if plate.is_in_plane() && is_axis && components[2] == 0.0 {
-        let message =
-            format!("the {what} lies in the plane of the plate, out of which it would turn links");
-        diagnostics.error(
-            language::NO_DIRECTION,
-            &given.name,
-            message,
-            "write an axis across the plane: `axis = (0, 0, 1) exact;`",
-        );
+        error!(diagnostics, NO_DIRECTION, &given.name;
+            "the {what} lies in the plane of the plate, out of which it would turn links";
+            "write an axis across the plane: `axis = (0, 0, 1) exact;`");
     } else if plate.is_in_plane() && !is_axis && components[..2] == [0.0; 2] {
-        let message = format!("the {what} leads out of the plane of the plate");
-        diagnostics.error(
-            language::NO_DIRECTION,
-            &given.name,
-            message,
-            "write a vector in the plane, such as `(1, 0, 0)`",
-        );
+        error!(diagnostics, NO_DIRECTION, &given.name; "the {what} leads out of the plane of the plate";
+            "write a vector in the plane, such as `(1, 0, 0)`");
     }
 }
 
@@ -288,13 +271,8 @@ fn quantity<const N: usize>(
                 metres(quantity, &numbers, largest, diagnostics);
                 let vector = numbers.try_into().ok();
                 if vector.is_none() {
-                    let message = format!("{what} must be a vector, found one number");
-                    diagnostics.error(
-                        language::WRONG_SHAPE,
-                        quantity.location,
-                        message,
-                        "write `(x, y, z)`",
-                    );
+                    error!(diagnostics, WRONG_SHAPE, quantity.location; "{what} must be a vector, found one number";
+                        "write `(x, y, z)`");
                 }
                 vector
             });
@@ -309,9 +287,9 @@ fn quantity<const N: usize>(
         Some(Given::Formula(expression)) => {
             found.formula = derived(given, expression, dimension, is_vector, scope, diagnostics);
             if let Some(tolerance) = &given.tolerance {
-                let message = format!("{what} is a formula, which has no tolerance of its own");
-                let help = "give the parameters that it reads their tolerances";
-                diagnostics.error(language::CERTAINTY, tolerance.location, message, help);
+                error!(diagnostics, CERTAINTY, tolerance.location;
+                    "{what} is a formula, which has no tolerance of its own";
+                    "give the parameters that it reads their tolerances");
             }
             return found;
         }
@@ -323,8 +301,7 @@ fn quantity<const N: usize>(
         .and_then(|given| tolerance(given, Some(dimension), &what, &bounds, diagnostics));
     if let Some(exact) = given.exact {
         if given.tolerance.is_some() {
-            let message = format!("{what} is exact and has a tolerance");
-            diagnostics.error(language::CERTAINTY, exact, message, "leave out one of them");
+            error!(diagnostics, CERTAINTY, exact; "{what} is exact and has a tolerance"; "leave out one of them");
         }
         found.formula = found.value.take().map(|value| {
             let numbers = value.map(Formula::Number);
@@ -351,19 +328,12 @@ fn derived(
     let reads = names.any(|name| is_variable(name) || scope.parameter(name).is_some());
     match given.exact {
         Some(exact) if reads => {
-            let message = format!("{what} is exact, but its formula reads names");
-            let help = "`exact` marks constants: mark the parameters that it reads";
-            diagnostics.error(language::CERTAINTY, exact, message, help);
+            error!(diagnostics, CERTAINTY, exact; "{what} is exact, but its formula reads names";
+                "`exact` marks constants: mark the parameters that it reads");
         }
         None if !reads => {
-            let message = format!("{what} is a formula without parameters");
-            let help = "write `exact` behind it, or a number with its unit and tolerance";
-            diagnostics.error(
-                language::CONSTANT_FORMULA,
-                expression.location,
-                message,
-                help,
-            );
+            error!(diagnostics, CONSTANT_FORMULA, expression.location; "{what} is a formula without parameters";
+                "write `exact` behind it, or a number with its unit and tolerance");
         }
         _ => {}
     }
@@ -374,17 +344,12 @@ fn derived(
         } else {
             ("scalar", "vector", "its length is `norm(…)`")
         };
-        let message = format!("{what} is a {wanted}, but this formula is a {found}");
-        diagnostics.error(language::WRONG_SHAPE, expression.location, message, help);
+        error!(diagnostics, WRONG_SHAPE, expression.location; "{what} is a {wanted}, but this formula is a {found}";
+            "{help}");
         return None;
     }
     let found = checked.dimension?;
     if found != expected {
-        let message = format!(
-            "{what} is {}, but this formula is {}",
-            expected.describe(),
-            found.describe()
-        );
         let by_angles = found.divide(expected).is_some_and(|factor| {
             factor.angle != 0 && (Dimension { angle: 0, ..factor }) == Dimension::NUMBER
         });
@@ -393,12 +358,8 @@ fn derived(
         } else {
             unit_help(expected)
         };
-        diagnostics.error(
-            language::WRONG_DIMENSION,
-            expression.location,
-            message,
-            help,
-        );
+        error!(diagnostics, WRONG_DIMENSION, expression.location;
+            "{what} is {}, but this formula is {}", expected.describe(), found.describe(); "{help}");
         return None;
     }
     Some(checked.shape.into_formula())
@@ -421,15 +382,13 @@ fn driven(
             ..found
         },
         (Some(formula), _) if formula.quantities().next().is_none() => {
-            let message = "the length of a driven link does not read its command";
-            let help = "add it: `… + q`, or leave out `actuated`";
-            diagnostics.error(language::COMMAND_UNREAD, &given.name, message, help);
+            error!(diagnostics, COMMAND_UNREAD, &given.name; "the length of a driven link does not read its command";
+                "add it: `… + q`, or leave out `actuated`");
             found
         }
         (None, _) if by_angle && matches!(given.value, Some(Given::Quantity(_))) => {
-            let message = "a length that an angle drives is a formula of it";
-            let help = "write it with the command: `length = zero + radius * q;`, with `param radius: m/rad;`";
-            diagnostics.error(language::COMMAND_UNREAD, &given.name, message, help);
+            error!(diagnostics, COMMAND_UNREAD, &given.name; "a length that an angle drives is a formula of it";
+                "write it with the command: `length = zero + radius * q;`, with `param radius: m/rad;`");
             found
         }
         _ => found,
@@ -445,13 +404,8 @@ fn positive(given: &syntax::NamedValue, found: &Quantity<1>, diagnostics: &mut D
         None => return,
     };
     if let Some(length) = value.filter(|length| *length <= 0.0) {
-        let message = format!("`length` must be greater than zero, found {length} m");
-        diagnostics.error(
-            language::NOT_POSITIVE,
-            location,
-            message,
-            "write the distance of the two joints",
-        );
+        error!(diagnostics, NOT_POSITIVE, location; "`length` must be greater than zero, found {length} m";
+            "write the distance of the two joints");
     }
 }
 
@@ -471,12 +425,9 @@ fn circle(
         .iter()
         .map(|value| format!("`{}`", value.name()))
         .collect();
-    let message = format!(
-        "the formulas of {} read each other in a circle",
-        names.join(" and ")
-    );
-    let help = format!("write `{}` without the others", first.name());
-    diagnostics.error(language::VALUES_IN_CIRCLE, &one.name, message, help);
+    error!(diagnostics, VALUES_IN_CIRCLE, &one.name;
+        "the formulas of {} read each other in a circle", names.join(" and ");
+        "write `{}` without the others", first.name());
 }
 
 /// Values of the link that a value reads.

@@ -3,7 +3,7 @@
 use tau_codes::language;
 
 use super::variant::Context;
-use crate::diagnostics::{Diagnostics, Location};
+use crate::diagnostics::{Diagnostic, Diagnostics, Location};
 use crate::model::{Arm, CrankValue, Formula, Held, Link, TrackModel, Value};
 use crate::names::suggest;
 use crate::syntax;
@@ -20,13 +20,7 @@ impl Context<'_> {
             let found = self.held(named, diagnostics);
             let mut known = all.iter().flat_map(|(known, _)| known);
             if known.any(|one| found.contains(one)) {
-                let message = "this is held already";
-                diagnostics.error(
-                    language::SAID_TWICE,
-                    named.location,
-                    message,
-                    "name it once",
-                );
+                error!(diagnostics, SAID_TWICE, named.location; "this is held already"; "name it once");
             }
             all.push((found, named.location));
         }
@@ -100,12 +94,11 @@ impl Context<'_> {
                         )
                     }
                 };
-                diagnostics.error(code, &named.name, message, help);
+                diagnostics.push(Diagnostic::new(code, &named.name, message).help(help));
                 return Vec::new();
             };
             if parameters[index].exact {
-                let message = format!("`{name}` is exact and never fitted");
-                diagnostics.error(language::CANNOT_HOLD, &named.name, message, "leave it out");
+                error!(diagnostics, CANNOT_HOLD, &named.name; "`{name}` is exact and never fitted"; "leave it out");
                 return Vec::new();
             }
             return vec![Held::Parameter(index)];
@@ -119,13 +112,8 @@ impl Context<'_> {
                 .filter(|(_, own)| own.crank.is_some());
             let held: Vec<Held> = cranks.map(|(index, _)| Held::Crank(index, found)).collect();
             if held.is_empty() {
-                let message = format!("there is no crank whose `{value}` could be held");
-                diagnostics.error(
-                    language::CANNOT_HOLD,
-                    named.location,
-                    message,
-                    "leave it out",
-                );
+                error!(diagnostics, CANNOT_HOLD, named.location; "there is no crank whose `{value}` could be held";
+                    "leave it out");
             }
             return held;
         }
@@ -136,16 +124,8 @@ impl Context<'_> {
         let carried = of_links.filter(|value| !(is_crank && *value == Value::TrackDirection));
         if let (Some(track), Some(value)) = (found, carried) {
             let kind = self.geometry.names.kind(&named.name).unwrap_or("track");
-            let message = format!(
-                "`{}` is a value of links, and `{name}` a {kind}",
-                value.name()
-            );
-            diagnostics.error(
-                language::CANNOT_HOLD,
-                named.location,
-                message,
-                self.carried_help(track, value),
-            );
+            error!(diagnostics, CANNOT_HOLD, named.location;
+                "`{}` is a value of links, and `{name}` a {kind}", value.name(); "{}", self.carried_help(track, value));
             return Vec::new();
         }
         if let Some(crank) = found.filter(|_| is_crank) {
@@ -155,13 +135,8 @@ impl Context<'_> {
                 .find(|own| own.name() == written);
             if found.is_none() {
                 let names = CrankValue::ALL.into_iter().map(CrankValue::name);
-                let message = format!("a crank has no value `{value}`");
-                diagnostics.error(
-                    language::UNKNOWN_VALUE,
-                    value,
-                    message,
-                    suggest("value", &written, names),
-                );
+                error!(diagnostics, UNKNOWN_VALUE, value; "a crank has no value `{value}`";
+                    "{}", suggest("value", &written, names));
             }
             return found
                 .map(|value| Held::Crank(crank, value))
@@ -170,9 +145,8 @@ impl Context<'_> {
         }
         let Some(found) = of_links else {
             let names = Value::ALL.into_iter().map(Value::name);
-            let message = format!("a link has no value `{value}`");
-            let help = suggest("value", &value.to_string(), names);
-            diagnostics.error(language::UNKNOWN_VALUE, value, message, help);
+            error!(diagnostics, UNKNOWN_VALUE, value; "a link has no value `{value}`";
+                "{}", suggest("value", &value.to_string(), names));
             return Vec::new();
         };
         let all = self.geometry.links.iter().enumerate();
@@ -180,13 +154,8 @@ impl Context<'_> {
         let held: Vec<Held> = own.map(|(index, _)| Held::Link(index, found)).collect();
         if held.is_empty() {
             let links = self.geometry.links.iter().map(|link| link.name.as_str());
-            let message = format!("cannot find link or cluster `{name}`");
-            diagnostics.error(
-                language::UNKNOWN_LINK,
-                &named.name,
-                message,
-                suggest("link", &name, links),
-            );
+            error!(diagnostics, UNKNOWN_LINK, &named.name; "cannot find link or cluster `{name}`";
+                "{}", suggest("link", &name, links));
         }
         held
     }

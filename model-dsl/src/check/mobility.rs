@@ -7,7 +7,7 @@
 use tau_codes::language;
 
 use super::parts::Geometry;
-use crate::diagnostics::Diagnostics;
+use crate::diagnostics::{Diagnostic, Diagnostics};
 use crate::model::{Arm, Variant};
 use crate::syntax;
 
@@ -73,7 +73,7 @@ pub(super) fn mobility(
     } else {
         "give links carts or drives of their own, or leave some out"
     };
-    diagnostics.error(code, &robot.name, message, help);
+    diagnostics.push(Diagnostic::new(code, &robot.name, message).help(help));
 }
 
 /// Reports a plate that its links leave loose. A pulled link yields: it holds the plate in none of its freedoms. Reduced
@@ -105,15 +105,11 @@ fn held(
     );
     let clusters = robot.clusters.iter().flat_map(|cluster| &cluster.links);
     match clusters.flat_map(|links| &links.pulls).next() {
-        Some(pull) if geometry.links.len() >= freedoms => diagnostics.error(language::LOOSE,
-            &pull.name,
-            message,
-            "a pulled link yields: leave out `pulled` where the drive holds its position",
-        ),
-        _ => diagnostics.error(language::LOOSE,
-            &robot.name,
-            message,
-            "declare the links that are missing, or a plate with fewer freedoms: `plate point;`, `plate … in plane;`",
-        ),
+        Some(pull) if geometry.links.len() >= freedoms => {
+            error!(diagnostics, LOOSE, &pull.name; "{message}";
+                "a pulled link yields: leave out `pulled` where the drive holds its position");
+        }
+        _ => error!(diagnostics, LOOSE, &robot.name; "{message}";
+            "declare the links that are missing, or a plate with fewer freedoms: `plate point;`, `plate … in plane;`"),
     }
 }

@@ -3,8 +3,6 @@
 use std::collections::BTreeSet;
 use std::f64::consts::PI;
 
-use tau_codes::language;
-
 use super::declared::Declared;
 use super::geometry::names_of;
 use super::quantity::{angles, degrees_help, dimension, tolerance, values};
@@ -37,25 +35,16 @@ pub(super) fn parameters<'a>(
             let mut is_sound = names.declare(&given.name, "parameter", diagnostics);
             let taken = meaning(&name).or_else(|| Value::find(&name).map(|_| "a value of links"));
             if let Some(meaning) = taken {
-                let message = format!("`{name}` is {meaning} and cannot be a parameter");
-                diagnostics.error(
-                    language::NAME_WITH_MEANING,
-                    &given.name,
-                    message,
-                    "choose another name",
-                );
+                error!(diagnostics, NAME_WITH_MEANING, &given.name; "`{name}` is {meaning} and cannot be a parameter";
+                    "choose another name");
                 is_sound = false;
             }
             let components = match given.components {
                 None => 1,
                 Some((3, _)) => 3,
                 Some((number, location)) => {
-                    diagnostics.error(
-                        language::VECTOR_COMPONENTS,
-                        location,
-                        format!("a vector has 3 components, found {number}"),
-                        format!("write `{name}[3]`, or `{name}` for a scalar"),
-                    );
+                    error!(diagnostics, VECTOR_COMPONENTS, location; "a vector has 3 components, found {number}";
+                        "write `{name}[3]`, or `{name}` for a scalar");
                     // Its value shows which of the two is meant.
                     let given = declaration.nominal.as_ref();
                     given.map_or(3, |quantity| quantity.numbers.len())
@@ -72,8 +61,8 @@ pub(super) fn parameters<'a>(
                 } else {
                     ("three numbers", "write `(x, y, z)`".to_owned())
                 };
-                let message = format!("{of} must be {expected}, found {}", found.len());
-                diagnostics.error(language::WRONG_SHAPE, quantity.location, message, help);
+                error!(diagnostics, WRONG_SHAPE, quantity.location; "{of} must be {expected}, found {}", found.len();
+                    "{help}");
                 None
             });
             let bounds = SMALLEST_OF_PARAMETER..=f64::INFINITY;
@@ -90,25 +79,17 @@ pub(super) fn parameters<'a>(
                 if let (Some(given), Some(tolerance)) = (&declaration.tolerance, tolerance)
                     && tolerance > PI
                 {
-                    let message = format!(
-                        "found a tolerance of {tolerance} rad for {of}, an angle, expected at most pi"
-                    );
-                    diagnostics.error(
-                        language::ANGLE_OUT_OF_RANGE,
-                        given.location,
-                        message,
-                        degrees_help(given),
-                    );
+                    error!(diagnostics, ANGLE_OUT_OF_RANGE, given.location;
+                        "found a tolerance of {tolerance} rad for {of}, an angle, expected at most pi";
+                        "{}", degrees_help(given));
                 }
             }
             if let Some(exact) = declaration.exact {
                 if declaration.tolerance.is_some() {
-                    let message = format!("{of} is exact and has a tolerance");
-                    diagnostics.error(language::CERTAINTY, exact, message, "leave out one of them");
+                    error!(diagnostics, CERTAINTY, exact; "{of} is exact and has a tolerance"; "leave out one of them");
                 } else if declaration.nominal.is_none() {
-                    let message = format!("{of} is exact, but has no value");
-                    let help = format!("write it: `param {name}: … = value unit exact;`");
-                    diagnostics.error(language::CERTAINTY, exact, message, help);
+                    error!(diagnostics, CERTAINTY, exact; "{of} is exact, but has no value";
+                        "write it: `param {name}: … = value unit exact;`");
                 }
             }
             let leaves = (0..components).map(|component| {
@@ -163,11 +144,7 @@ fn wound(robot: &syntax::Robot) -> BTreeSet<String> {
 /// Reports parameters that no formula reads.
 pub(super) fn unused(scope: &Scope<'_>, diagnostics: &mut Diagnostics) {
     for (name, _) in scope.unused() {
-        diagnostics.error(
-            language::UNUSED_PARAMETER,
-            name,
-            format!("parameter `{name}` is used in no formula"),
-            "use it in a value of a link or a crank, such as `length = …;`, or remove it",
-        );
+        error!(diagnostics, UNUSED_PARAMETER, name; "parameter `{name}` is used in no formula";
+            "use it in a value of a link or a crank, such as `length = …;`, or remove it");
     }
 }

@@ -1,7 +1,6 @@
 //! The parts of a robot, checked.
 
 use proc_macro2::Ident;
-use tau_codes::language;
 
 use super::declared::Declared;
 use crate::diagnostics::Diagnostic;
@@ -23,10 +22,5 @@ pub(super) struct Geometry {
 /// Error of a name that is no track's.
 pub(super) fn unknown_track(name: &Ident, tracks: &[Track]) -> Diagnostic {
     let names = tracks.iter().map(|track| track.name.as_str());
-    Diagnostic::new(
-        language::UNKNOWN_TRACK,
-        name,
-        format!("cannot find track `{name}`"),
-    )
-    .help(suggest("track", &name.to_string(), names))
+    diagnostic!(UNKNOWN_TRACK, name; "cannot find track `{name}`"; "{}", suggest("track", &name.to_string(), names))
 }

@@ -42,8 +42,7 @@ impl Context<'_> {
                 );
                 help.push_str(&copied);
             }
-            let message = format!("cannot find effect `{}`", used.effect);
-            diagnostics.error(language::UNKNOWN_EFFECT, &used.effect, message, help);
+            error!(diagnostics, UNKNOWN_EFFECT, &used.effect; "cannot find effect `{}`", used.effect; "{help}");
             return None;
         };
         let subject = checked.subject?;
@@ -57,13 +56,9 @@ impl Context<'_> {
         };
         if used.places.len() != wanted {
             let plural = if wanted == 1 { "" } else { "s" };
-            let message = format!(
-                "`{}` takes {wanted} place{plural}, found {}",
-                used.effect,
-                used.places.len()
-            );
-            let help = format!("write `{}({example})`", used.effect);
-            diagnostics.error(language::PLACE_COUNT, used.location, message, help);
+            error!(diagnostics, PLACE_COUNT, used.location;
+                "`{}` takes {wanted} place{plural}, found {}", used.effect, used.places.len();
+                "write `{}({example})`", used.effect);
             return None;
         }
         let place = match (subject, used.places.as_slice()) {
@@ -83,9 +78,8 @@ impl Context<'_> {
                 let from = self.track(source, &used.effect, diagnostics);
                 let (track, from) = track.zip(from)?;
                 if track == from {
-                    let message = format!("`{moved}` cannot be its own source");
-                    let help = "name two tracks: the cart that moves, and the one that causes it";
-                    diagnostics.error(language::PLACE_COUNT, source, message, help);
+                    error!(diagnostics, PLACE_COUNT, source; "`{moved}` cannot be its own source";
+                        "name two tracks: the cart that moves, and the one that causes it");
                     return None;
                 }
                 Place::Cart {
@@ -101,9 +95,8 @@ impl Context<'_> {
                 self.base_joints(place, &used.effect, &checked.effect, diagnostics)?
             }
             (_, [place, ..]) if *place != "tcp" => {
-                let help = format!("write `{}(tcp)`", used.effect);
-                let message = format!("`{}` acts on the tcp, found `{place}`", used.effect);
-                diagnostics.error(language::PLACE_OF_OTHER_KIND, place, message, help);
+                error!(diagnostics, PLACE_OF_OTHER_KIND, place; "`{}` acts on the tcp, found `{place}`", used.effect;
+                    "write `{}(tcp)`", used.effect);
                 return None;
             }
             _ => Place::Tcp,
@@ -149,18 +142,14 @@ impl Context<'_> {
         match acts[..] {
             [one] => Some(one),
             [] => {
-                let message = format!("no `{name}` acts on `{place}`");
-                let help = format!("it is declared {}: name such a place", on(named));
-                diagnostics.error(language::PLACE_OF_OTHER_KIND, place, message, help);
+                error!(diagnostics, PLACE_OF_OTHER_KIND, place; "no `{name}` acts on `{place}`";
+                    "it is declared {}: name such a place", on(named));
                 None
             }
             _ => {
-                let message = format!(
-                    "`{name}({place})` may mean any of the effects {}",
-                    on(&acts)
-                );
-                let help = "name the places one by one: each is of one kind";
-                diagnostics.error(language::PLACE_AMBIGUOUS, place, message, help);
+                error!(diagnostics, PLACE_AMBIGUOUS, place;
+                    "`{name}({place})` may mean any of the effects {}", on(&acts);
+                    "name the places one by one: each is of one kind");
                 None
             }
         }
@@ -203,9 +192,8 @@ impl Context<'_> {
             if self.has_place(Subject::Crank, place) {
                 return Some(Place::AllCranks);
             }
-            let message = format!("robot `{}` has no cranks", self.robot.name);
-            let help = "an effect on crank needs one";
-            diagnostics.error(language::PLACE_OF_OTHER_KIND, place, message, help);
+            error!(diagnostics, PLACE_OF_OTHER_KIND, place; "robot `{}` has no cranks", self.robot.name;
+                "an effect on crank needs one");
             return None;
         }
         let found = tracks.iter().position(|track| *place == track.name);
@@ -214,12 +202,8 @@ impl Context<'_> {
             let unknown = || {
                 let cranks = tracks.iter().filter(|track| track.crank.is_some());
                 let names = cranks.map(|track| track.name.as_str());
-                let message = format!("cannot find crank `{place}`");
-                Diagnostic::new(language::UNKNOWN_TRACK, place, message).help(suggest(
-                    "crank",
-                    &place.to_string(),
-                    names,
-                ))
+                diagnostic!(UNKNOWN_TRACK, place; "cannot find crank `{place}`";
+                    "{}", suggest("crank", &place.to_string(), names))
             };
             diagnostics.push(
                 self.wrong_kind(place, effect, "crank", "crank")
@@ -258,9 +242,8 @@ impl Context<'_> {
             diagnostics.push(
                 self.wrong_kind(place, name, "base joint", "link")
                     .unwrap_or_else(|| {
-                        let message = format!("cannot find link `{place}`");
-                        let help = suggest("link", &place.to_string(), names);
-                        Diagnostic::new(language::UNKNOWN_LINK, place, message).help(help)
+                        diagnostic!(UNKNOWN_LINK, place; "cannot find link `{place}`";
+                            "{}", suggest("link", &place.to_string(), names))
                     }),
             );
             return None;
@@ -277,8 +260,8 @@ impl Context<'_> {
                 }
                 _ => format!("`{name}` acts on joints of the fixed base, and the robot has none"),
             };
-            let help = "name a link whose cluster is `on base`, or a crank";
-            diagnostics.error(language::PLACE_OF_OTHER_KIND, place, message, help);
+            error!(diagnostics, PLACE_OF_OTHER_KIND, place; "{message}";
+                "name a link whose cluster is `on base`, or a crank");
             return None;
         };
         let on = |own: &&Link| match found {
@@ -293,13 +276,9 @@ impl Context<'_> {
                 .filter(on)
                 .find(|own| own.actuated_by.is_none())
         {
-            let message = format!(
-                "`{name}` reads `{}` of a drive, but nothing drives `{}`",
-                read.written(tracks),
-                link.name
-            );
-            let help = "use it at cranks, and at links that are `actuated`";
-            diagnostics.error(language::COMMAND_NOT_THERE, place, message, help);
+            error!(diagnostics, COMMAND_NOT_THERE, place;
+                "`{name}` reads `{}` of a drive, but nothing drives `{}`", read.written(tracks), link.name;
+                "use it at cranks, and at links that are `actuated`");
             return None;
         }
         let turned = links.iter().filter(on).find(|own| own.is_driven_by_angle);
@@ -314,10 +293,9 @@ impl Context<'_> {
         if effect.reads(Readable::Command)
             && let Some(turned) = turned
         {
-            let message =
-                format!("`{name}` reads `q` as a length, but `{turned}` is driven by an angle");
-            let help = "read `travel` in place of `q`: it runs from -1 to 1 on any drive";
-            diagnostics.error(language::COMMAND_NOT_THERE, place, message, help);
+            error!(diagnostics, COMMAND_NOT_THERE, place;
+                "`{name}` reads `q` as a length, but `{turned}` is driven by an angle";
+                "read `travel` in place of `q`: it runs from -1 to 1 on any drive");
             return None;
         }
         Some(found)
@@ -332,13 +310,8 @@ impl Context<'_> {
         {
             return Some(());
         }
-        let message = format!("robot `{}` has no carts", self.robot.name);
-        diagnostics.error(
-            language::PLACE_OF_OTHER_KIND,
-            place,
-            message,
-            "an effect on cart needs a track",
-        );
+        error!(diagnostics, PLACE_OF_OTHER_KIND, place; "robot `{}` has no carts", self.robot.name;
+            "an effect on cart needs a track");
         None
     }
 
@@ -376,12 +349,8 @@ impl Context<'_> {
             diagnostics.push(
                 self.wrong_kind(place, effect, "link", "link")
                     .unwrap_or_else(|| {
-                        Diagnostic::new(
-                            language::UNKNOWN_LINK,
-                            place,
-                            format!("cannot find link `{place}`"),
-                        )
-                        .help(suggest("link", &place.to_string(), names))
+                        diagnostic!(UNKNOWN_LINK, place; "cannot find link `{place}`";
+                            "{}", suggest("link", &place.to_string(), names))
                     }),
             );
             return None;
@@ -395,8 +364,8 @@ impl Context<'_> {
                 Place::Link(_) => format!("`{effect}` acts on {acts_on}, but `{place}` is none"),
                 _ => format!("`{effect}` acts on {acts_on}, and the robot has none"),
             };
-            let help = format!("name a link that is declared as `{declared}`");
-            diagnostics.error(language::PLACE_OF_OTHER_KIND, place, message, help);
+            error!(diagnostics, PLACE_OF_OTHER_KIND, place; "{message}";
+                "name a link that is declared as `{declared}`");
             return None;
         }
         let on_base = on.iter().find(|link| {
@@ -411,13 +380,9 @@ impl Context<'_> {
         let reads = [Readable::Command, Readable::Travel, Readable::Direction];
         let reads = (reads.into_iter()).find(|quantity| checked.effect.reads(*quantity));
         if let (Some(quantity), Some(link), true) = (reads, on_base, places_known) {
-            let message = format!(
+            error!(diagnostics, COMMAND_NOT_THERE, place;
                 "`{effect}` reads `{}` of the link's cart, but `{}` stands on the fixed base",
-                quantity.written(&self.geometry.tracks),
-                link.name
-            );
-            let help = "use it at links whose cluster is on a track";
-            diagnostics.error(language::COMMAND_NOT_THERE, place, message, help);
+                    quantity.written(&self.geometry.tracks), link.name; "use it at links whose cluster is on a track");
             return None;
         }
         let turns = |link: &&&Link| {
@@ -428,28 +393,18 @@ impl Context<'_> {
         if checked.effect.reads(Readable::Command)
             && let Some(link) = on.iter().find(turns)
         {
-            let message = format!(
-                "`{effect}` reads `q` as a length, but `{}` stands on a crank, whose command is an angle",
-                link.name
-            );
-            diagnostics.error(
-                language::COMMAND_NOT_THERE,
-                place,
-                message,
-                "use it at links whose cluster is on a track",
-            );
+            error!(diagnostics, COMMAND_NOT_THERE, place;
+                "`{effect}` reads `q` as a length, but `{}` stands on a crank, whose command is an angle", link.name;
+                "use it at links whose cluster is on a track");
             return None;
         }
         if checked.effect.reads(Readable::Command)
             && subject != Subject::LinkByAngle
             && let Some(link) = on.iter().find(|link| link.is_driven_by_angle)
         {
-            let message = format!(
-                "`{effect}` reads `q` as a length, but `{}` is driven by an angle",
-                link.name
-            );
-            let help = "declare the effect `on link actuated angle`: there `q` is an angle";
-            diagnostics.error(language::COMMAND_NOT_THERE, place, message, help);
+            error!(diagnostics, COMMAND_NOT_THERE, place;
+                "`{effect}` reads `q` as a length, but `{}` is driven by an angle", link.name;
+                "declare the effect `on link actuated angle`: there `q` is an angle");
             return None;
         }
         Some(found)
@@ -513,24 +468,17 @@ fn with(
                 indices.push(index);
             }
             Some((_, parameter)) if parameter.optional => {
-                diagnostics.error(
-                    language::SAID_TWICE,
-                    name,
-                    format!("`{name}` is named twice"),
-                    "name it once",
-                );
+                error!(diagnostics, SAID_TWICE, name; "`{name}` is named twice"; "name it once");
             }
             Some(_) => {
-                let message = format!("`{name}` is part of `{}` anyway", effect.name);
-                let help = "`with` names optional parameters; leave it out";
-                diagnostics.error(language::WITH, name, message, help);
+                error!(diagnostics, WITH, name; "`{name}` is part of `{}` anyway", effect.name;
+                    "`with` names optional parameters; leave it out");
             }
             None => {
                 let optional = effect.parameters.iter().filter(|own| own.optional);
                 let names = optional.map(|own| own.name.as_str());
-                let help = suggest("optional parameter", &name.to_string(), names);
-                let message = format!("`{}` has no optional parameter `{name}`", effect.name);
-                diagnostics.error(language::WITH, name, message, help);
+                error!(diagnostics, WITH, name; "`{}` has no optional parameter `{name}`", effect.name;
+                    "{}", suggest("optional parameter", &name.to_string(), names));
             }
         }
     }
@@ -548,25 +496,17 @@ fn tolerance_factor(
         return Some(1.0);
     };
     if factor <= 0.0 {
-        let help = "a factor above one makes room for an effect that is known to be there";
-        diagnostics.error(
-            language::NOT_POSITIVE,
-            location,
-            "the factor of tolerances must be greater than zero",
-            help,
-        );
+        error!(diagnostics, NOT_POSITIVE, location; "the factor of tolerances must be greater than zero";
+            "a factor above one makes room for an effect that is known to be there");
         return None;
     }
     let mut tolerances = effect.parameters.iter().filter_map(|own| own.tolerance);
     if tolerances
         .any(|tolerance| !(SMALLEST_OF_PARAMETER..f64::INFINITY).contains(&(factor * tolerance)))
     {
-        let message = format!(
-            "tolerances of `{}` times {factor:?} are no tolerances",
-            effect.name
-        );
-        let help = "a tolerance is one standard deviation: check the factor";
-        diagnostics.error(language::TOLERANCE_OUT_OF_RANGE, location, message, help);
+        error!(diagnostics, TOLERANCE_OUT_OF_RANGE, location;
+            "tolerances of `{}` times {factor:?} are no tolerances", effect.name;
+            "a tolerance is one standard deviation: check the factor");
         return None;
     }
     Some(factor)

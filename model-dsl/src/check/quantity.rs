@@ -2,8 +2,6 @@
 
 use std::ops::RangeInclusive;
 
-use tau_codes::language;
-
 use crate::diagnostics::{Diagnostic, Diagnostics};
 use crate::names::nearest;
 use crate::plausible::LARGEST_ANGLE_RAD;
@@ -89,7 +87,7 @@ pub(super) fn unit_factor(
         }
         None => format!("units are {}", unit_list(None)),
     };
-    diagnostics.error(language::UNKNOWN_UNIT, &factor.name, message, help);
+    error!(diagnostics, UNKNOWN_UNIT, &factor.name; "{message}"; "{help}");
     None
 }
 
@@ -110,12 +108,7 @@ fn power(
 }
 
 fn too_large(location: impl Into<crate::diagnostics::Location>) -> Diagnostic {
-    Diagnostic::new(
-        language::UNIT_OVERFLOW,
-        location,
-        "the power of this unit is too large",
-    )
-    .help("check the exponents")
+    diagnostic!(UNIT_OVERFLOW, location; "the power of this unit is too large"; "check the exponents")
 }
 
 /// Names of the units of a dimension, or of all.
@@ -156,17 +149,8 @@ pub(super) fn values(
     };
     let expected = expected?;
     if found != expected {
-        let message = format!(
-            "{what} must be {}, found {}",
-            expected.describe(),
-            found.describe()
-        );
-        diagnostics.error(
-            language::WRONG_DIMENSION,
-            quantity.location,
-            message,
-            unit_help(expected),
-        );
+        error!(diagnostics, WRONG_DIMENSION, quantity.location;
+            "{what} must be {}, found {}", expected.describe(), found.describe(); "{}", unit_help(expected));
         return None;
     }
     let values: Vec<f64> = quantity
@@ -177,12 +161,7 @@ pub(super) fn values(
     if values.iter().all(|value| value.is_finite()) {
         return Some(values);
     }
-    diagnostics.error(
-        language::NUMBER_TOO_LARGE,
-        quantity.location,
-        format!("{what} is too large"),
-        format!("numbers end at {:e}", f64::MAX),
-    );
+    error!(diagnostics, NUMBER_TOO_LARGE, quantity.location; "{what} is too large"; "numbers end at {:e}", f64::MAX);
     None
 }
 
@@ -196,13 +175,8 @@ pub(super) fn scalar(
     if let [value] = values(quantity, expected, what, diagnostics)?.as_slice() {
         return Some(*value);
     }
-    let message = format!("{what} must be one number, found a vector");
-    diagnostics.error(
-        language::WRONG_SHAPE,
-        quantity.location,
-        message,
-        "one number holds for all three components",
-    );
+    error!(diagnostics, WRONG_SHAPE, quantity.location; "{what} must be one number, found a vector";
+        "one number holds for all three components");
     None
 }
 
@@ -231,22 +205,13 @@ pub(super) fn tolerance(
         } else {
             format!("at most {}", bounds.end())
         };
-        let message = format!("found a tolerance of {value:?}{unit}, expected {limit}{unit}");
-        let help = "check the number and its unit: a tolerance is one standard deviation";
-        diagnostics.error(
-            language::TOLERANCE_OUT_OF_RANGE,
-            quantity.location,
-            message,
-            help,
-        );
+        error!(diagnostics, TOLERANCE_OUT_OF_RANGE, quantity.location;
+            "found a tolerance of {value:?}{unit}, expected {limit}{unit}";
+            "check the number and its unit: a tolerance is one standard deviation");
         return None;
     }
-    diagnostics.error(
-        language::NOT_POSITIVE,
-        quantity.location,
-        format!("{what} must be greater than zero"),
-        "a tolerance is one standard deviation; leave it out where none is known",
-    );
+    error!(diagnostics, NOT_POSITIVE, quantity.location; "{what} must be greater than zero";
+        "a tolerance is one standard deviation; leave it out where none is known");
     None
 }
 
@@ -258,18 +223,13 @@ pub(super) fn metres(
     diagnostics: &mut Diagnostics,
 ) {
     if let Some(value) = values.iter().find(|value| value.abs() > largest_m) {
-        let message = format!("found {value} m, expected at most {largest_m} m");
         let help = if quantity.is_in("m") {
             "this looks like millimetres: write `mm`"
         } else {
             "check the number and its unit"
         };
-        diagnostics.error(
-            language::LENGTH_OUT_OF_RANGE,
-            quantity.location,
-            message,
-            help,
-        );
+        error!(diagnostics, LENGTH_OUT_OF_RANGE, quantity.location; "found {value} m, expected at most {largest_m} m";
+            "{help}");
     }
 }
 
@@ -282,16 +242,8 @@ pub(super) fn angles(
 ) {
     let beyond = values.iter().find(|value| value.abs() > LARGEST_ANGLE_RAD);
     if let Some(&value) = beyond {
-        let message = format!(
-            "found {}, expected radians between -2*pi and 2*pi",
-            describe(value)
-        );
-        diagnostics.error(
-            language::ANGLE_OUT_OF_RANGE,
-            quantity.location,
-            message,
-            degrees_help(quantity),
-        );
+        error!(diagnostics, ANGLE_OUT_OF_RANGE, quantity.location;
+            "found {}, expected radians between -2*pi and 2*pi", describe(value); "{}", degrees_help(quantity));
     }
 }
 

@@ -1,7 +1,5 @@
 //! The pose at which the machine stands at some commands.
 
-use tau_codes::language;
-
 use super::parts::Geometry;
 use super::quantity::{angles, metres, values};
 use crate::diagnostics::{Diagnostics, Location};
@@ -20,13 +18,8 @@ pub(super) fn reference(
         return None;
     };
     for second in more {
-        let message = "a second `reference`, but one pose settles how the arm is assembled";
-        diagnostics.error(
-            language::SAID_TWICE,
-            second.location,
-            message,
-            "leave out one of them",
-        );
+        error!(diagnostics, SAID_TWICE, second.location;
+            "a second `reference`, but one pose settles how the arm is assembled"; "leave out one of them");
     }
     let mut reference = Reference {
         commands: vec![0.0; geometry.drives.as_ref().map_or(0, Vec::len)],
@@ -38,8 +31,7 @@ pub(super) fn reference(
             .iter()
             .any(|(earlier, _)| earlier == name)
         {
-            let message = format!("`{name}` of the reference is given twice");
-            diagnostics.error(language::SAID_TWICE, name, message, "leave out one of them");
+            error!(diagnostics, SAID_TWICE, name; "`{name}` of the reference is given twice"; "leave out one of them");
             continue;
         }
         let what = format!("`{name}`");
@@ -65,14 +57,14 @@ pub(super) fn reference(
             continue;
         };
         let Ok(numbers) = <[f64; 3]>::try_from(numbers.as_slice()) else {
-            let message = format!("{what} must be 3 numbers, found {}", numbers.len());
             let help = match (is_position, geometry.plate.is_in_plane()) {
                 (true, false) => "write `(x, y, z)`",
                 (true, true) => "write `(x, y, 0)`",
                 (false, false) => "write the ZYZ Euler angles `(alpha, beta, gamma)`",
                 (false, true) => "write the turn about z as `(angle, 0, 0)`",
             };
-            diagnostics.error(language::REFERENCE_INCOMPLETE, location, message, help);
+            error!(diagnostics, REFERENCE_INCOMPLETE, location; "{what} must be 3 numbers, found {}", numbers.len();
+                "{help}");
             continue;
         };
         let plate = geometry.plate;
@@ -88,8 +80,7 @@ pub(super) fn reference(
         };
         if let Some(help) = wrong {
             let written = plate.written();
-            let message = format!("{what} does not fit a plate that is a {written}");
-            diagnostics.error(language::REFERENCE_UNFIT, location, message, help);
+            error!(diagnostics, REFERENCE_UNFIT, location; "{what} does not fit a plate that is a {written}"; "{help}");
         } else if is_position {
             metres(quantity, &numbers, FARTHEST_M, diagnostics);
             reference.position = numbers;
@@ -105,15 +96,8 @@ pub(super) fn reference(
         } else {
             "z"
         };
-        let help = format!(
-            "write where the TCP stands at these commands: `position = (x, y, {height}) m;`"
-        );
-        diagnostics.error(
-            language::REFERENCE_INCOMPLETE,
-            first.location,
-            "the reference lacks `position`",
-            help,
-        );
+        error!(diagnostics, REFERENCE_INCOMPLETE, first.location; "the reference lacks `position`";
+            "write where the TCP stands at these commands: `position = (x, y, {height}) m;`");
     }
     Some(reference)
 }
@@ -135,9 +119,8 @@ fn commands(
     let found: usize = given.iter().map(|one| one.numbers.len()).sum();
     if found != drives.len() {
         let expected = drives.len();
-        let message = format!("`commands` must be {expected} numbers, found {found}");
-        let help = "one for each track or crank, then one for each driven link";
-        diagnostics.error(language::REFERENCE_INCOMPLETE, location, message, help);
+        error!(diagnostics, REFERENCE_INCOMPLETE, location; "`commands` must be {expected} numbers, found {found}";
+            "one for each track or crank, then one for each driven link");
         return None;
     }
     let mut numbers = Vec::new();
@@ -146,15 +129,10 @@ fn commands(
         let is_angle = own.first()?.is_angle;
         if let Some(other) = own.iter().find(|drive| drive.is_angle != is_angle) {
             let kind = |is_angle: bool| if is_angle { "an angle" } else { "a length" };
-            let message = format!(
+            error!(diagnostics, REFERENCE_UNFIT, location;
                 "one unit for all commands, but that of `{}` is {} and that of `{}` {}",
-                own.first()?.name,
-                kind(is_angle),
-                other.name,
-                kind(other.is_angle)
-            );
-            let help = "give each command its unit: `(0.1 m, 0.2 rad)`";
-            diagnostics.error(language::REFERENCE_UNFIT, location, message, help);
+                    own.first()?.name, kind(is_angle), other.name, kind(other.is_angle);
+                "give each command its unit: `(0.1 m, 0.2 rad)`");
             return None;
         }
         let dimension = if is_angle {

@@ -11,7 +11,7 @@ use super::parameter;
 use super::parts::{Geometry, unknown_track};
 use super::quantity::{scalar, tolerance};
 use super::scope::Scope;
-use crate::diagnostics::Diagnostics;
+use crate::diagnostics::{Diagnostic, Diagnostics};
 use crate::model::{Cluster, Crank, Drive, Link, Plate, Quantity, Track};
 use crate::plausible::SMALLEST_DEVIATION;
 use crate::syntax::{self, Given};
@@ -40,17 +40,10 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
         .to_string()
         .starts_with(|first: char| first.is_ascii_uppercase())
     {
-        let message = format!(
-            "the robot's name must begin with a capital letter, found `{}`",
-            robot.name
-        );
         // Generated code has a module of the name in snake case beside the type.
-        diagnostics.error(
-            language::LOWER_CASE_ROBOT,
-            &robot.name,
-            message,
-            "write it in upper camel case: `GantryTau`",
-        );
+        error!(diagnostics, LOWER_CASE_ROBOT, &robot.name;
+            "the robot's name must begin with a capital letter, found `{}`", robot.name;
+            "write it in upper camel case: `GantryTau`");
     }
     let mut drives_known = true;
     for track in &robot.tracks {
@@ -77,27 +70,15 @@ pub(super) fn geometry(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> 
             diagnostics.push(unknown_track(&cluster.place, &geometry.tracks));
         }
         if cluster.links.is_empty() {
-            let message = format!("cluster `{}` has no links", cluster.name);
-            diagnostics.error(
-                language::PARTS_MISSING,
-                &cluster.name,
-                message,
-                "declare one: `link l1;`",
-            );
+            error!(diagnostics, PARTS_MISSING, &cluster.name; "cluster `{}` has no links", cluster.name;
+                "declare one: `link l1;`");
         }
         for links in &cluster.links {
             if let Some((_, actuated)) = links.actuated.filter(|_| track.is_some()) {
                 drives_known = false;
-                let message = format!(
-                    "the links of cluster `{}` are driven by its cart already",
-                    cluster.name
-                );
-                diagnostics.error(
-                    language::DRIVEN_TWICE,
-                    actuated,
-                    message,
-                    "leave out `actuated length`, or place the cluster `on base`",
-                );
+                error!(diagnostics, DRIVEN_TWICE, actuated;
+                    "the links of cluster `{}` are driven by its cart already", cluster.name;
+                    "leave out `actuated length`, or place the cluster `on base`");
             }
             let is_crank = |track: usize| geometry.tracks[track].crank.is_some();
             let of = OfLink {
@@ -186,13 +167,11 @@ fn pull(links: &syntax::Links, diagnostics: &mut Diagnostics) -> Option<Quantity
         return None;
     };
     for second in more {
-        let message = "`pulled` is said already";
-        diagnostics.error(language::SAID_TWICE, &second.name, message, "say it once");
+        error!(diagnostics, SAID_TWICE, &second.name; "`pulled` is said already"; "say it once");
     }
     if links.actuated.is_none() {
-        let message = "a link without a drive holds its length and pulls by nothing";
-        let help = "leave it out, or say what drives the link: `actuated length`";
-        diagnostics.error(language::PULLED, &first.name, message, help);
+        error!(diagnostics, PULLED, &first.name; "a link without a drive holds its length and pulls by nothing";
+            "leave it out, or say what drives the link: `actuated length`");
     }
     let mut quantity = Quantity::default();
     let (dimension, what) = (Some(Dimension::FORCE), "the tension of `pulled`");
@@ -201,24 +180,13 @@ fn pull(links: &syntax::Links, diagnostics: &mut Diagnostics) -> Option<Quantity
         Some(Given::Quantity(given)) => {
             let tension = scalar(given, dimension, what, diagnostics);
             if let Some(tension) = tension.filter(|tension| *tension <= 0.0) {
-                let message = format!("{what} must be greater than zero, found {tension} N");
-                diagnostics.error(
-                    language::NOT_POSITIVE,
-                    given.location,
-                    message,
-                    "write the force in the link",
-                );
+                error!(diagnostics, NOT_POSITIVE, given.location; "{what} must be greater than zero, found {tension} N";
+                    "write the force in the link");
             }
             quantity.value = tension.map(|tension| [tension]);
         }
         Some(Given::Formula(given)) => {
-            let message = format!("{what} is a number");
-            diagnostics.error(
-                language::PULLED,
-                given.location,
-                message,
-                "write `pulled = 20 N tol 1 N;`",
-            );
+            error!(diagnostics, PULLED, given.location; "{what} is a number"; "write `pulled = 20 N tol 1 N;`");
         }
     }
     let bounds = SMALLEST_DEVIATION..=f64::INFINITY;
@@ -235,13 +203,7 @@ fn plate(robot: &syntax::Robot, diagnostics: &mut Diagnostics) -> Plate {
         return Plate::default();
     };
     for (_, location) in more {
-        let message = "a second `plate`, but the links hold one";
-        diagnostics.error(
-            language::SAID_TWICE,
-            *location,
-            message,
-            "leave out one of them",
-        );
+        error!(diagnostics, SAID_TWICE, *location; "a second `plate`, but the links hold one"; "leave out one of them");
     }
     first.0
 }
@@ -256,7 +218,7 @@ fn whole(
 ) {
     let name = &robot.name;
     let mut missing = |code: Code, message: String, help: &str| {
-        diagnostics.error(code, name, message, help);
+        diagnostics.push(Diagnostic::new(code, name, message).help(help));
     };
     if robot.tracks.is_empty() && robot.clusters.is_empty() {
         missing(
@@ -305,12 +267,8 @@ fn whole(
                 .iter()
                 .any(|cluster| cluster.track == Some(index))
         {
-            diagnostics.error(
-                language::TRACK_CARRIES_NOTHING,
-                track,
-                format!("{what} `{track}` carries no cluster"),
-                format!("declare one, `cluster … on {track} {{ … }}`, or remove the {what}"),
-            );
+            error!(diagnostics, TRACK_CARRIES_NOTHING, track; "{what} `{track}` carries no cluster";
+                "declare one, `cluster … on {track} {{ … }}`, or remove the {what}");
         }
     }
 }

@@ -1,7 +1,6 @@
 //! Names in formulas: parameters of the effect or the robot, quantities, values of the link, units.
 
 use proc_macro2::Ident;
-use tau_codes::language;
 
 use super::value::{Checked, Shape};
 use super::vocabulary::{FUNCTIONS, QUANTITIES, find_quantity, subject_word};
@@ -152,9 +151,8 @@ fn of_value(name: &Ident, home: &ValueHome, diagnostics: &mut Diagnostics) -> Me
     let text = name.to_string();
     if text == "q" {
         let Some(dimension) = home.command else {
-            let message = format!("`{}` cannot read `q`", home.what);
-            let help = "only `length` of a link that is `actuated` reads its command";
-            diagnostics.error(language::UNREADABLE_IN_VALUE, name, message, help);
+            error!(diagnostics, UNREADABLE_IN_VALUE, name; "`{}` cannot read `q`", home.what;
+                "only `length` of a link that is `actuated` reads its command");
             return Meaning::Refused;
         };
         let q = Formula::Read(Readable::Command);
@@ -185,15 +183,13 @@ fn of_value(name: &Ident, home: &ValueHome, diagnostics: &mut Diagnostics) -> Me
             Some(Other::Refused(reason)) => reason,
             None => "it is no value of the same link",
         };
-        let message = format!("`{}` cannot read `{text}`: {reason}", home.what);
-        let help = "declare what both follow from as a parameter of the robot: `param name: …;`";
-        diagnostics.error(language::UNREADABLE_IN_VALUE, name, message, help);
+        error!(diagnostics, UNREADABLE_IN_VALUE, name; "`{}` cannot read `{text}`: {reason}", home.what;
+            "declare what both follow from as a parameter of the robot: `param name: …;`");
         return Meaning::Refused;
     }
     if find_quantity(&text).is_some() {
-        let message = format!("`{}` cannot read `{text}`", home.what);
-        let help = "values of the geometry are the same at every pose; what changes is an effect: `effect … on link { … }`";
-        diagnostics.error(language::UNREADABLE_IN_VALUE, name, message, help);
+        error!(diagnostics, UNREADABLE_IN_VALUE, name; "`{}` cannot read `{text}`", home.what;
+            "values of the geometry are the same at every pose; what changes is an effect: `effect … on link {{ … }}`");
         return Meaning::Refused;
     }
     Meaning::Shared
@@ -232,14 +228,9 @@ pub(super) fn named(
     if let Some(quantity) = find_quantity(&text) {
         available(name, quantity.subjects, scope, diagnostics)?;
         if quantity.readable == Readable::PaidOut && !is_wound(scope) && scope.subject().is_some() {
-            let message =
+            error!(diagnostics, UNREADABLE_IN_EFFECT, name;
                 "only a drum pays out: `paid_out` is read by effects on links that it winds up";
-            diagnostics.error(
-                language::UNREADABLE_IN_EFFECT,
-                name,
-                message,
-                "write `on link actuated angle`",
-            );
+                "write `on link actuated angle`");
             return None;
         }
         let dimension = match quantity.readable {
@@ -257,12 +248,7 @@ pub(super) fn named(
         ));
     }
     let diagnostic = if FUNCTIONS.iter().any(|(own, ..)| *own == text) {
-        Diagnostic::new(
-            language::ARGUMENT_COUNT,
-            name,
-            format!("`{text}` is a function"),
-        )
-        .help(format!("write `{text}(…)`"))
+        diagnostic!(ARGUMENT_COUNT, name; "`{text}` is a function"; "write `{text}(…)`")
     } else {
         unknown(name, scope)
     };
@@ -270,12 +256,12 @@ pub(super) fn named(
     None
 }
 
-/// Reports a quantity that the effect's subject does not have.
 /// True in effects on links that drums wind up.
 fn is_wound(scope: &Scope<'_>) -> bool {
     scope.subject() == Some(Subject::LinkByAngle)
 }
 
+/// Reports a quantity that the effect's subject does not have.
 fn available(
     name: &Ident,
     subjects: &[&str],
@@ -296,8 +282,7 @@ fn available(
             .collect();
         format!("it reads {}", own.join(", "))
     };
-    let message = format!("an effect on {word} cannot read `{name}`");
-    diagnostics.error(language::UNREADABLE_IN_EFFECT, name, message, help);
+    error!(diagnostics, UNREADABLE_IN_EFFECT, name; "an effect on {word} cannot read `{name}`"; "{help}");
     None
 }
 
@@ -328,12 +313,7 @@ fn unknown(name: &Ident, scope: &Scope<'_>) -> Diagnostic {
         }
         None => format!("declare it: `param {text}: …;`"),
     };
-    Diagnostic::new(
-        language::UNKNOWN_NAME,
-        name,
-        format!("cannot find `{text}` in {}", scope.place()),
-    )
-    .help(help)
+    diagnostic!(UNKNOWN_NAME, name; "cannot find `{text}` in {}", scope.place(); "{help}")
 }
 
 /// Value of a component of a parameter.
@@ -354,20 +334,14 @@ pub(super) fn component(
                     dimension: shape.dimension,
                 }),
                 _ => {
-                    let message = format!("`{name}` has no such component");
-                    let help = "vectors have the components 0 to 2, lengths have none";
-                    diagnostics.error(language::NO_COMPONENT, location, message, help);
+                    error!(diagnostics, NO_COMPONENT, location; "`{name}` has no such component";
+                        "vectors have the components 0 to 2, lengths have none");
                     None
                 }
             };
         }
         diagnostics.push(if find_quantity(&name.to_string()).is_some() {
-            Diagnostic::new(
-                language::NO_COMPONENT,
-                location,
-                format!("`{name}` is a scalar and has no components"),
-            )
-            .help(format!("write `{name}`"))
+            diagnostic!(NO_COMPONENT, location; "`{name}` is a scalar and has no components"; "write `{name}`")
         } else {
             unknown(name, scope)
         });
@@ -379,17 +353,16 @@ pub(super) fn component(
         return None;
     }
     if own.parameter.components == 1 {
-        let message = format!("`{name}` is a scalar and has no components");
-        let help = format!("write `{name}`, or declare it as `{name}[3]`");
-        diagnostics.error(language::NO_COMPONENT, location, message, help);
+        error!(diagnostics, NO_COMPONENT, location; "`{name}` is a scalar and has no components";
+            "write `{name}`, or declare it as `{name}[3]`");
         return None;
     }
     let Some(component) = usize::try_from(component)
         .ok()
         .filter(|component| *component < 3)
     else {
-        let message = format!("`{name}` has components 0 to 2, there is no {component}");
-        diagnostics.error(language::NO_COMPONENT, location, message, "count from 0");
+        error!(diagnostics, NO_COMPONENT, location; "`{name}` has components 0 to 2, there is no {component}";
+            "count from 0");
         return None;
     };
     let dimension = own.sound.then_some(own.parameter.dimension);

@@ -1,7 +1,5 @@
 //! Values of formulas: their shapes and dimensions, and arithmetic on them.
 
-use tau_codes::language;
-
 use crate::diagnostics::{Diagnostics, Location};
 use crate::model::{BinaryOperator, Formula};
 use crate::syntax::Expression;
@@ -59,13 +57,8 @@ pub(super) fn tuple(
     diagnostics: &mut Diagnostics,
 ) -> Option<Checked> {
     if components.len() != 3 {
-        let message = format!("a vector has 3 components, found {}", components.len());
-        diagnostics.error(
-            language::VECTOR_COMPONENTS,
-            location,
-            message,
-            "write `(x, y, z)`",
-        );
+        error!(diagnostics, VECTOR_COMPONENTS, location; "a vector has 3 components, found {}", components.len();
+            "write `(x, y, z)`");
         return None;
     }
     let mut scalars = Vec::new();
@@ -73,30 +66,17 @@ pub(super) fn tuple(
     for (one, written) in values.into_iter().zip(components) {
         let one = one?;
         let Shape::Scalar(scalar) = one.shape else {
-            let message = "a component of a vector cannot be a vector";
-            diagnostics.error(
-                language::WRONG_SHAPE,
-                written.location,
-                message,
-                "write a scalar",
-            );
+            error!(diagnostics, WRONG_SHAPE, written.location; "a component of a vector cannot be a vector";
+                "write a scalar");
             return None;
         };
         scalars.push(scalar);
         if let (Some(expected), Some(found)) = (dimension, one.dimension)
             && expected != found
         {
-            let message = format!(
-                "the components of a vector have one unit, found {} after {}",
-                found.describe(),
-                expected.describe()
-            );
-            diagnostics.error(
-                language::DIFFERENT_DIMENSIONS,
-                written.location,
-                message,
-                "bring them to the same unit",
-            );
+            error!(diagnostics, DIFFERENT_DIMENSIONS, written.location;
+                "the components of a vector have one unit, found {} after {}", found.describe(), expected.describe();
+                "bring them to the same unit");
             return None;
         }
         dimension = dimension.or(one.dimension);
@@ -127,13 +107,8 @@ pub(super) fn binary(
         (Add | Subtract, Some((a, b))) => {
             let dimension = common(a, b);
             if dimension.is_none() {
-                let message = refuse(&a.describe(), &b.describe());
-                diagnostics.error(
-                    language::DIFFERENT_DIMENSIONS,
-                    location,
-                    message,
-                    different_help(a, b),
-                );
+                error!(diagnostics, DIFFERENT_DIMENSIONS, location; "{}", refuse(&a.describe(), &b.describe());
+                    "{}", different_help(a, b));
                 return None;
             }
             dimension
@@ -163,10 +138,8 @@ pub(super) fn binary(
             vector.map(|component| apply(scalar.clone(), component))
         }
         (_, left, right) => {
-            let message = refuse(left.word(), right.word());
-            let help = "vectors add to vectors; multiply or divide them by scalars, or use components, \
-                        such as `rate[0]`";
-            diagnostics.error(language::VECTOR_OPERATION, location, message, help);
+            error!(diagnostics, VECTOR_OPERATION, location; "{}", refuse(left.word(), right.word());
+                "vectors add to vectors; multiply or divide them by scalars, or use components, such as `rate[0]`");
             return None;
         }
     };
@@ -198,12 +171,7 @@ pub(super) fn different_help(left: Dimension, right: Dimension) -> String {
 
 /// Refuses a unit whose exponents are too large.
 pub(super) fn unit_overflow<T>(location: Location, diagnostics: &mut Diagnostics) -> Option<T> {
-    let message = "the power of this formula's unit is too large";
-    diagnostics.error(
-        language::UNIT_OVERFLOW,
-        location,
-        message,
-        "check the exponents",
-    );
+    error!(diagnostics, UNIT_OVERFLOW, location; "the power of this formula's unit is too large";
+        "check the exponents");
     None
 }

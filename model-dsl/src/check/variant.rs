@@ -55,9 +55,8 @@ pub(super) fn variants(
         effects,
     };
     if robot.variants.is_empty() && !robot.clusters.is_empty() {
-        let message = format!("robot `{}` has no variants", robot.name);
-        let help = format!("declare one: `variant Full {}`", lines_of_full(geometry));
-        diagnostics.error(language::PARTS_MISSING, &robot.name, message, help);
+        error!(diagnostics, PARTS_MISSING, &robot.name; "robot `{}` has no variants", robot.name;
+            "declare one: `variant Full {}`", lines_of_full(geometry));
     }
     let mut names = Declared::default();
     let mut own = Vec::new();
@@ -113,13 +112,8 @@ fn module_name(name: &Ident, variants: &[syntax::Variant], diagnostics: &mut Dia
         .map(|variant| &variant.name)
         .find(|other| plain(other) == plain(name));
     if let Some(first) = first.filter(|first| *first != name) {
-        let message = format!("`{name}` and `{first}` would be one module of generated code");
-        diagnostics.error(
-            language::NAMES_CLASH_IN_CODE,
-            name,
-            message,
-            "choose names that differ in more than case and underscores",
-        );
+        error!(diagnostics, NAMES_CLASH_IN_CODE, name; "`{name}` and `{first}` would be one module of generated code";
+            "choose names that differ in more than case and underscores");
     }
 }
 
@@ -147,12 +141,8 @@ impl Context<'_> {
                     location,
                 } => {
                     if let Some((_, first)) = arm {
-                        let message = format!(
-                            "the arm is already chosen, on line {}",
-                            first.start.start().line
-                        );
-                        let help = "a variant has one arm";
-                        diagnostics.error(language::SAID_TWICE, *location, message, help);
+                        error!(diagnostics, SAID_TWICE, *location;
+                            "the arm is already chosen, on line {}", first.start.start().line; "a variant has one arm");
                     }
                     arm = arm.or(Some((*choice, *location)));
                 }
@@ -170,14 +160,8 @@ impl Context<'_> {
                     match track {
                         None => {
                             if !has_rails && !self.robot.clusters.is_empty() {
-                                let message = format!("robot `{}` has no tracks", self.robot.name);
-                                let help = "leave the line out";
-                                diagnostics.error(
-                                    language::NO_TRACK_HERE,
-                                    *location,
-                                    message,
-                                    help,
-                                );
+                                error!(diagnostics, NO_TRACK_HERE, *location;
+                                    "robot `{}` has no tracks", self.robot.name; "leave the line out");
                             }
                             for (slot, track) in tracks.iter_mut().zip(&self.geometry.tracks) {
                                 if track.crank.is_none() {
@@ -188,14 +172,8 @@ impl Context<'_> {
                         Some(track) => {
                             if let Some(first) = chosen.iter().find(|first| **first == track) {
                                 let line = first.span().start().line;
-                                let message =
-                                    format!("track `{track}` has a model already, on line {line}");
-                                diagnostics.error(
-                                    language::SAID_TWICE,
-                                    track,
-                                    message,
-                                    "name each track once",
-                                );
+                                error!(diagnostics, SAID_TWICE, track;
+                                    "track `{track}` has a model already, on line {line}"; "name each track once");
                             }
                             chosen.push(track);
                             self.one_track(track, model, &mut tracks, diagnostics);
@@ -206,27 +184,15 @@ impl Context<'_> {
         }
         if self.geometry.plate.is_point() {
             if let Some((Arm::Reduced, location)) = arm {
-                let message = format!(
+                error!(diagnostics, REDUCED_ARM, location;
                     "a reduced arm folds plate joints away, but the plate is a {}, which has none",
-                    self.geometry.plate.written()
-                );
-                diagnostics.error(
-                    language::REDUCED_ARM,
-                    location,
-                    message,
-                    "leave the line out",
-                );
+                        self.geometry.plate.written(); "leave the line out");
             }
             arm = arm.or_else(|| Some((Arm::Full, Location::from(name))));
         }
         if arm.is_none() {
-            let message = format!("variant `{name}` has no arm");
-            diagnostics.error(
-                language::VARIANT_INCOMPLETE,
-                name,
-                message,
-                "write `arm reduced;` or `arm full;`",
-            );
+            error!(diagnostics, VARIANT_INCOMPLETE, name; "variant `{name}` has no arm";
+                "write `arm reduced;` or `arm full;`");
         }
         if let Some((Arm::Reduced, location)) = arm
             && !self.geometry.plate.is_point()
@@ -239,13 +205,9 @@ impl Context<'_> {
             .collect();
         if !missing.is_empty() && diagnostics.count() == before {
             let plural = if missing.len() == 1 { "" } else { "s" };
-            let message = format!(
-                "variant `{name}` has no model for track{plural} {}",
-                missing.join(", ")
-            );
-            let help =
-                "write `tracks linear;` or `tracks piecewise;`, for one track `track name linear;`";
-            diagnostics.error(language::VARIANT_INCOMPLETE, name, message, help);
+            error!(diagnostics, VARIANT_INCOMPLETE, name;
+                "variant `{name}` has no model for track{plural} {}", missing.join(", ");
+                "write `tracks linear;` or `tracks piecewise;`, for one track `track name linear;`");
         }
         match (arm, tracks.into_iter().collect()) {
             (Some((arm, _)), Some(tracks)) if diagnostics.count() == before => {
@@ -272,18 +234,13 @@ impl Context<'_> {
             found.is_some_and(|track| track.crank.is_some())
         };
         if index.is_some_and(|index| is_crank(&index)) {
-            let message = format!("`{name}` is a crank, which moves its joints on circles");
-            diagnostics.error(language::NO_TRACK_HERE, name, message, "leave the line out");
+            error!(diagnostics, NO_TRACK_HERE, name; "`{name}` is a crank, which moves its joints on circles";
+                "leave the line out");
         } else if let Some(slot) = index.and_then(|index| tracks.get_mut(index)) {
             *slot = Some(model);
         } else if *name == "base" {
-            let help = "its joints do not move; leave the line out";
-            diagnostics.error(
-                language::NO_TRACK_HERE,
-                name,
-                "the fixed base is not a track",
-                help,
-            );
+            error!(diagnostics, NO_TRACK_HERE, name; "the fixed base is not a track";
+                "its joints do not move; leave the line out");
         } else {
             diagnostics.push(unknown_track(name, &self.geometry.tracks));
         }
@@ -292,21 +249,16 @@ impl Context<'_> {
     /// Reports conflicts of a reduced arm.
     fn reduced(&self, arm: Location, per_links: &[Location], diagnostics: &mut Diagnostics) {
         for location in per_links {
-            let message = "tracks per link need the links, but the arm is reduced";
-            let help = "write `arm full;`, or leave out `per link`";
-            diagnostics.error(language::REDUCED_ARM, *location, message, help);
+            error!(diagnostics, REDUCED_ARM, *location; "tracks per link need the links, but the arm is reduced";
+                "write `arm full;`, or leave out `per link`");
         }
         for link in &self.geometry.links {
             let mut own = Value::ALL.into_iter();
             if let Some(value) = own.find(|value| link.defaults.formula(*value).is_some()) {
-                let message = format!(
+                error!(diagnostics, REDUCED_ARM, arm;
                     "a reduced arm has values of clusters, but `{}` of `{}` is a formula or exact",
-                    value.name(),
-                    link.name
-                );
-                let help =
-                    "write `arm full;`, or, where the orientation does not count, `plate point;`";
-                diagnostics.error(language::REDUCED_ARM, arm, message, help);
+                        value.name(), link.name;
+                    "write `arm full;`, or, where the orientation does not count, `plate point;`");
                 return;
             }
         }
@@ -320,12 +272,9 @@ impl Context<'_> {
                 .filter(|link| link.cluster == index);
             let driven = links.clone().filter(|link| link.actuated_by.is_some());
             if links.count() > 1 && driven.count() > 0 {
-                let message = format!(
-                    "a reduced arm has one length per cluster, but `{}` has a driven link beside others",
-                    cluster.name
-                );
-                let help = "write `arm full;`, or give every driven link a cluster of its own";
-                diagnostics.error(language::REDUCED_ARM, arm, message, help);
+                error!(diagnostics, REDUCED_ARM, arm;
+                    "a reduced arm has one length per cluster, but `{}` has a driven link beside others", cluster.name;
+                    "write `arm full;`, or give every driven link a cluster of its own");
             }
         }
     }
@@ -344,17 +293,8 @@ impl Context<'_> {
                 .iter()
                 .map(|variant| variant.name.to_string())
                 .collect();
-            let help = suggest(
-                "variant",
-                &base.to_string(),
-                names.iter().map(String::as_str),
-            );
-            diagnostics.error(
-                language::UNKNOWN_VARIANT,
-                base,
-                format!("cannot find variant `{base}`"),
-                help,
-            );
+            error!(diagnostics, UNKNOWN_VARIANT, base; "cannot find variant `{base}`";
+                "{}", suggest("variant", &base.to_string(), names.iter().map(String::as_str)));
         }
         let uses: Vec<_> = effects
             .iter()
@@ -415,7 +355,7 @@ impl Context<'_> {
                         holds.extend(added);
                     }
                     Err((message, help)) if member == index => {
-                        diagnostics.error(language::CANNOT_HOLD, *location, message, help);
+                        error!(diagnostics, CANNOT_HOLD, *location; "{message}"; "{help}");
                     }
                     Err(_) => {}
                 }
@@ -434,23 +374,17 @@ impl Context<'_> {
                     continue;
                 };
                 if twice {
-                    let message = format!("`{}` acts at this place already", effect.name);
-                    diagnostics.error(language::SAID_TWICE, *location, message, "name it once");
+                    error!(diagnostics, SAID_TWICE, *location; "`{}` acts at this place already", effect.name;
+                        "name it once");
                 }
                 if let Some(reason) = effect.lacks_plate_joints(self.geometry.plate) {
-                    let message = format!("effect `{}` cannot act here: {reason}", effect.name);
-                    diagnostics.error(
-                        language::PLACE_OF_OTHER_KIND,
-                        *location,
-                        message,
-                        "leave the effect out",
-                    );
+                    error!(diagnostics, PLACE_OF_OTHER_KIND, *location;
+                        "effect `{}` cannot act here: {reason}", effect.name; "leave the effect out");
                 } else if arm == Arm::Reduced
                     && let Some(reason) = effect.needs_full_arm(used.place, &self.geometry.links)
                 {
-                    let message = format!("effect `{}` needs a full arm: {reason}", effect.name);
-                    let help = "start from a variant with `arm full;`";
-                    diagnostics.error(language::NEEDS_FULL_ARM, *location, message, help);
+                    error!(diagnostics, NEEDS_FULL_ARM, *location;
+                        "effect `{}` needs a full arm: {reason}", effect.name; "start from a variant with `arm full;`");
                 }
             }
         }

@@ -158,7 +158,7 @@ impl CrankValue {
 }
 
 /// Links between one cart, or the fixed base, and the plate.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Cluster {
     /// Name.
     pub name: String,
@@ -167,7 +167,7 @@ pub struct Cluster {
 }
 
 /// A rod between two spherical joints.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Link {
     /// Name.
     pub name: String,

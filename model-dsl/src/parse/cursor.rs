@@ -221,12 +221,8 @@ impl<'a> Parser<'a> {
                 Some(text.value())
             });
             let line = line.ok_or_else(|| {
-                Diagnostic::new(
-                    language::ATTRIBUTE,
-                    self.since(hash),
-                    "attributes have no meaning in a model",
-                )
-                .help("only doc comments, `/// …`, may stand before a declaration")
+                diagnostic!(ATTRIBUTE, self.since(hash); "attributes have no meaning in a model";
+                    "only doc comments, `/// …`, may stand before a declaration")
             })?;
             docs.push(line.strip_prefix(' ').unwrap_or(&line).to_owned());
         }

@@ -161,9 +161,9 @@ fn parameter_name(parser: &mut Parser<'_>) -> Parse<ParameterName> {
         Some(mut inside) => {
             let (number, span) = whole_number(&mut inside, "the number of components")?;
             if !inside.at_end() {
-                return Err(inside
-                    .expected(language::SYNTAX, "`]`")
-                    .help("a vector of 3 is declared as `name[3]`"));
+                return Err(
+                    expected!(inside, SYNTAX; "`]`"; "a vector of 3 is declared as `name[3]`"),
+                );
             }
             Some((number, span.into()))
         }
@@ -179,9 +179,7 @@ fn term(parser: &mut Parser<'_>) -> Parse<Term> {
     }
     let Some(target) = parser.eat_any_word() else {
         let what = "`param`, `search` or a term";
-        return Err(parser
-            .expected(language::UNKNOWN_WORD, what)
-            .help("a term reads `target += formula;`"));
+        return Err(expected!(parser, UNKNOWN_WORD; "{what}"; "a term reads `target += formula;`"));
     };
     if !parser.at("+=") {
         let help = match nearest(&target.to_string(), STARTS) {

@@ -27,9 +27,9 @@ pub(super) fn formula(parser: &mut Parser<'_>) -> Parse<Expression> {
 fn node(parser: &Parser<'_>, kind: ExpressionKind, start: &Start, depth: usize) -> Parse<Node> {
     let location = parser.since(start.0);
     if depth > DEPTH_LIMIT {
-        let message = format!("this formula has more than {DEPTH_LIMIT} levels");
-        return Err(Diagnostic::new(language::TOO_DEEP, location, message)
-            .help("split it into several terms"));
+        return Err(diagnostic!(TOO_DEEP, location;
+            "this formula has more than {DEPTH_LIMIT} levels";
+            "split it into several terms"));
     }
     Ok(Node {
         expression: Expression { kind, location },
@@ -63,9 +63,7 @@ fn binary(
     let mut left = operand(parser)?;
     loop {
         if parser.at("**") {
-            return Err(parser
-                .expected(language::OPERATORS, "an operator")
-                .help("a power is written `q^2`"));
+            return Err(expected!(parser, OPERATORS; "an operator"; "a power is written `q^2`"));
         }
         let Some((_, operator)) = operators
             .iter()
@@ -90,12 +88,9 @@ fn signed(parser: &mut Parser<'_>) -> Parse<Node> {
         return power(parser);
     };
     if parser.at("-") {
-        return Err(Diagnostic::new(
-            language::OPERATORS,
-            parser.since(sign),
-            "two signs in a row",
-        )
-        .help("write one sign, or parentheses"));
+        return Err(
+            diagnostic!(OPERATORS, parser.since(sign); "two signs in a row"; "write one sign, or parentheses"),
+        );
     }
     let inner = power(parser)?;
     let depth = inner.depth + 1;
@@ -115,9 +110,7 @@ fn power(parser: &mut Parser<'_>) -> Parse<Node> {
     }
     let exponent = exponent(parser)?;
     if parser.at("^") {
-        return Err(parser
-            .expected(language::OPERATORS, "an operator")
-            .help("write parentheses: `(q^2)^3`"));
+        return Err(expected!(parser, OPERATORS; "an operator"; "write parentheses: `(q^2)^3`"));
     }
     let depth = base.depth + 1;
     node(
@@ -133,12 +126,9 @@ fn primary(parser: &mut Parser<'_>) -> Parse<Node> {
     if let Some(mut inside) = parser.enter(Delimiter::Parenthesis) {
         let (mut items, depth) = list(&mut inside)?;
         return match items.len() {
-            0 => Err(Diagnostic::new(
-                language::MISSING_VALUE,
-                parser.since(start.0),
-                "empty parentheses",
-            )
-            .help("write a value, or a vector `(x, y, z)`")),
+            0 => Err(diagnostic!(MISSING_VALUE, parser.since(start.0);
+                "empty parentheses";
+                "write a value, or a vector `(x, y, z)`")),
             1 => {
                 let inner = items.remove(0);
                 node(parser, inner.kind, &start, depth)
@@ -158,10 +148,8 @@ fn primary(parser: &mut Parser<'_>) -> Parse<Node> {
         return Err(unknown_item(parser, &[]));
     }
     let Some(name) = parser.eat_any_word() else {
-        let help = "a value is a number, a name, a call or a formula in parentheses";
-        return Err(parser
-            .expected(language::MISSING_VALUE, "a value")
-            .help(help));
+        return Err(expected!(parser, MISSING_VALUE; "a value";
+            "a value is a number, a name, a call or a formula in parentheses"));
     };
     if let Some(mut inside) = parser.enter(Delimiter::Parenthesis) {
         let (arguments, depth) = list(&mut inside)?;
@@ -175,9 +163,7 @@ fn primary(parser: &mut Parser<'_>) -> Parse<Node> {
     if let Some(mut inside) = parser.enter(Delimiter::Bracket) {
         let (index, _) = whole_number(&mut inside, "the number of a component, `0`, `1` or `2`")?;
         if !inside.at_end() {
-            return Err(inside
-                .expected(language::SYNTAX, "`]`")
-                .help("a component is written `rate[0]`"));
+            return Err(expected!(inside, SYNTAX; "`]`"; "a component is written `rate[0]`"));
         }
         return node(parser, ExpressionKind::Component(name, index), &start, 1);
     }
@@ -211,10 +197,9 @@ fn list(inside: &mut Parser<'_>) -> Parse<(Vec<Expression>, usize)> {
         depth = depth.max(item.depth);
         items.push(item.expression);
         if inside.eat(",").is_none() && !inside.at_end() {
-            let help = "any two values have an operator or a comma between them";
-            return Err(inside
-                .expected(language::MISSING_SEPARATOR, "an operator, `,` or `)`")
-                .help(help));
+            return Err(expected!(inside, MISSING_SEPARATOR;
+                "an operator, `,` or `)`";
+                "any two values have an operator or a comma between them"));
         }
     }
     Ok((items, depth))

@@ -33,23 +33,13 @@ pub(crate) fn description(
 ) -> Description {
     let mut description = Description::default();
     if let Some(group) = too_deep(&tokens) {
-        let message = format!("brackets nested more than {NESTING_LIMIT} deep");
-        diagnostics.error(
-            language::TOO_DEEP,
-            group.span_open(),
-            message,
-            "simplify the formula",
-        );
+        error!(diagnostics, TOO_DEEP, group.span_open(); "brackets nested more than {NESTING_LIMIT} deep";
+            "simplify the formula");
         return description;
     }
     let (tokens, hash) = without_hash_comments(tokens);
     if let Some(hash) = hash {
-        diagnostics.error(
-            language::HASH_COMMENT,
-            hash,
-            "`#` begins no comment",
-            COMMENT_HELP,
-        );
+        error!(diagnostics, HASH_COMMENT, hash; "`#` begins no comment"; "{COMMENT_HELP}");
     }
     let buffer = TokenBuffer::new2(tokens);
     let mut parser = Parser::new(&buffer);
@@ -86,13 +76,8 @@ pub(crate) fn description(
             }
             let robot = robot::robot(parser, docs, public, &mut description.robot, diagnostics)?;
             if let Some(second) = robot {
-                let message = format!("`{second}` is a second robot, but a description holds one");
-                diagnostics.error(
-                    language::SECOND_ROBOT,
-                    &second,
-                    message,
-                    "put every robot in a description of its own",
-                );
+                error!(diagnostics, SECOND_ROBOT, &second; "`{second}` is a second robot, but a description holds one";
+                    "put every robot in a description of its own");
             }
             Ok(())
         },
@@ -112,12 +97,8 @@ fn unknown_word(
     synonyms: &[(&str, &str)],
 ) -> Diagnostic {
     if let Some(rust) = parser.skip_rust() {
-        return Diagnostic::new(
-            language::RUST_CODE,
-            rust,
-            "this Rust code has no meaning in a model",
-        )
-        .help("a model is declared, without control flow; formulas stand in the terms of effects");
+        return diagnostic!(RUST_CODE, rust; "this Rust code has no meaning in a model";
+            "a model is declared, without control flow; formulas stand in the terms of effects");
     }
     let fitting = synonyms
         .iter()

@@ -13,17 +13,13 @@ const NUMBER_HELP: &str = "a number is decimal, such as `2`, `0.5` or `1e-3`";
 /// A number without sign, with its place.
 pub(super) fn number(parser: &mut Parser<'_>) -> Parse<(f64, Span)> {
     let Some(text) = parser.literal() else {
-        return Err(parser
-            .expected(language::MISSING_NUMBER, "a number")
-            .help(NUMBER_HELP));
+        return Err(expected!(parser, MISSING_NUMBER; "a number"; "{NUMBER_HELP}"));
     };
     let span = parser.here();
     let text = text.replace('_', "");
     let (digits, suffix) = text.split_at(number_length(&text));
     let Ok(value) = digits.parse::<f64>() else {
-        return Err(parser
-            .expected(language::NOT_DECIMAL, "a number")
-            .help(NUMBER_HELP));
+        return Err(expected!(parser, NOT_DECIMAL; "a number"; "{NUMBER_HELP}"));
     };
     parser.eat_literal();
     if parser.at("%") {
@@ -31,28 +27,19 @@ pub(super) fn number(parser: &mut Parser<'_>) -> Parse<(f64, Span)> {
         return Err(parser.expected(language::PERCENT_SIGN, "a unit").help(help));
     }
     if find_unit(suffix).is_some() {
-        return Err(Diagnostic::new(
-            language::UNIT_WITHOUT_SPACE,
-            span,
-            format!("`{text}` lacks a space before its unit"),
-        )
-        .help(format!("write `{digits} {suffix}`")));
+        return Err(diagnostic!(UNIT_WITHOUT_SPACE, span;
+            "`{text}` lacks a space before its unit";
+            "write `{digits} {suffix}`"));
     }
     if !suffix.is_empty() {
-        return Err(Diagnostic::new(
-            language::NOT_DECIMAL,
-            span,
-            format!("`{text}` is not a decimal number"),
-        )
-        .help(format!("`{suffix}` does not belong there")));
+        return Err(diagnostic!(NOT_DECIMAL, span;
+            "`{text}` is not a decimal number";
+            "`{suffix}` does not belong there"));
     }
     if !value.is_finite() {
-        return Err(Diagnostic::new(
-            language::NUMBER_TOO_LARGE,
-            span,
-            format!("`{text}` is too large"),
-        )
-        .help(format!("numbers end at {:e}", f64::MAX)));
+        return Err(
+            diagnostic!(NUMBER_TOO_LARGE, span; "`{text}` is too large"; "numbers end at {:e}", f64::MAX),
+        );
     }
     Ok((value, span))
 }
@@ -86,9 +73,7 @@ pub(super) fn whole_number(parser: &mut Parser<'_>, what: &str) -> Parse<(u64, S
         .literal()
         .and_then(|text| text.replace('_', "").parse().ok())
     else {
-        return Err(parser
-            .expected(language::MISSING_NUMBER, what)
-            .help("write it in digits"));
+        return Err(expected!(parser, MISSING_NUMBER; "{what}"; "write it in digits"));
     };
     let span = parser.here();
     parser.eat_literal();
@@ -109,12 +94,7 @@ pub(super) fn exponent(parser: &mut Parser<'_>) -> Parse<i32> {
         .ok()
         .filter(|value| *value <= 100)
         .ok_or_else(|| {
-            Diagnostic::new(
-                language::EXPONENT,
-                parser.since(start),
-                "this exponent is too large",
-            )
-            .help("exponents end at 100")
+            diagnostic!(EXPONENT, parser.since(start); "this exponent is too large"; "exponents end at 100")
         })?;
     Ok(if negative { -value } else { value })
 }
@@ -128,11 +108,9 @@ pub(super) fn quantity(parser: &mut Parser<'_>) -> Parse<Quantity> {
         return with_unit(parser, start, vec![number]);
     };
     if numbers.len() != 3 {
-        let message = format!("a vector has 3 components, found {}", numbers.len());
-        return Err(
-            Diagnostic::new(language::VECTOR_COMPONENTS, parser.since(start), message)
-                .help("write `(x, y, z)`, or one number without parentheses"),
-        );
+        return Err(diagnostic!(VECTOR_COMPONENTS, parser.since(start);
+            "a vector has 3 components, found {}", numbers.len();
+            "write `(x, y, z)`, or one number without parentheses"));
     }
     with_unit(parser, start, numbers)
 }
@@ -142,12 +120,9 @@ fn no_decimal_comma(parser: &Parser<'_>) -> Parse<()> {
     let mut behind = parser.clone();
     let comma = behind.eat(",");
     match comma.filter(|_| behind.eat_literal().is_some()) {
-        Some(comma) => Err(Diagnostic::new(
-            language::DECIMAL_COMMA,
-            comma,
-            "a number has no decimal comma",
-        )
-        .help("write a point, such as `0.5`")),
+        Some(comma) => Err(
+            diagnostic!(DECIMAL_COMMA, comma; "a number has no decimal comma"; "write a point, such as `0.5`"),
+        ),
         None => Ok(()),
     }
 }
@@ -167,9 +142,9 @@ pub(super) fn list(parser: &mut Parser<'_>) -> Parse<Vec<Quantity>> {
             return if inside.at_end() {
                 Ok(quantities)
             } else {
-                Err(inside
-                    .expected(language::MISSING_SEPARATOR, "`,` or `)`")
-                    .help("values have commas between them: `(1 mm, 2 rad)`"))
+                Err(
+                    expected!(inside, MISSING_SEPARATOR; "`,` or `)`"; "values have commas between them: `(1 mm, 2 rad)`"),
+                )
             };
         }
     }
@@ -190,9 +165,9 @@ fn numbers(parser: &mut Parser<'_>) -> Parse<Option<Vec<f64>>> {
         numbers.push(signed(&mut inside)?);
     }
     if !inside.at_end() {
-        return Err(inside
-            .expected(language::MISSING_SEPARATOR, "`,` or `)`")
-            .help("a vector reads `(x, y, z) unit`"));
+        return Err(
+            expected!(inside, MISSING_SEPARATOR; "`,` or `)`"; "a vector reads `(x, y, z) unit`"),
+        );
     }
     Ok(Some(numbers))
 }
@@ -209,9 +184,7 @@ fn with_unit(parser: &mut Parser<'_>, start: Span, numbers: Vec<f64>) -> Parse<Q
         None
     };
     if parser.at_plus_minus() {
-        return Err(parser
-            .expected(language::PLUS_MINUS, "`tol`")
-            .help(TOLERANCE_HELP));
+        return Err(expected!(parser, PLUS_MINUS; "`tol`"; "{TOLERANCE_HELP}"));
     }
     Ok(Quantity {
         numbers,

@@ -249,11 +249,8 @@ fn misnamed_drive(parser: &Parser<'_>) -> Option<Diagnostic> {
     behind.eat_any_word();
     let is_near = nearest(&word.to_string(), ["actuated", "driven"]).is_some();
     (is_near || behind.at_any(&["length", "angle"])).then(|| {
-        let help =
-            "did you mean `actuated`? drives are said by `actuated length` or `actuated angle`";
-        parser
-            .expected(language::UNKNOWN_WORD, "`actuated`, `{` or `;`")
-            .help(help)
+        expected!(parser, UNKNOWN_WORD; "`actuated`, `{{` or `;`";
+            "did you mean `actuated`? drives are said by `actuated length` or `actuated angle`")
     })
 }
 
@@ -299,9 +296,9 @@ fn value(parser: &mut Parser<'_>) -> Parse<NamedValue> {
         None
     };
     if value.is_none() && tolerance.is_none() && name != "pulled" {
-        return Err(parser
-            .expected(language::SYNTAX, "`=` or `tol`")
-            .help(format!("write `{name} = value unit tol value unit;`")));
+        return Err(
+            expected!(parser, SYNTAX; "`=` or `tol`"; "write `{name} = value unit tol value unit;`"),
+        );
     }
     let exact = parser.eat_word("exact").map(Location::from);
     parser.semicolon()?;
@@ -436,9 +433,9 @@ fn effect_use(parser: &mut Parser<'_>) -> Parse<EffectUse> {
     while !inside.at_end() {
         places.push(inside.name("a place")?);
         if inside.eat(",").is_none() && !inside.at_end() {
-            return Err(inside
-                .expected(language::MISSING_SEPARATOR, "`,` or `)`")
-                .help("places have commas between them"));
+            return Err(
+                expected!(inside, MISSING_SEPARATOR; "`,` or `)`"; "places have commas between them"),
+            );
         }
     }
     let location = parser.since(&effect);

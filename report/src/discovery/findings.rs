@@ -7,7 +7,7 @@ use tau::discovery::results::{
     ErrorOf, FoundEffect, GrossRow, LeftOut, Model, Motion, Order, Place, Quantity, Readable,
     Reason, Target, Unnamed,
 };
-use tau_codes::{Remark, discovery as codes};
+use tau_codes::{Remark, discovery as codes, remark};
 
 use super::words::{self, capital, part, probability};
 use super::{at, chance, listed, readable};
@@ -398,10 +398,9 @@ pub(crate) fn unseen(found: &Discovery) -> Vec<(String, Remark)> {
 /// A reason; the base absorbs all of a signal or all but less than a percent.
 fn reason(why: &Reason) -> Remark {
     match why {
-        Reason::Absorbed | Reason::MostlyAbsorbed(_) => Remark::new(
-            codes::ABSORBED,
-            "the base absorbs all but at most 1 % of the signal",
-        ),
+        Reason::Absorbed | Reason::MostlyAbsorbed(_) => {
+            remark!(codes::ABSORBED; "the base absorbs all but at most 1 % of the signal")
+        }
         other => Remark::new(other.code(), other.to_string()),
     }
 }

@@ -12,7 +12,7 @@ use crate::number::{general, largest};
 const ANGLES: [&str; 3] = ["ωx", "ωy", "ωz"];
 const COORDINATES: [&str; 3] = ["x", "y", "z"];
 
-/// Figure 4: deviation of the measured orientation from its mean, against the TCP position.
+/// Deviation of the measured orientation from its mean, against the TCP position.
 pub fn orientation_grid(study: &Study) -> Option<Figure> {
     let points = &study.assumptions.orientation;
     let axes = study.setting.architecture.plate.turning_axes();
@@ -73,7 +73,7 @@ pub fn orientation_grid(study: &Study) -> Option<Figure> {
             ""
         },
     );
-    Some(drawn.figure("figure_4_orientation.svg", Some(4), caption))
+    Some(drawn.figure("orientation_grid.svg", caption))
 }
 
 /// A quantity of a path deviation with its name.
@@ -83,12 +83,11 @@ const PARALLEL: Direction = ("parallel", |point| point.parallel_um);
 const HORIZONTAL: Direction = ("horizontal", |point| point.horizontal_um);
 const VERTICAL: Direction = ("vertical", |point| point.vertical_um);
 
-/// Figure 5: deviation of each cart from a straight line with even scale, along the track.
+/// Deviation of each cart from a straight line with even scale, along the track.
 pub fn linearity_parallel(study: &Study) -> Option<Figure> {
     linearity(
         study,
-        "figure_5_linearity_parallel.svg",
-        5,
+        "linearity_parallel.svg",
         "Linearity of the tracks, parallel",
         &[PARALLEL],
         "Measured cart positions of set 2 minus the straight line with even scale that fits them best, along \
@@ -96,12 +95,11 @@ pub fn linearity_parallel(study: &Study) -> Option<Figure> {
     )
 }
 
-/// Figure 6: deviation of each cart from a straight line, orthogonal to the track.
+/// Deviation of each cart from a straight line, orthogonal to the track.
 pub fn linearity_orthogonal(study: &Study) -> Option<Figure> {
     linearity(
         study,
-        "figure_6_linearity_orthogonal.svg",
-        6,
+        "linearity_orthogonal.svg",
         "Linearity of the tracks, orthogonal",
         &[HORIZONTAL, VERTICAL],
         "Measured cart positions of set 2 minus the straight line that fits them best: horizontal and \
@@ -112,7 +110,6 @@ pub fn linearity_orthogonal(study: &Study) -> Option<Figure> {
 fn linearity(
     study: &Study,
     file_name: &str,
-    number: u32,
     title: &str,
     directions: &[Direction],
     caption: &str,
@@ -155,7 +152,7 @@ fn linearity(
             }
         }
     });
-    Some(drawn.figure(file_name, Some(number), caption))
+    Some(drawn.figure(file_name, caption))
 }
 
 /// Cart positions of set 3 against the paths of set 2.
@@ -215,5 +212,5 @@ pub fn set_comparison(study: &Study) -> Option<Figure> {
         spacing_mm(&study.assumptions.linearity)
             .map_or_else(String::new, |gap| format!(", {} mm apart", general(gap, 2))),
     );
-    Some(drawn.figure("set_comparison.svg", None, caption))
+    Some(drawn.figure("set_comparison.svg", caption))
 }

@@ -94,17 +94,10 @@ pub(super) struct Drawn {
 }
 
 impl Drawn {
-    /// With the name of its file, its number in the paper, and its caption; a sentence is added where marks gave way to
-    /// shaded cells.
-    pub(super) fn figure(
-        self,
-        file_name: impl Into<String>,
-        number: Option<u32>,
-        caption: impl Into<String>,
-    ) -> Figure {
+    /// With the name of its file and its caption; a sentence is added where marks gave way to shaded cells.
+    pub(super) fn figure(self, file_name: impl Into<String>, caption: impl Into<String>) -> Figure {
         Figure {
             file_name: file_name.into(),
-            number,
             title: self.title,
             caption: caption.into() + self.note,
             svg: self.svg,

@@ -36,7 +36,7 @@ pub fn gap_by_step(found: &Discovery) -> Option<Figure> {
         found.validation.of.short(),
         found.validation.compared()
     );
-    Some(drawn.figure("discovery_gap_by_step.svg", None, caption))
+    Some(drawn.figure("discovery_gap_by_step.svg", caption))
 }
 
 /// The curves of what no effect of the catalogue explains.
@@ -62,5 +62,5 @@ pub fn unnamed_structure(found: &Discovery) -> Option<Figure> {
     });
     let caption = "What no effect of the catalogue explains. A function of several quantities scatters about a curve of \
                   one.";
-    Some(drawn.figure("discovery_unnamed_structure.svg", None, caption))
+    Some(drawn.figure("discovery_unnamed_structure.svg", caption))
 }

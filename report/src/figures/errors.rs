@@ -1,4 +1,4 @@
-//! Errors of the calibrated variants at the validation poses: Table I as bars, error by pose, Figure 8.
+//! Errors of the calibrated variants at the validation poses: by variant, by pose, and of orientation.
 
 use tau::evaluation::PoseError;
 use tau::study::results::{Study, VariantResult};
@@ -9,7 +9,7 @@ use super::{Figure, bars, length_unit};
 use crate::findings::{compared, has_reduced};
 use crate::number::{fixed, largest, shared_decimals};
 
-/// Table I as bars: mean and largest position error of each variant.
+/// Bars: mean and largest position error of each variant.
 pub fn error_by_variant(study: &Study) -> Option<Figure> {
     let variants = &study.variants;
     if variants.is_empty() || study.setting.rows.is_some() {
@@ -35,7 +35,7 @@ pub fn error_by_variant(study: &Study) -> Option<Figure> {
     let drawn = bars::draw((title, &subtitle), &rows.collect::<Vec<_>>(), None);
     let caption = "The figures of the table. The error of a pose is the distance between the TCP position that the \
                   calibrated model predicts from the commands and the measured one.";
-    Some(drawn.figure("position_error_by_variant.svg", None, caption))
+    Some(drawn.figure("position_error_by_variant.svg", caption))
 }
 
 /// Bars beside each other that a panel has room for: narrower ones run into each other.
@@ -155,10 +155,10 @@ pub fn error_by_pose(study: &Study) -> Option<Figure> {
             "The bar that holds the largest error of"
         }
     );
-    Some(drawn.figure("position_error_by_pose.svg", None, caption))
+    Some(drawn.figure("position_error_by_pose.svg", caption))
 }
 
-/// Figure 8: orientation errors at the validation poses, for the variants that predict orientation.
+/// Orientation errors at the validation poses, for the variants that predict orientation.
 pub fn orientation_errors(study: &Study) -> Option<Figure> {
     let variants: Vec<_> = study
         .variants
@@ -185,7 +185,7 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
                     .map(|angles| (f64::from(error.pose), angles))
             })
     };
-    // As in Table I.
+    // As in the table.
     let (factor, unit) = (1e3, "mrad");
     let title = &format!("Orientation errors at the {}", compared(&study.setting).1);
     let size = group_size(
@@ -251,5 +251,5 @@ pub fn orientation_errors(study: &Study) -> Option<Figure> {
             ""
         }
     );
-    Some(drawn.figure("figure_8_orientation_errors.svg", Some(8), caption))
+    Some(drawn.figure("orientation_errors.svg", caption))
 }

@@ -100,11 +100,7 @@ fn residuals(index: usize, evidence: &Evidence) -> Option<Figure> {
         "Left: without {effect} in the model, fitted anew. Right: with it.{}",
         two_values(evidence)
     );
-    Some(drawn.figure(
-        format!("discovery_residuals_{}.svg", index + 1),
-        None,
-        caption,
-    ))
+    Some(drawn.figure(format!("discovery_residuals_{}.svg", index + 1), caption))
 }
 
 /// Remark on quantities with two values.
@@ -211,11 +207,7 @@ fn spectrum(index: usize, effect: &FoundEffect, spectrum: &Spectrum) -> Option<F
         "The axis is linear in one over the {}, so that all peaks are equally wide. {also}",
         spectrum.parameter
     );
-    Some(drawn.figure(
-        format!("discovery_spectrum_{}.svg", index + 1),
-        None,
-        caption,
-    ))
+    Some(drawn.figure(format!("discovery_spectrum_{}.svg", index + 1), caption))
 }
 
 /// Names the score at a value of what was searched.

@@ -1,7 +1,6 @@
 //! The figures, as SVG documents.
 //!
-//! Numbered figures correspond to those of the paper. Each function returns `None` where the study has
-//! no such data.
+//! Each function returns `None` where the study has no such data.
 
 mod assumptions;
 mod axis;
@@ -29,8 +28,6 @@ pub use sensitivity::{orientation_sensitivity, position_sensitivity};
 pub struct Figure {
     /// Name of the file it is written to.
     pub file_name: String,
-    /// Its number in the paper, if it has one there and the robot is the paper's.
-    pub number: Option<u32>,
     /// Title, in a few words.
     pub title: String,
     /// Origin and reading of the figure, in sentences.
@@ -55,12 +52,6 @@ pub fn all(study: &Study) -> Vec<Figure> {
     .into_iter()
     .flatten()
     .chain(study.discovery.iter().flat_map(discovery))
-    .map(|figure| Figure {
-        number: figure
-            .number
-            .filter(|_| study.setting.architecture.is_gantry_tau),
-        ..figure
-    })
     .collect()
 }
 

@@ -1,4 +1,4 @@
-//! Sensitivity of the pose to each parameter: Figures 9 and 10.
+//! Sensitivity of the pose to each parameter.
 
 use tau::robot::Architecture;
 use tau::sensitivity::{ParameterSensitivity, Sensitivity};
@@ -11,22 +11,21 @@ use crate::number::{general, largest};
 use crate::parts;
 use crate::tables::turn;
 
-/// Figure 9: change of the TCP position for a step in each parameter of each link.
+/// Change of the TCP position for a step in each parameter of each link.
 pub fn position_sensitivity(study: &Study) -> Option<Figure> {
     let sensitivity = study.sensitivity.as_ref()?;
     let values: fn(&ParameterSensitivity) -> &[f64] = |parameter| &parameter.by_pose_um;
     let (factor, unit) = length_unit(largest_of(sensitivity, values));
     draw(
         (sensitivity, study.setting.architecture),
-        "figure_9_sensitivity_position.svg",
-        9,
+        "sensitivity_position.svg",
         "Sensitivity of the position",
         values,
         (factor, &format!("‖ΔT‖ ({unit})")),
     )
 }
 
-/// Figure 10: change of the orientation for a step in each parameter of each link.
+/// Change of the orientation for a step in each parameter of each link.
 pub fn orientation_sensitivity(study: &Study) -> Option<Figure> {
     let turns = !study.setting.architecture.plate.turning_axes().is_empty();
     let sensitivity = study.sensitivity.as_ref().filter(|_| turns)?;
@@ -34,8 +33,7 @@ pub fn orientation_sensitivity(study: &Study) -> Option<Figure> {
     let (factor, unit) = angle_unit(largest_of(sensitivity, values));
     draw(
         (sensitivity, study.setting.architecture),
-        "figure_10_sensitivity_orientation.svg",
-        10,
+        "sensitivity_orientation.svg",
         "Sensitivity of the orientation",
         values,
         (
@@ -58,7 +56,6 @@ fn short(parameter: &str) -> String {
 fn draw(
     (sensitivity, architecture): (&Sensitivity, Architecture),
     file_name: &str,
-    number: u32,
     title: &str,
     values: fn(&ParameterSensitivity) -> &[f64],
     (factor, quantity): (f64, &str),
@@ -126,5 +123,5 @@ fn draw(
              the poses, with steps both ways.",
         sensitivity.variant,
     );
-    Some(drawn.figure(file_name, Some(number), caption))
+    Some(drawn.figure(file_name, caption))
 }

@@ -5,7 +5,7 @@ use tau::trust::{Check, Gap, Mistake, MistakeKind, PoseFit, Reason, Status, Verd
 use tau::unknown_poses::RowDivision;
 
 use super::{next, of_study};
-use crate::fixture;
+use crate::tests::fixture;
 
 fn verdict(status: Status, ratio: f64) -> Verdict {
     Verdict {

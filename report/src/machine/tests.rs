@@ -6,7 +6,7 @@ use tau::evaluation::PoseError;
 
 use super::view::{Point, SIZE, View};
 use super::{Errors, Pin, Scene, draw};
-use crate::fixture;
+use crate::tests::fixture;
 
 fn errors() -> Vec<PoseError> {
     (0..40_u32)

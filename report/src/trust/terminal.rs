@@ -2,7 +2,7 @@
 
 use tau::study::results::Study;
 use tau::trust::{Check, Checked, FileFacts, Status};
-use tau_codes::{Remark, fit};
+use tau_codes::{Remark, fit, remark};
 
 use crate::number::general;
 use crate::screen::Screen;
@@ -45,17 +45,12 @@ pub fn wrong(check: &Check) -> Vec<String> {
     let mistakes = check.mistakes.iter().map(super::mistake);
     let unexplained = match check.misfit {
         _ if !check.mistakes.is_empty() => None,
-        _ if !check.is_meaningful() => Some(Remark::new(
-            fit::NO_MISTAKE,
-            "No mistake that could be mended was recognised, yet a calibration would mean nothing.",
-        )),
+        _ if !check.is_meaningful() => Some(remark!(fit::NO_MISTAKE;
+            "No mistake that could be mended was recognised, yet a calibration would mean nothing.")),
         misfit => misfit.map(|times| {
-            let text = format!(
-                "No mistake was recognised, yet residuals of a first fit are {} times the stated noise: `tau calibrate` says \
-                 where.",
-                general(times, 3)
-            );
-            Remark::new(fit::MISFIT, text)
+            remark!(fit::MISFIT;
+                "No mistake was recognised, yet residuals of a first fit are {} times the stated noise: `tau calibrate` \
+                 says where.", general(times, 3))
         }),
     };
     let unexplained = unexplained.as_ref().map(Remark::to_string);

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use super::include;
 use super::syntax::{self, Block, Item, Parsed, Setting};
 use crate::input_error::{self, Errors, InputError, Source};
-use tau_codes::{Code, Remark, files};
+use tau_codes::{Code, Remark, files, remark};
 
 /// Text that a file is expected to hold.
 const EXPECTED: &str = "the configuration of a printer";
@@ -142,10 +142,8 @@ impl Config {
 
     /// Remarks on included files that were not found.
     pub fn unread_includes(&self) -> impl Iterator<Item = Remark> {
-        self.missing_includes().map(|name| {
-            let text = format!("{name} is included, but was not read");
-            Remark::new(files::INCLUDE_UNREAD, text)
-        })
+        self.missing_includes()
+            .map(|name| remark!(files::INCLUDE_UNREAD; "{name} is included, but was not read"))
     }
 
     /// Included files that were not found, each with the place that includes it, such as `printer.cfg:3: macros.cfg`.

@@ -1,7 +1,7 @@
 //! Measurements of the firmware's delta calibration, as the configuration keeps them.
 
 use nalgebra::Vector3;
-use tau_codes::{Remark, files};
+use tau_codes::{Remark, files, remark};
 
 use super::config::{Config, Entry};
 use super::numbers::{Kind, finite, optional, unexpected};
@@ -117,12 +117,9 @@ pub(super) fn unread(config: &Config) -> Vec<Remark> {
         unread.dedup_by_key(|own| own.0);
         let keys = unread.iter().map(|(number, _)| format!("`{name}{number}`"));
         let keys: Vec<String> = keys.collect();
-        let text = format!(
+        Some(remark!(files::FIRMWARE_UNMEASURED;
             "{}: without a value of `{name}{next}` the firmware does not read {}, which took no part",
-            config.place(first),
-            keys.join(", "),
-        );
-        Some(Remark::new(files::FIRMWARE_UNMEASURED, text))
+                config.place(first), keys.join(", ")))
     };
     NAMES.into_iter().filter_map(remark).collect()
 }

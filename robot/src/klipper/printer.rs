@@ -85,9 +85,8 @@ impl Parameters {
             towers: [a?, b?, c?],
         };
         own.mistake().map_or(Ok(own), |(name, why)| {
-            let message = format!("found parameter `{name}` {why}");
-            let help = "the firmware refuses this printer: calibrate it anew";
-            Err(InputError::whole(files::FIRMWARE_REFUSES, &file.source, message).help(help))
+            Err(input_error!(files::FIRMWARE_REFUSES, &file.source; "found parameter `{name}` {why}";
+                "the firmware refuses this printer: calibrate it anew"))
         })
     }
 

@@ -9,8 +9,8 @@ use tau_codes::{files, fit};
 use super::plausible::{self, no_direction};
 use super::{Folder, TcpPose};
 use crate::input_error::{Errors, InputError};
-use crate::robot::{Robot, Value};
-use crate::robot_file::{Dimensions, RobotFile};
+use crate::robot::Robot;
+use crate::robot_file::{Dimensions, Joints, RobotFile};
 
 /// A link that would have to be longer or shorter than it is by this share is not meant: nominal
 /// values, and measurements in the right unit and frame, are far better.
@@ -93,15 +93,10 @@ impl Folder {
         if calibration_poses >= enough {
             return Ok(());
         }
-        let message = format!(
-            "{calibration_poses} of {} poses calibrate, expected at least {enough}, which leave {degrees} residuals to judge \
-             the fit by, beside the {parameters} parameters of variant `{variant}`",
-            self.tcp_poses.len(),
-        );
-        Err(
-            InputError::whole(fit::TOO_FEW_POSES, self.tcp_poses_name(), message)
-                .help("measure more poses, or let more of them calibrate with `--split`"),
-        )
+        Err(input_error!(fit::TOO_FEW_POSES, self.tcp_poses_name();
+            "{calibration_poses} of {} poses calibrate, expected at least {enough}, which leave {degrees} residuals to \
+             judge the fit by, beside the {parameters} parameters of variant `{variant}`", self.tcp_poses.len();
+            "measure more poses, or let more of them calibrate with `--split`"))
     }
 
     /// Checks that the links of the robot, with the values of its file, reach from the cart at its
@@ -134,31 +129,18 @@ impl Folder {
                 continue;
             }
             for pose in beyond.into_iter().filter(|pose| blamed.insert(pose.pose)) {
-                let message = format!(
-                    "pose {} is out of reach: {}",
-                    pose.pose,
-                    reach.describe(pose)
-                );
-                errors.add(InputError::whole(tau_codes::kinematics::OUT_OF_REACH, self.tcp_poses_name(), message).help(
-                    "compare its commands and position with the record of the measurement, or remove its row",
-                ));
+                errors.add(input_error!(tau_codes::kinematics::OUT_OF_REACH, self.tcp_poses_name();
+                    "pose {} is out of reach: {}", pose.pose, reach.describe(pose);
+                    "compare its commands and position with the record of the measurement, or remove its row"));
             }
         }
         errors.finish()
     }
 
     fn most_beyond(&self, reach: &Reach<'_>, poses: &[&TcpPose]) -> InputError {
-        let error = InputError::whole(
-            tau_codes::kinematics::MOST_OUT_OF_REACH,
-            self.tcp_poses_name(),
-            format!(
-                "{} of {} poses are out of reach: {} at pose {}",
-                poses.len(),
-                self.tcp_poses.len(),
-                reach.describe(poses[0]),
-                poses[0].pose
-            ),
-        );
+        let error = input_error!(tau_codes::kinematics::MOST_OUT_OF_REACH, self.tcp_poses_name();
+            "{} of {} poses are out of reach: {} at pose {}",
+                poses.len(), self.tcp_poses.len(), reach.describe(poses[0]), poses[0].pose);
         let fits = |command: &dyn Fn(&TcpPose) -> f64| {
             let fitting = poses
                 .iter()
@@ -202,12 +184,7 @@ struct Reach<'a> {
     robot: &'a Robot,
     dimensions: Dimensions<'a>,
     link: usize,
-    plate_joint_m: Vector3<f64>,
-    track_offset_m: Vector3<f64>,
-    /// Zero where the joint is fixed, or on a crank.
-    track_direction: Vector3<f64>,
-    /// Centre and axis of the crank that carries the joint.
-    crank: Option<[Vector3<f64>; 2]>,
+    joints: Joints,
     command: Option<usize>,
 }
 
@@ -216,16 +193,10 @@ impl<'a> Reach<'a> {
     fn of_links(robot: &'a Robot, file: &'a RobotFile) -> Vec<Self> {
         let dimensions = Dimensions::new(robot, file);
         let of_link = |link: usize| {
-            let own = &robot.links[link];
-            let track = robot.clusters.get(own.cluster)?.track;
-            let vector = |value| dimensions.vector(link, value).map(Vector3::from);
-            let crank = track.and_then(|track| dimensions.crank(track));
+            let joints = dimensions.joints(link)?;
             Some(Self {
-                plate_joint_m: vector(Value::PlateJoint)?,
-                track_offset_m: vector(Value::TrackOffset)?,
-                track_direction: vector(Value::TrackDirection)?,
-                crank: crank.map(|crank| crank.map(Vector3::from)),
-                command: own.actuated_by.or(track),
+                command: robot.links[link].actuated_by.or(joints.track),
+                joints,
                 robot,
                 dimensions,
                 link,
@@ -252,14 +223,8 @@ impl<'a> Reach<'a> {
 
     /// Distance (m) between the two joints that the link connects, at a pose so turned.
     fn distance_m(&self, pose: &TcpPose, rotation: &Rotation3<f64>, command: f64) -> f64 {
-        let plate = Vector3::from(pose.position_m) + rotation * self.plate_joint_m;
-        let joint = match self.crank {
-            Some([centre, axis]) => {
-                centre + Rotation3::new(axis * command) * (self.track_offset_m - centre)
-            }
-            None => self.track_offset_m + command * self.track_direction,
-        };
-        (plate - joint).norm()
+        let plate = Vector3::from(pose.position_m) + rotation * self.joints.plate;
+        (plate - self.joints.at(command)).norm()
     }
 
     fn reaches(&self, pose: &TcpPose, command: f64) -> bool {
@@ -315,7 +280,7 @@ mod tests {
         let link = |name: &str, cluster| Link {
             name: name.into(),
             cluster,
-            actuated_by: None,
+            ..Link::default()
         };
         Robot {
             name: "GantryTau".into(),

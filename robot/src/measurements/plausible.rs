@@ -133,62 +133,49 @@ pub(crate) fn lengths(table: &Table<'_>, columns: &[&Column], mistakes: &mut Mis
     strays(table, columns, mistakes);
 }
 
+/// Reports values of a column that are not as expected, those without a number passed over, with a remedy where one is
+/// known.
+fn expect(
+    table: &Table<'_>,
+    column: &Column,
+    mistakes: &mut Mistakes<'_>,
+    (expected, is_fine): (&str, impl Fn(f64) -> bool),
+    help: impl Fn(f64) -> Option<&'static str>,
+) {
+    let values = column.values.iter().copied().enumerate();
+    for (row, value) in values.filter(|&(_, value)| !value.is_nan() && !is_fine(value)) {
+        let (found, name) = (table.text(row, column.index), table.name(column.index));
+        let message = format!("found {found} in column `{name}`, expected {expected}");
+        let (place, help) = (table.place(row, column.index), help(value));
+        mistakes.add(
+            files::OUT_OF_BOUNDS,
+            place,
+            message,
+            help.map(str::to_owned),
+        );
+    }
+}
+
 /// Distances are above zero.
 pub(crate) fn positive(table: &Table<'_>, column: &Column, mistakes: &mut Mistakes<'_>) {
-    for (row, value) in column.values.iter().enumerate() {
-        if *value <= 0.0 {
-            let message = format!(
-                "found {} in column `{}`, expected a distance above 0",
-                table.text(row, column.index),
-                table.name(column.index)
-            );
-            mistakes.push(
-                files::OUT_OF_BOUNDS,
-                table.place(row, column.index),
-                message,
-            );
-        }
-    }
+    let expected = ("a distance above 0", |value| value > 0.0);
+    expect(table, column, mistakes, expected, |_| None);
 }
 
 /// Standard deviations of rows (m) are above zero, and small enough to say something.
 pub(crate) fn deviations(table: &Table<'_>, column: &Column, mistakes: &mut Mistakes<'_>) {
-    for (row, value) in column.values.iter().enumerate() {
-        let fine = value.is_nan() || (SMALLEST_DEVIATION..=LARGEST_NOISE).contains(value);
-        if !fine {
-            let message = format!(
-                "found {} in column `{}`, expected a standard deviation above 0 in SI units, at most {LARGEST_NOISE}",
-                table.text(row, column.index),
-                table.name(column.index)
-            );
-            let help =
-                (*value > LARGEST_NOISE).then(|| "are these millimetres, or degrees".to_owned());
-            mistakes.add(
-                files::OUT_OF_BOUNDS,
-                table.place(row, column.index),
-                message,
-                help,
-            );
-        }
-    }
+    let words = format!("a standard deviation above 0 in SI units, at most {LARGEST_NOISE}");
+    let is_fine = |value| (SMALLEST_DEVIATION..=LARGEST_NOISE).contains(&value);
+    expect(table, column, mistakes, (&words, is_fine), |value| {
+        (value > LARGEST_NOISE).then_some("are these millimetres, or degrees")
+    });
 }
 
 /// Forces are newtons.
 pub(crate) fn forces(table: &Table<'_>, column: &Column, mistakes: &mut Mistakes<'_>) {
-    for (row, value) in column.values.iter().enumerate() {
-        if value.abs() > LARGEST_FORCE_N {
-            let message = format!(
-                "found {} in column `{}`, expected a force in newtons, at most {LARGEST_FORCE_N:e}",
-                table.text(row, column.index),
-                table.name(column.index)
-            );
-            mistakes.push(
-                files::OUT_OF_BOUNDS,
-                table.place(row, column.index),
-                message,
-            );
-        }
-    }
+    let words = format!("a force in newtons, at most {LARGEST_FORCE_N:e}");
+    let is_fine = |value: f64| value.abs() <= LARGEST_FORCE_N;
+    expect(table, column, mistakes, (&words, is_fine), |_| None);
 }
 
 fn no_metres(
@@ -209,16 +196,9 @@ fn no_metres(
         .filter(|(.., magnitude)| !magnitude.is_nan())
         .max_by(|a, b| a.2.total_cmp(&b.2));
     if let Some((row, column, _)) = largest {
-        mistakes.push_with_help(
-            files::NOT_METRES,
-            table.place(row, column),
-            format!(
-                "column `{}` reaches {}, expected metres",
-                table.name(column),
-                table.text(row, column)
-            ),
-            unit_advice("these", is_plausible),
-        );
+        mistake!(mistakes, files::NOT_METRES, table.place(row, column);
+            "column `{}` reaches {}, expected metres", table.name(column), table.text(row, column);
+            "{}", unit_advice("these", is_plausible));
     }
 }
 
@@ -228,14 +208,9 @@ fn strays(table: &Table<'_>, columns: &[&Column], mistakes: &mut Mistakes<'_>) {
         let median = Quantiles::of(&column.values).median;
         for (row, value) in column.values.iter().enumerate() {
             if (value - median).abs() > LONGEST_M {
-                mistakes.push(files::FAR_FROM_OTHERS,
-                    table.place(row, column.index),
-                    format!(
-                        "found {} in column `{}`, expected metres near {median:.3} as in the other rows",
-                        table.text(row, column.index),
-                        table.name(column.index)
-                    ),
-                );
+                mistake!(mistakes, files::FAR_FROM_OTHERS, table.place(row, column.index);
+                    "found {} in column `{}`, expected metres near {median:.3} as in the other rows",
+                        table.text(row, column.index), table.name(column.index));
             }
         }
     }
@@ -252,25 +227,16 @@ pub fn angles<'a>(
             .filter(|&row| column.values[row].abs() > LARGEST_ANGLE_RAD)
             .collect();
         let is_whole_column = 2 * beyond.len() > table.rows();
-        for &row in if is_whole_column {
-            &beyond[..1]
+        let (shown, these) = if is_whole_column {
+            (&beyond[..1], "the column looks like degrees:")
         } else {
-            &beyond[..]
-        } {
-            mistakes.push_with_help(
-                files::NOT_RADIANS,
-                table.place(row, column.index),
-                format!(
-                    "found {} in column `{}`, expected radians between -2*pi and 2*pi",
-                    table.text(row, column.index),
-                    table.name(column.index)
-                ),
-                if is_whole_column {
-                    "the column looks like degrees: multiply by pi/180"
-                } else {
-                    "are these degrees? multiply by pi/180"
-                },
-            );
+            (&beyond[..], "are these degrees?")
+        };
+        for &row in shown {
+            mistake!(mistakes, files::NOT_RADIANS, table.place(row, column.index);
+                "found {} in column `{}`, expected radians between -2*pi and 2*pi",
+                    table.text(row, column.index), table.name(column.index);
+                "{these} multiply by pi/180");
         }
     }
 }
@@ -279,17 +245,9 @@ pub fn angles<'a>(
 pub(crate) fn temperatures(table: &Table<'_>, column: &Column, mistakes: &mut Mistakes<'_>) {
     for (row, value) in column.values.iter().enumerate() {
         if !value.is_nan() && !TEMPERATURES_C.contains(value) {
-            mistakes.push(
-                files::OUT_OF_BOUNDS,
-                table.place(row, column.index),
-                format!(
-                    "found {} in column `{}`, expected degrees Celsius between {} and {}",
-                    table.text(row, column.index),
-                    table.name(column.index),
-                    TEMPERATURES_C.start(),
-                    TEMPERATURES_C.end()
-                ),
-            );
+            mistake!(mistakes, files::OUT_OF_BOUNDS, table.place(row, column.index);
+                "found {} in column `{}`, expected degrees Celsius between {} and {}",
+                    table.text(row, column.index), table.name(column.index), TEMPERATURES_C.start(), TEMPERATURES_C.end());
             return;
         }
     }
@@ -325,25 +283,16 @@ pub fn carts(
         .collect();
     if carts.is_empty() {
         let message = "found a table of carts, but this robot has none";
-        mistakes.push(
-            files::NO_SUCH_CART,
-            table.place(0, column.index),
-            message.to_owned(),
-        );
+        mistake!(mistakes, files::NO_SUCH_CART, table.place(0, column.index); "{}", message.to_owned());
         return;
     }
     let carts = carts.join(", ");
     let is_cart = |cart: u32| cart > 0 && shape.has_cart(cart as usize - 1);
     for (row, cart) in column.values.iter().enumerate() {
         if cart.is_some_and(|cart| !is_cart(cart)) {
-            mistakes.push(files::NO_SUCH_CART,
-                table.place(row, column.index),
-                format!(
-                    "found cart {}, expected one of {carts}: carts are counted from 1 in the order of \
-                     the tracks",
-                    table.text(row, column.index)
-                ),
-            );
+            mistake!(mistakes, files::NO_SUCH_CART, table.place(row, column.index);
+                "found cart {}, expected one of {carts}: carts are counted from 1 in the order of the tracks",
+                    table.text(row, column.index));
         }
     }
 }
@@ -364,16 +313,9 @@ pub fn distinct_keys<const N: usize>(
         }
         let first = *first_rows.entry(numbers).or_insert(row);
         if first != row {
-            mistakes.push_with_help(
-                files::ROW_TWICE,
-                table.place(row, key[0].index),
-                format!(
-                    "{} is given twice, first on line {}",
-                    describe(numbers.map(Option::unwrap_or_default)),
-                    table.line(first)
-                ),
-                help,
-            );
+            mistake!(mistakes, files::ROW_TWICE, table.place(row, key[0].index);
+                "{} is given twice, first on line {}",
+                    describe(numbers.map(Option::unwrap_or_default)), table.line(first); "{help}");
         }
     }
 }
@@ -398,15 +340,9 @@ pub fn one_place_each(
         };
         let first = *first_rows.entry(number).or_insert(row);
         if visits[first] != visit {
-            mistakes.push_with_help(
-                files::ROW_TWICE,
-                table.place(row, pose.index),
-                format!(
-                    "pose {number} is given twice, first on line {} at other commands",
-                    table.line(first)
-                ),
-                "rows of one number are repeated readings of a pose: give another pose a number of its own",
-            );
+            mistake!(mistakes, files::ROW_TWICE, table.place(row, pose.index);
+                "pose {number} is given twice, first on line {} at other commands", table.line(first);
+                "rows of one number are repeated readings of a pose: give another pose a number of its own");
         }
     }
 }
@@ -424,14 +360,8 @@ pub fn spread(table: &Table<'_>, what: &str, columns: &[Column], mistakes: &mut 
     };
     if table.rows() > 1 && columns.iter().all(is_constant) {
         let place = table.name_place(first.index).start..table.name_place(last.index).end;
-        mistakes.push(
-            files::NO_SPREAD,
-            place,
-            format!(
-                "all {} rows have the same {what}, expected them spread out",
-                table.rows()
-            ),
-        );
+        mistake!(mistakes, files::NO_SPREAD, place;
+            "all {} rows have the same {what}, expected them spread out", table.rows());
     }
 }
 

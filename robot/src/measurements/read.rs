@@ -16,7 +16,7 @@ use super::{
     CartPose, CartPosition, DISTANCES, Folder, PlateKind, PoseSigmas, TcpPose, plausible,
     read_plate,
 };
-use tau_codes::{Code, Remark, files};
+use tau_codes::{Code, Remark, files, remark};
 use tau_model_dsl::nearest;
 
 use crate::input_error::{self, Errors, InputError, Source, both, quoted};
@@ -143,19 +143,15 @@ impl Folder {
         // Without tracks there are no carts to measure.
         let lacks_carts = shape.has_carts() && texts.tcp_poses.is_some();
         if lacks_carts && texts.cart_poses.is_none() {
-            let text = format!(
-                "{CART_POSES} (set 2) is missing: piecewise tracks can't be calibrated, and the \
-                 measured range of the commands is not known"
-            );
-            remarks.push(Remark::new(files::SET_MISSING, text));
+            remarks.push(remark!(files::SET_MISSING;
+                "{CART_POSES} (set 2) is missing: piecewise tracks can't be calibrated, and the measured range of the \
+                 commands is not known"));
         }
         let cart_positions = cart_positions.kept(&mut errors, &mut remarks);
         if lacks_carts && texts.cart_positions.is_none() {
-            let text = format!(
-                "{CART_POSITIONS} (set 3) is missing: the motion of the carts can't be compared \
-                 between set 2 and the TCP poses"
-            );
-            remarks.push(Remark::new(files::SET_MISSING, text));
+            remarks.push(remark!(files::SET_MISSING;
+                "{CART_POSITIONS} (set 3) is missing: the motion of the carts can't be compared between set 2 and the \
+                 TCP poses"));
         }
         let mut files = Vec::new();
         for kind in PlateKind::ALL {
@@ -238,21 +234,15 @@ fn read_text(path: &Path) -> Result<Option<String>, InputError> {
     match fs::read(path) {
         Ok(bytes) => input_error::utf8(&path.display().to_string(), bytes).map(Some),
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
-        Err(error) => Err(InputError::whole(
-            files::CANNOT_READ,
-            path.display().to_string(),
-            format!("cannot read the file: {error}"),
-        )),
+        Err(error) => Err(input_error!(files::CANNOT_READ, path.display().to_string();
+            "cannot read the file: {error}")),
     }
 }
 
 fn missing_tcp_poses(folder: &Path) -> InputError {
     let names = other_names(folder);
-    let error = InputError::whole(
-        files::NO_SUCH_FILE,
-        folder.join(TCP_POSES).display().to_string(),
-        "the file does not exist, expected the TCP poses (set 1)",
-    );
+    let error = input_error!(files::NO_SUCH_FILE, folder.join(TCP_POSES).display().to_string();
+        "the file does not exist, expected the TCP poses (set 1)");
     let names = || names.iter().map(String::as_str);
     let poses = nearest(TCP_POSES, names()).map(|name| (name, TCP_POSES));
     let tables = names().filter(|name| is_table(name));
@@ -420,11 +410,8 @@ fn read_cart_poses(
         .filter(|&track| shape.has_cart(track))
         .filter(|&track| poses.iter().all(|p| p.track != track))
     {
-        let text = format!(
-            "{CART_POSES} (set 2) has no points of cart {}: its track can't be piecewise",
-            unmeasured + 1
-        );
-        remarks.push(Remark::new(files::CART_UNMEASURED, text));
+        remarks.push(remark!(files::CART_UNMEASURED;
+            "{CART_POSES} (set 2) has no points of cart {}: its track can't be piecewise", unmeasured + 1));
     }
     Ok(poses)
 }
@@ -509,9 +496,7 @@ fn remark<const N: usize>(
 ) {
     let absent = set.absent(optional).map(|columns| {
         let file = file_name(name);
-        let text =
-            format!("{file} has no {columns}: effects that need them can't be seen in this set");
-        Remark::new(files::COLUMNS_ABSENT, text)
+        remark!(files::COLUMNS_ABSENT; "{file} has no {columns}: effects that need them can't be seen in this set")
     });
     remarks.extend(absent.into_iter().chain(set.unknown.clone()));
 }

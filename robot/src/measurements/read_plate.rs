@@ -90,16 +90,9 @@ pub(super) fn read_rows(
         for row in 0..table.rows() {
             if given.iter().all(|column| column.values[row].is_nan()) {
                 let place = table.place(row, given[0].index);
-                let message = format!(
-                    "the row measures nothing, expected a number in {}",
-                    quoted(kind.columns().iter().copied())
-                );
-                mistakes.push_with_help(
-                    files::NOTHING_MEASURED,
-                    place,
-                    message,
-                    "what the drives alone say belongs in `readings.csv`",
-                );
+                mistake!(mistakes, files::NOTHING_MEASURED, place;
+                    "the row measures nothing, expected a number in {}", quoted(kind.columns().iter().copied());
+                    "what the drives alone say belongs in `readings.csv`");
             }
         }
     }
@@ -182,11 +175,8 @@ fn measured_columns(kind: PlateKind, table: &Table<'_>, mistakes: &mut Mistakes<
             quoted(expected.iter().copied())
         ),
     };
-    let message = format!(
-        "the columns fit no measurement: found none of {}",
-        quoted(expected.iter().copied())
-    );
-    mistakes.push_with_help(files::NOTHING_MEASURED, table.header_place(), message, help);
+    mistake!(mistakes, files::NOTHING_MEASURED, table.header_place();
+        "the columns fit no measurement: found none of {}", quoted(expected.iter().copied()); "{help}");
 }
 
 /// Reads `distances.csv`.
@@ -222,11 +212,8 @@ pub(super) fn read_distances(
     }
     for row in 0..table.rows() {
         if a.values[row].is_some() && a.values[row] == b.values[row] {
-            let message = format!(
-                "found pose {} twice, expected two poses",
-                table.text(row, a.index)
-            );
-            mistakes.push(files::UNKNOWN_POSE, table.place(row, b.index), message);
+            mistake!(mistakes, files::UNKNOWN_POSE, table.place(row, b.index);
+                "found pose {} twice, expected two poses", table.text(row, a.index));
         }
     }
     mistakes.finish()?;

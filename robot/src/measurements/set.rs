@@ -7,7 +7,7 @@ use super::shape::{Shape, force_name};
 use super::table::{Column, Table, spelt};
 use super::{Conditions, plausible};
 use crate::input_error::{InputError, Mistakes, Source, quoted, suggestion};
-use tau_codes::{Remark, files};
+use tau_codes::{Remark, files, remark};
 use tau_model_dsl::model::Plate;
 
 /// Column of the time since the start.
@@ -69,8 +69,7 @@ impl<'a, const N: usize> Set<'a, N> {
         let unknown = (!unknown.is_empty()).then(|| {
             let file = file_name(source.name);
             let columns = unknown.join(", ");
-            let text = format!("{file}: unknown columns are ignored: {columns}");
-            Remark::new(files::COLUMNS_IGNORED, text)
+            remark!(files::COLUMNS_IGNORED; "{file}: unknown columns are ignored: {columns}")
         });
         Ok(Self {
             table,
@@ -131,8 +130,7 @@ pub fn drop_idle<'c>(
     }
     (!idle.is_empty()).then(|| {
         let (names, why) = (idle.join(" and "), stays(shape.plate));
-        let text = format!("{source}: what was measured as {names} takes no part: {why}");
-        Remark::new(files::MOTIONS_IGNORED, text)
+        remark!(files::MOTIONS_IGNORED; "{source}: what was measured as {names} takes no part: {why}")
     })
 }
 

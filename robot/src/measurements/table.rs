@@ -39,22 +39,16 @@ impl<'a> Table<'a> {
             .enumerate()
             .filter(|(_, line)| !is_blank(line));
         let Some((_, header_line)) = numbered.next() else {
-            mistakes.push(
-                files::EMPTY_TABLE,
-                0..0,
-                "the file is empty, expected a header line and rows of numbers",
-            );
+            mistake!(mistakes, files::EMPTY_TABLE, 0..0;
+                "the file is empty, expected a header line and rows of numbers");
             return None;
         };
         let header_text = &source.text[header_line.clone()];
         if let Some((separator, name)) = foreign_separator(header_text) {
             let start = header_line.start + header_text.find(separator).unwrap_or(0);
-            mistakes.push_with_help(
-                files::SEPARATOR,
-                start..start + separator.len_utf8(),
-                format!("columns are separated by {name}, expected commas"),
-                "export with commas between columns and points in decimals",
-            );
+            mistake!(mistakes, files::SEPARATOR, start..start + separator.len_utf8();
+                "columns are separated by {name}, expected commas";
+                "export with commas between columns and points in decimals");
             return None;
         }
         let header = fields(source, header_line.clone());
@@ -62,11 +56,8 @@ impl<'a> Table<'a> {
             .iter()
             .all(|field| source.text[field.clone()].parse::<f64>().is_ok())
         {
-            mistakes.push(
-                files::NO_HEADER,
-                header_line,
-                "the first line holds numbers, expected a header with the names of the columns",
-            );
+            mistake!(mistakes, files::NO_HEADER, header_line;
+                "the first line holds numbers, expected a header with the names of the columns");
             return None;
         }
         let mut table = Self {
@@ -139,15 +130,8 @@ impl<'a> Table<'a> {
         };
         for (index, name) in self.names().enumerate().filter(|(_, name)| is_known(name)) {
             if let Some(first) = self.column(name).filter(|&first| first < index) {
-                mistakes.push_with_help(
-                    files::COLUMN_TWICE,
-                    self.header[index].clone(),
-                    format!(
-                        "column `{name}` is given twice, first as column {}",
-                        first + 1
-                    ),
-                    "remove one of them",
-                );
+                mistake!(mistakes, files::COLUMN_TWICE, self.header[index].clone();
+                    "column `{name}` is given twice, first as column {}", first + 1; "remove one of them");
             }
         }
         let strangers: Vec<(usize, &str)> = self
@@ -158,30 +142,17 @@ impl<'a> Table<'a> {
         let mut missing = Vec::new();
         for name in required().filter(|name| self.column(name).is_none()) {
             match alike(name, &strangers) {
-                Some((index, found)) => mistakes.push_with_help(
-                    files::COLUMN_MISSING,
-                    self.header[index].clone(),
-                    format!("column `{name}` is missing, found `{found}`"),
-                    unit_advice(name, found),
-                ),
+                Some((index, found)) => {
+                    mistake!(mistakes, files::COLUMN_MISSING, self.header[index].clone();
+                        "column `{name}` is missing, found `{found}`"; "{}", unit_advice(name, found));
+                }
                 None => missing.push(name),
             }
         }
         if !missing.is_empty() {
-            mistakes.push_with_help(
-                files::COLUMN_MISSING,
-                self.header_line.clone(),
-                format!(
-                    "{} {} missing from the header",
-                    if missing.len() == 1 {
-                        "column"
-                    } else {
-                        "columns"
-                    },
-                    quoted(missing)
-                ),
-                format!("expected {}", quoted(required())),
-            );
+            mistake!(mistakes, files::COLUMN_MISSING, self.header_line.clone();
+                "{} {} missing from the header", if missing.len() == 1 { "column" } else { "columns" }, quoted(missing);
+                "expected {}", quoted(required()));
         }
         let fixed: Vec<usize> = names.iter().filter_map(|name| self.column(name)).collect();
         let commands: Vec<usize> = commands
@@ -240,29 +211,17 @@ impl<'a> Table<'a> {
 
     /// A column of finite numbers. What is none is reported and becomes NaN.
     pub fn numbers(&self, index: usize, mistakes: &mut Mistakes<'_>) -> Column {
-        let parse = |text: &str| match text.parse::<f64>() {
-            Ok(number) if number.is_finite() => Ok(number),
-            Ok(_) => Err((
-                files::NOT_A_NUMBER,
-                format!("found `{text}`, expected a finite number"),
-                None,
-            )),
-            Err(_) => Err(not_a_number(text)),
-        };
-        self.parse_column(index, f64::NAN, mistakes, parse)
+        self.parse_column(index, f64::NAN, mistakes, finite)
     }
 
     /// The same where fields may be empty, which become NaN.
     pub(crate) fn numbers_or_empty(&self, index: usize, mistakes: &mut Mistakes<'_>) -> Column {
-        let parse = |text: &str| match text.parse::<f64>() {
-            _ if text.is_empty() => Ok(f64::NAN),
-            Ok(number) if number.is_finite() => Ok(number),
-            Ok(_) => Err((
-                files::NOT_A_NUMBER,
-                format!("found `{text}`, expected a finite number"),
-                None,
-            )),
-            Err(_) => Err(not_a_number(text)),
+        let parse = |text: &str| {
+            if text.is_empty() {
+                Ok(f64::NAN)
+            } else {
+                finite(text)
+            }
         };
         self.parse_column(index, f64::NAN, mistakes, parse)
     }
@@ -275,13 +234,8 @@ impl<'a> Table<'a> {
         for (index, found) in self.names().enumerate() {
             let unit = found.rsplit_once('_').filter(|(own, _)| *own == stem);
             if unit.is_some_and(|(_, unit)| ["mm", "cm", "um", "in"].contains(&unit)) {
-                let message = format!("found column `{found}`, expected `{name}`");
-                mistakes.push_with_help(
-                    files::COLUMN_UNIT,
-                    self.header[index].clone(),
-                    message,
-                    unit_advice(name, found),
-                );
+                mistake!(mistakes, files::COLUMN_UNIT, self.header[index].clone();
+                    "found column `{found}`, expected `{name}`"; "{}", unit_advice(name, found));
             }
         }
     }
@@ -293,12 +247,8 @@ impl<'a> Table<'a> {
                 .iter()
                 .find(|&&name| found != name && spelt(found) == name)
             {
-                mistakes.push_with_help(
-                    files::COLUMN_MISSING,
-                    self.header[index].clone(),
-                    format!("column `{name}` is missing, found `{found}`"),
-                    unit_advice(name, found),
-                );
+                mistake!(mistakes, files::COLUMN_MISSING, self.header[index].clone();
+                    "column `{name}` is missing, found `{found}`"; "{}", unit_advice(name, found));
             }
         }
     }
@@ -374,6 +324,17 @@ fn whole(number: f64) -> Option<u32> {
 
 /// Why a field is not what is expected: code, message and remedy.
 type Misread = (Code, String, Option<&'static str>);
+
+fn finite(text: &str) -> Result<f64, Misread> {
+    match text.parse::<f64>() {
+        Ok(number) if number.is_finite() => Ok(number),
+        Ok(_) => {
+            let message = format!("found `{text}`, expected a finite number");
+            Err((files::NOT_A_NUMBER, message, None))
+        }
+        Err(_) => Err(not_a_number(text)),
+    }
+}
 
 fn not_a_number(text: &str) -> Misread {
     let code = files::NOT_A_NUMBER;

@@ -47,9 +47,8 @@ pub(super) fn names<'r>(
             }
             let nearest = nearest(name, known.iter().copied());
             meant.extend(nearest);
-            let help = suggestion(name, known.iter().copied());
-            let message = format!("robot `{}` has no {what} `{name}`", robot.name);
-            mistakes.push_with_help(files::UNKNOWN_NAME, key.span(), message, help);
+            mistake!(mistakes, files::UNKNOWN_NAME, key.span(); "robot `{}` has no {what} `{name}`", robot.name;
+                "{}", suggestion(name, known.iter().copied()));
         }
     }
     reference(mistakes, root, file, robot);
@@ -62,15 +61,8 @@ pub(super) fn names<'r>(
             .strip_suffix(')')
             .and_then(|form| form.split_once('('));
         let Some((name, at)) = form else {
-            mistakes.push_with_help(
-                files::EFFECT_KEY,
-                key.span(),
-                format!(
-                    "found effect `{}`, expected its name and place",
-                    key.get_ref()
-                ),
-                "such as \"rack_pitch(two)\"",
-            );
+            mistake!(mistakes, files::EFFECT_KEY, key.span();
+                "found effect `{}`, expected its name and place", key.get_ref(); "such as \"rack_pitch(two)\"");
             continue;
         };
         for place in at
@@ -78,12 +70,8 @@ pub(super) fn names<'r>(
             .map(str::trim)
             .filter(|place| !places.contains(place))
         {
-            mistakes.push_with_help(
-                files::UNKNOWN_NAME,
-                key.span(),
-                format!("robot `{}` has no place `{place}`", robot.name),
-                format!("expected one of {}", quoted(places.iter().copied())),
-            );
+            mistake!(mistakes, files::UNKNOWN_NAME, key.span(); "robot `{}` has no place `{place}`", robot.name;
+                "expected one of {}", quoted(places.iter().copied()));
         }
         effect_values(mistakes, root, key, (name.trim(), at), robot);
     }
@@ -98,14 +86,8 @@ fn reference(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, file: &RobotFile, 
         && reference.commands_m.len() != robot.commands
     {
         let (found, expected) = (reference.commands_m.len(), robot.commands);
-        mistakes.push(
-            files::COUNT,
-            given.span(),
-            format!(
-                "found {found} commands, expected {expected}, as robot `{}` has",
-                robot.name
-            ),
-        );
+        mistake!(mistakes, files::COUNT, given.span();
+            "found {found} commands, expected {expected}, as robot `{}` has", robot.name);
     }
     let Some((reference, table)) = file.reference.as_ref().zip(table) else {
         return;
@@ -119,16 +101,8 @@ fn reference(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, file: &RobotFile, 
         let idle = shape.idle_names();
         let is_astray = |k: usize| idle.contains(&names[k]) && values[k].abs() > NO_MOTION;
         if let (true, Some(given)) = ((0..3).any(is_astray), table.get(key)) {
-            let message = format!(
-                "the reference does not fit the plate: {}",
-                stays(robot.plate)
-            );
-            mistakes.push_with_help(
-                files::IDLE_MOTION,
-                given.span(),
-                message,
-                "write zeros there",
-            );
+            mistake!(mistakes, files::IDLE_MOTION, given.span();
+                "the reference does not fit the plate: {}", stays(robot.plate); "write zeros there");
         }
     }
 }
@@ -154,11 +128,9 @@ fn turns(
             && command.abs() > LARGEST_ANGLE_RAD
             && !is_known
         {
-            let message = format!(
-                "found the command {command} of a crank, expected radians between -2*pi and 2*pi"
-            );
-            let help = "are these degrees? multiply by pi/180, and leave out whole turns";
-            mistakes.push_with_help(files::NOT_RADIANS, place.span(), message, help);
+            mistake!(mistakes, files::NOT_RADIANS, place.span();
+                "found the command {command} of a crank, expected radians between -2*pi and 2*pi";
+                "are these degrees? multiply by pi/180, and leave out whole turns");
         }
     }
 }
@@ -171,13 +143,9 @@ fn drives(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, robot: &Robot) {
         && let DeValue::Array(each) = given.get_ref()
         && each.len() != robot.commands
     {
-        let message = format!(
+        mistake!(mistakes, files::COUNT, given.span();
             "found {} numbers, expected {}, one for each command of robot `{}`, or a single one for all",
-            each.len(),
-            robot.commands,
-            robot.name
-        );
-        mistakes.push(files::COUNT, given.span(), message);
+                each.len(), robot.commands, robot.name);
     }
     let given = table.and_then(|table| table.get("travel"));
     let Some((given, each)) = given.and_then(|own| Some((own, own.get_ref().as_array()?))) else {
@@ -185,13 +153,9 @@ fn drives(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, robot: &Robot) {
     };
     if each.len() != robot.commands {
         let plural = if each.len() == 1 { "" } else { "s" };
-        let message = format!(
+        mistake!(mistakes, files::COUNT, given.span();
             "found {} range{plural}, expected {}, one for each command of robot `{}`",
-            each.len(),
-            robot.commands,
-            robot.name
-        );
-        mistakes.push(files::COUNT, given.span(), message);
+                each.len(), robot.commands, robot.name);
         return;
     }
     for (command, pair) in each.iter().enumerate() {
@@ -271,12 +235,8 @@ fn effect_values(
     for (parameter, value) in values.into_iter().flatten() {
         let quantity = parameter.get_ref().as_ref();
         let Some(&expected) = components.get(quantity) else {
-            mistakes.push_with_help(
-                files::UNKNOWN_NAME,
-                parameter.span(),
-                format!("effect `{name}` has no parameter `{quantity}`"),
-                suggestion(quantity, components.keys().copied()),
-            );
+            mistake!(mistakes, files::UNKNOWN_NAME, parameter.span(); "effect `{name}` has no parameter `{quantity}`";
+                "{}", suggestion(quantity, components.keys().copied()));
             continue;
         };
         let found = value.get_ref().get("value");
@@ -287,8 +247,7 @@ fn effect_values(
             } else {
                 "three numbers"
             };
-            let message = format!("expected {expected} as the value of `{quantity}`");
-            mistakes.push(files::COUNT, value.span(), message);
+            mistake!(mistakes, files::COUNT, value.span(); "expected {expected} as the value of `{quantity}`");
         }
     }
 }
@@ -343,19 +302,13 @@ pub(super) fn complete(
         }
         let key = keys_of(root, "links").find(|key| key.get_ref().as_ref() == link.name);
         match key {
-            Some(key) => mistakes.push_with_help(files::KEY_MISSING,
-                key.span(),
-                format!("link `{}` lacks {}", link.name, quoted(missing)),
-                "a length is given as `{ value = 2.0, tol = 3e-4 }`, the others as `{ value = [0.1, 0.2, 0.3], tol = 3e-4 }`",
-            ),
-            None => mistakes.push(files::KEY_MISSING,
-                key_place(root, "links"),
-                format!(
-                    "`[links.{}]` is missing, expected {}",
-                    link.name,
-                    quoted(missing)
-                ),
-            ),
+            Some(key) => {
+                mistake!(mistakes, files::KEY_MISSING, key.span(); "link `{}` lacks {}", link.name, quoted(missing);
+                    "a length is given as `{{ value = 2.0, tol = 3e-4 }}`, the others as `{{ value = [0.1, 0.2, 0.3], tol = \
+                     3e-4 }}`");
+            }
+            None => mistake!(mistakes, files::KEY_MISSING, key_place(root, "links");
+                "`[links.{}]` is missing, expected {}", link.name, quoted(missing)),
         }
     }
 }
@@ -387,8 +340,7 @@ fn of_machine(mistakes: &mut Mistakes<'_>, root: &DeTable<'_>, robot: &Robot, mi
             } else {
                 "three numbers"
             };
-            let message = format!("expected {expected} as the value of `{name}`");
-            mistakes.push(files::COUNT, given.span(), message);
+            mistake!(mistakes, files::COUNT, given.span(); "expected {expected} as the value of `{name}`");
         }
         if parameter.dimension == Dimension::ANGLE && !winds(robot, name) {
             angles(mistakes, &given, name);

@@ -77,9 +77,8 @@ impl Document<'_> {
             let numbers = self.list(row, "an array of numbers").unwrap_or_default();
             let (found, expected) = (numbers.len(), index + 1);
             if found != expected && row.get_ref().is_array() {
-                let message =
-                    format!("found {found} numbers, expected {expected}: a lower triangle");
-                self.mistakes.push(files::COUNT, row.span(), message);
+                mistake!(self.mistakes, files::COUNT, row.span();
+                    "found {found} numbers, expected {expected}: a lower triangle");
             }
             factor.push(numbers);
         }

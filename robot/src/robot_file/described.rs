@@ -54,12 +54,9 @@ impl RobotFile {
         let of_machine = undescribed(robot);
         let lacks: Vec<String> = of_links.chain(of_machine).collect();
         if !lacks.is_empty() {
-            let message = format!("nothing gives a value for {}", lacks.join(", "));
-            return Err(
-                InputError::whole(fit::NO_VALUE, &robot.source, message).help(
-                    "`tau init F.tau` writes a robot.toml to fill in, to be named with `--robot`",
-                ),
-            );
+            return Err(input_error!(fit::NO_VALUE, &robot.source;
+                "nothing gives a value for {}", lacks.join(", ");
+                "`tau init F.tau` writes a robot.toml to fill in, to be named with `--robot`"));
         }
         Ok(Self {
             source: Origin(robot.source.clone()),
@@ -113,6 +110,15 @@ position_m = \"?\"
 rotation_rad = \"?\"
 ";
 
+/// Where links hold more than the plate's freedoms: drives that are taken for exact can then only contradict each other.
+const DRIVES: &str = "
+# Noise of what a drive does or reads, one standard deviation (m; rad of cranks and drums): one for all drives, an array
+# with one for each, or \"estimate\". This robot has more links than freedoms, so its drives measure each other. Without
+# this section they are exact, and as soon as they contradict each other a calibration is inconsistent.
+[drives]
+noise_m = \"?\"
+";
+
 const PAYLOAD: &str = "
 # Load, for effects that follow forces: plate, tool and half of the links. The centre is in TCP coordinates, gravity
 # in the measurement frame.
@@ -145,11 +151,9 @@ fn write_template(out: &mut String, robot: &Robot) -> fmt::Result {
     } else {
         NOISE.to_owned()
     };
-    write!(
-        out,
-        "{HEAD}robot = {}\n{noise}{PAYLOAD}",
-        string(&robot.name)
-    )?;
+    let drives = if robot.is_redundant() { DRIVES } else { "" };
+    let name = string(&robot.name);
+    write!(out, "{HEAD}robot = {name}\n{noise}{drives}{PAYLOAD}")?;
     // Angles have no such range.
     if (0..robot.commands).any(|command| !robot.is_angle(command)) {
         write!(out, "{RANGE}")?;

@@ -103,11 +103,9 @@ impl Document<'_> {
             let found = self.deviation(tol, "tolerance", smallest)?;
             let widest = WIDE * kind.largest_m();
             if found > widest {
-                let message =
-                    format!("found a tolerance of {found:?}, expected metres, at most {widest}");
-                let help = "a tolerance is one standard deviation";
-                self.mistakes
-                    .push_with_help(files::NOT_METRES, tol.span(), message, help);
+                mistake!(self.mistakes, files::NOT_METRES, tol.span();
+                    "found a tolerance of {found:?}, expected metres, at most {widest}";
+                    "a tolerance is one standard deviation");
             }
             Some(found)
         });
@@ -117,11 +115,8 @@ impl Document<'_> {
         if let (Some((place, sigma)), Some(components)) = (&sigma, &components)
             && (sigma.len() != components.len() || sigma.iter().any(|&sigma| sigma < 0.0))
         {
-            self.mistakes.push(
-                files::OUT_OF_BOUNDS,
-                place.span(),
-                "expected one standard deviation, at least 0, per component of the value",
-            );
+            mistake!(self.mistakes, files::OUT_OF_BOUNDS, place.span();
+                "expected one standard deviation, at least 0, per component of the value");
         }
         Some(Value {
             value: components?,
@@ -145,14 +140,10 @@ impl Document<'_> {
 
     pub(super) fn check_value(&mut self, place: Range<usize>, components: &[f64], kind: Kind) {
         match kind {
-            Kind::Length if components[0] <= 0.0 => self.mistakes.push(
-                files::OUT_OF_BOUNDS,
-                place,
-                format!(
-                    "found a length of {}, expected metres above 0",
-                    components[0]
-                ),
-            ),
+            Kind::Length if components[0] <= 0.0 => {
+                mistake!(self.mistakes, files::OUT_OF_BOUNDS, place;
+                    "found a length of {}, expected metres above 0", components[0]);
+            }
             Kind::Force if components[0] <= 0.0 => {
                 let found = components[0];
                 let message = format!("found a tension of {found}, expected newtons above 0");
@@ -162,23 +153,15 @@ impl Document<'_> {
                 self.metres(place, components, kind.largest_m());
             }
             Kind::Direction if components.iter().all(|&component| component == 0.0) => {
-                self.mistakes.push(
-                    files::OUT_OF_BOUNDS,
-                    place,
-                    "found a direction of length 0, expected about 1",
-                );
+                mistake!(self.mistakes, files::OUT_OF_BOUNDS, place; "found a direction of length 0, expected about 1");
             }
             Kind::Angles
                 if components
                     .iter()
                     .any(|angle| angle.abs() > LARGEST_ANGLE_RAD) =>
             {
-                self.mistakes.push_with_help(
-                    files::NOT_RADIANS,
-                    place,
-                    "found an angle beyond 2*pi, expected radians",
-                    "this looks like degrees: multiply by pi/180",
-                );
+                mistake!(self.mistakes, files::NOT_RADIANS, place; "found an angle beyond 2*pi, expected radians";
+                    "this looks like degrees: multiply by pi/180");
             }
             Kind::Direction | Kind::Angles | Kind::Force | Kind::Any => {}
         }
@@ -186,12 +169,8 @@ impl Document<'_> {
 
     pub(super) fn metres(&mut self, place: Range<usize>, values: &[f64], largest: f64) {
         if let Some(value) = values.iter().find(|value| value.abs() > largest) {
-            self.mistakes.push_with_help(
-                files::NOT_METRES,
-                place,
-                format!("found {value}, expected metres, at most {largest}"),
-                "this looks like millimetres: divide by 1000",
-            );
+            mistake!(self.mistakes, files::NOT_METRES, place; "found {value}, expected metres, at most {largest}";
+                "this looks like millimetres: divide by 1000");
         }
     }
 
@@ -210,9 +189,8 @@ impl Document<'_> {
         } else {
             "more than 0".to_owned()
         };
-        let message = format!("found a {what} of {number:?}, expected {expected}");
-        self.mistakes
-            .push(files::OUT_OF_BOUNDS, value.span(), message);
+        mistake!(self.mistakes, files::OUT_OF_BOUNDS, value.span();
+            "found a {what} of {number:?}, expected {expected}");
         None
     }
 
@@ -224,11 +202,8 @@ impl Document<'_> {
             } else {
                 ("metres", "millimetres: divide by 1000")
             };
-            let message =
-                format!("found a noise of {noise}, expected {unit}, at most {LARGEST_NOISE}");
-            let help = format!("are these {other}");
-            self.mistakes
-                .push_with_help(files::OUT_OF_BOUNDS, place, message, help);
+            mistake!(self.mistakes, files::OUT_OF_BOUNDS, place;
+                "found a noise of {noise}, expected {unit}, at most {LARGEST_NOISE}"; "are these {other}");
         }
     }
 
@@ -239,11 +214,7 @@ impl Document<'_> {
         if let DeValue::Array(array) = value.get_ref()
             && array.len() != N
         {
-            self.mistakes.push(
-                files::COUNT,
-                value.span(),
-                format!("found {} components, expected {N}", array.len()),
-            );
+            mistake!(self.mistakes, files::COUNT, value.span(); "found {} components, expected {N}", array.len());
         }
         let numbers = self.list(value, &format!("an array of {N} numbers"))?;
         numbers.try_into().ok()
@@ -268,19 +239,14 @@ impl Document<'_> {
             DeValue::Float(float) => float.as_str().parse().ok(),
             DeValue::Integer(integer) if integer.radix() == 10 => integer.as_str().parse().ok(),
             DeValue::String(text) if text == PLACEHOLDER => {
-                self.mistakes.push_with_help(
-                    files::PLACEHOLDER,
-                    value.span(),
-                    "found a placeholder, expected a number",
-                    "fill in what the drawing or the maker of the tracker says; SI units",
-                );
+                mistake!(self.mistakes, files::PLACEHOLDER, value.span(); "found a placeholder, expected a number";
+                    "fill in what the drawing or the maker of the tracker says; SI units");
                 return None;
             }
             DeValue::Integer(_) => {
                 let found = &self.mistakes.source.text[value.span()];
-                let message = format!("found `{found}`, expected a decimal number");
-                self.mistakes
-                    .push(files::NOT_A_NUMBER, value.span(), message);
+                mistake!(self.mistakes, files::NOT_A_NUMBER, value.span();
+                    "found `{found}`, expected a decimal number");
                 return None;
             }
             other => {
@@ -291,11 +257,7 @@ impl Document<'_> {
         let number = number.filter(|number: &f64| number.is_finite());
         if number.is_none() {
             let found = &self.mistakes.source.text[value.span()];
-            self.mistakes.push(
-                files::NOT_A_NUMBER,
-                value.span(),
-                format!("found `{found}`, expected a finite number"),
-            );
+            mistake!(self.mistakes, files::NOT_A_NUMBER, value.span(); "found `{found}`, expected a finite number");
         }
         number
     }
@@ -321,13 +283,8 @@ impl Document<'_> {
     ) -> Option<&'t Spanned<DeValue<'i>>> {
         let value = table.get(key);
         if value.is_none() {
-            let help = format!("add `{key} = …`, or `[{key}]` if it is a section");
-            self.mistakes.push_with_help(
-                files::KEY_MISSING,
-                place.clone(),
-                format!("key `{key}` is missing"),
-                help,
-            );
+            mistake!(self.mistakes, files::KEY_MISSING, place.clone(); "key `{key}` is missing";
+                "add `{key} = …`, or `[{key}]` if it is a section");
         }
         value
     }
@@ -338,13 +295,8 @@ impl Document<'_> {
             .filter(|key| !known.contains(&key.get_ref().as_ref()))
         {
             let name = key.get_ref().as_ref();
-            let help = suggestion(name, known.iter().copied());
-            self.mistakes.push_with_help(
-                files::UNKNOWN_KEY,
-                key.span(),
-                format!("unknown key `{name}`"),
-                help,
-            );
+            mistake!(self.mistakes, files::UNKNOWN_KEY, key.span(); "unknown key `{name}`";
+                "{}", suggestion(name, known.iter().copied()));
         }
     }
 
@@ -357,10 +309,6 @@ impl Document<'_> {
             DeValue::Array(_) => "an array",
             DeValue::Table(_) => "a table",
         };
-        self.mistakes.push(
-            files::WRONG_TYPE,
-            place,
-            format!("found {found}, expected {expected}"),
-        );
+        mistake!(self.mistakes, files::WRONG_TYPE, place; "found {found}, expected {expected}");
     }
 }

@@ -40,20 +40,10 @@ pub(super) fn values(
             };
             let mut read = Vec::new();
             parameters(wrong, &robot.model, link, &mut read);
-            let message = format!(
-                "`{}` of link `{}` is not a finite number at the values of {}",
-                value.name(),
-                own.name,
-                quoted(read)
-            );
-            let help = "compare them with the drawing, in metres and radians: the root of a negative number or a division \
-                        by zero has no value";
-            mistakes.push_with_help(
-                files::FORMULA_VALUE,
-                key_place(root, "parameters"),
-                message,
-                help,
-            );
+            mistake!(mistakes, files::FORMULA_VALUE, key_place(root, "parameters");
+                "`{}` of link `{}` is not a finite number at the values of {}", value.name(), own.name, quoted(read);
+                "compare them with the drawing, in metres and radians: the root of a negative number or a division by \
+                 zero has no value");
             return;
         }
     }

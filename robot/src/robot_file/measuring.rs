@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::{self, Write};
 
-use tau_codes::{Remark, files};
+use tau_codes::{Remark, files, remark};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
@@ -134,11 +134,9 @@ impl RobotFile {
             unused.extend(others.map(|name| format!("[{section}.{}]", key(name))));
         }
         (!unused.is_empty()).then(|| {
-            let text = format!(
+            remark!(files::UNUSED_VALUES;
                 "robot.toml has {}, which no row of the folder names in a column `target`, `surface` or `ball`",
-                quoted(unused.iter().map(String::as_str))
-            );
-            Remark::new(files::UNUSED_VALUES, text)
+                    quoted(unused.iter().map(String::as_str)))
         })
     }
 
@@ -157,12 +155,10 @@ impl RobotFile {
             0 => String::new(),
             others => format!(", and {others} more drives leave theirs"),
         };
-        let text = format!(
-            "robot.toml: `travel` of drive {drive} is from {first} to {last}, but its commands in the folder run from {low} to \
-             {high}{others}: effects that read `travel` are extrapolated; widen it, or leave it out where the folder shows \
-             all of it"
-        );
-        Some(Remark::new(files::BEYOND_TRAVEL, text))
+        Some(remark!(files::BEYOND_TRAVEL;
+            "robot.toml: `travel` of drive {drive} is from {first} to {last}, but its commands in the folder run from \
+             {low} to {high}{others}: effects that read `travel` are extrapolated; widen it, or leave it out where the \
+             folder shows all of it"))
     }
 }
 
@@ -235,11 +231,10 @@ impl Document<'_> {
         if (0.0..=STRONGEST_RHO).contains(&rho) {
             return Some(rho);
         }
-        let message = format!("found a correlation of {rho:?}, expected 0 to {STRONGEST_RHO}");
         let help = "of 1, no pose would tell more than the one before; 0 takes the noise of each for its own, \
                     and \"estimate\" estimates it";
-        self.mistakes
-            .push_with_help(files::OUT_OF_BOUNDS, value.span(), message, help.to_owned());
+        mistake!(self.mistakes, files::OUT_OF_BOUNDS, value.span();
+            "found a correlation of {rho:?}, expected 0 to {STRONGEST_RHO}"; "{}", help.to_owned());
         None
     }
 
@@ -280,11 +275,8 @@ impl Document<'_> {
             .map(|pair| {
                 let [low, high] = self.numbers::<2>(pair)?;
                 if low >= high {
-                    self.mistakes.push(
-                        files::ORDER,
-                        pair.span(),
-                        format!("found the travel {low} to {high}, expected a lower end below the upper one"),
-                    );
+                    mistake!(self.mistakes, files::ORDER, pair.span();
+                        "found the travel {low} to {high}, expected a lower end below the upper one");
                 }
                 Some([low, high])
             })
@@ -318,13 +310,8 @@ impl Document<'_> {
         let places: Vec<String> = sections()
             .map(|(section, key)| format!("`{key}` of `[noise.{section}]`"))
             .collect();
-        let message = format!("found \"{ESTIMATE}\", expected a standard deviation");
-        let help = format!(
-            "write a number here; \"{ESTIMATE}\" may be {}, and `noise_m` of `[drives]`",
-            places.join(", ")
-        );
-        self.mistakes
-            .push_with_help(files::NO_ESTIMATE, value.span(), message, help);
+        mistake!(self.mistakes, files::NO_ESTIMATE, value.span(); "found \"{ESTIMATE}\", expected a standard deviation";
+            "write a number here; \"{ESTIMATE}\" may be {}, and `noise_m` of `[drives]`", places.join(", "));
         true
     }
 
@@ -340,9 +327,8 @@ impl Document<'_> {
             if text == ESTIMATE {
                 return Some(StatedNoise::Estimate);
             }
-            let message =
-                format!("found \"{text}\", expected a standard deviation or \"{ESTIMATE}\"");
-            self.mistakes.push(files::WRONG_TYPE, value.span(), message);
+            mistake!(self.mistakes, files::WRONG_TYPE, value.span();
+                "found \"{text}\", expected a standard deviation or \"{ESTIMATE}\"");
             return None;
         }
         let found = self.deviation(value, "standard deviation", SMALLEST_DEVIATION)?;

@@ -21,11 +21,11 @@ use crate::input_error::{InputError, quoted};
 use crate::robot::{ResidualKind, Robot, TrackShape, Variant};
 pub use covariance::{Covariance, TRACK_SCALE};
 pub(crate) use described::PLACEHOLDER;
-pub use dimensions::Dimensions;
+pub use dimensions::{Dimensions, Joints};
 use keys::effect_key;
 pub use measuring::{Measuring, STRONGEST_RHO, StatedNoise, Surface};
 pub use provenance::{MeasuredPath, Provenance};
-use tau_codes::{Remark, files};
+use tau_codes::{Remark, files, remark};
 
 /// Name of the text that a file was read from. What it says is the same under any name, so that all names are equal.
 #[derive(Debug, Clone, Default)]
@@ -113,11 +113,8 @@ impl RobotFile {
     /// A remark where the file is for another robot than a description.
     pub fn other_robot(&self, robot: &Robot) -> Option<Remark> {
         (self.robot != robot.name).then(|| {
-            let text = format!(
-                "robot.toml is for robot `{}`, the description is of `{}`",
-                self.robot, robot.name
-            );
-            Remark::new(files::OTHER_ROBOT, text)
+            remark!(files::OTHER_ROBOT;
+                "robot.toml is for robot `{}`, the description is of `{}`", self.robot, robot.name)
         })
     }
 
@@ -157,13 +154,9 @@ impl RobotFile {
     pub fn other_variant(&self, variant: &Variant) -> Option<Remark> {
         let other = self.calibrated_otherwise(variant)?;
         let calibrated = self.calibration.as_ref().map(|own| own.variant.as_str());
-        let text = format!(
+        Some(remark!(files::OTHER_DESCRIPTION;
             "robot.toml was calibrated as `{}`, with `{other}`, which `{}` does not calibrate: nothing says how well \
-             other values are known without it",
-            calibrated.unwrap_or("another variant"),
-            variant.name
-        );
-        Some(Remark::new(files::OTHER_DESCRIPTION, text))
+             other values are known without it", calibrated.unwrap_or("another variant"), variant.name))
     }
 
     /// A remark on the effects of the file that a variant does not have: their values mean nothing to it.
@@ -172,12 +165,9 @@ impl RobotFile {
         let unused = self.effects.keys().map(String::as_str);
         let unused: Vec<&str> = unused.filter(|key| !used.contains(key)).collect();
         (!unused.is_empty()).then(|| {
-            let text = format!(
+            remark!(files::UNUSED_VALUES;
                 "the values of {} in robot.toml are not used: variant `{}` does not have them",
-                quoted(unused),
-                variant.name
-            );
-            Remark::new(files::UNUSED_VALUES, text)
+                    quoted(unused), variant.name)
         })
     }
 }

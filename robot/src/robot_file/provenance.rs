@@ -125,25 +125,9 @@ impl Document<'_> {
     pub(super) fn provenance(&mut self, root: &DeTable<'_>) -> Option<Provenance> {
         let table = self.table(root.get("calibration")?)?;
         let place = key_place(root, "calibration");
-        self.known_keys(
-            table,
-            &[
-                "program",
-                "date",
-                "variant",
-                "split",
-                "poses",
-                "folder",
-                "description",
-                "commands_m",
-                "position_m",
-                "widening",
-                "position_sigma_m",
-                "length_noise",
-                "tracker_effects",
-                "rows",
-            ],
-        );
+        let known = "program date variant split poses folder description commands_m position_m widening \
+                     position_sigma_m length_noise tracker_effects rows";
+        self.known_keys(table, &known.split(' ').collect::<Vec<_>>());
         let mut text = |key: &str| {
             let value = self.required(table, key, &place)?;
             self.text(value)
@@ -184,9 +168,8 @@ impl Document<'_> {
         let widening = table.get("widening").map_or(Some(1.0), |value| {
             let widening = self.number(value)?;
             if widening < 1.0 {
-                let message = format!("found a factor of {widening}, expected at least 1");
-                self.mistakes
-                    .push(files::OUT_OF_BOUNDS, value.span(), message);
+                mistake!(self.mistakes, files::OUT_OF_BOUNDS, value.span();
+                    "found a factor of {widening}, expected at least 1");
             }
             Some(widening)
         });
@@ -243,16 +226,12 @@ impl Document<'_> {
         };
         let (found, expected) = (path.points_m.len(), path.commands_m.len());
         if found != expected {
-            let message =
-                format!("found {found} points, expected {expected}, one for each command");
-            self.mistakes.push(files::COUNT, points.span(), message);
+            mistake!(self.mistakes, files::COUNT, points.span();
+                "found {found} points, expected {expected}, one for each command");
         }
         if expected < 2 || path.commands_m.windows(2).any(|pair| pair[0] >= pair[1]) {
-            self.mistakes.push(
-                files::ORDER,
-                commands.span(),
-                "expected at least two commands, in ascending order",
-            );
+            mistake!(self.mistakes, files::ORDER, commands.span();
+                "expected at least two commands, in ascending order");
         }
         Some(path)
     }

@@ -123,29 +123,9 @@ impl<'a> Document<'a> {
 
     fn file(&mut self, root: &DeTable<'_>) -> RobotFile {
         let start = 0..0;
-        self.known_keys(
-            root,
-            &[
-                "robot",
-                "noise",
-                "payload",
-                "range",
-                "reference",
-                "calibration",
-                "covariance",
-                "paths",
-                "links",
-                "clusters",
-                "tracks",
-                "cranks",
-                "parameters",
-                "effects",
-                "drives",
-                "targets",
-                "surfaces",
-                "balls",
-            ],
-        );
+        let known = "robot noise payload range reference calibration covariance paths links clusters tracks cranks \
+                     parameters effects drives targets surfaces balls";
+        self.known_keys(root, &known.split(' ').collect::<Vec<_>>());
         let robot = match self
             .required(root, "robot", &start)
             .map(|v| (v.get_ref(), v.span()))
@@ -251,11 +231,8 @@ impl<'a> Document<'a> {
         let mass_kg = mass.and_then(|mass| {
             let number = self.number(mass)?;
             if number < 0.0 {
-                self.mistakes.push(
-                    files::OUT_OF_BOUNDS,
-                    mass.span(),
-                    format!("found a mass of {number}, expected kg, at least 0"),
-                );
+                mistake!(self.mistakes, files::OUT_OF_BOUNDS, mass.span();
+                    "found a mass of {number}, expected kg, at least 0");
             }
             Some(number)
         });
@@ -285,13 +262,8 @@ impl<'a> Document<'a> {
         let value = self.required(table, "q_m", &place)?;
         let [low, high] = self.numbers::<2>(value)?;
         if low >= high {
-            self.mistakes.push(
-                files::ORDER,
-                value.span(),
-                format!(
-                    "found the range {low} to {high}, expected a lower end below the upper one"
-                ),
-            );
+            mistake!(self.mistakes, files::ORDER, value.span();
+                "found the range {low} to {high}, expected a lower end below the upper one");
         }
         self.metres(value.span(), &[low, high], LONGEST_M);
         Some((low, high))
@@ -368,20 +340,12 @@ impl<'a> Document<'a> {
     fn check_gravity(&mut self, place: Range<usize>, gravity_m_s2: &[f64; 3]) {
         let size = gravity_m_s2.iter().map(|g| g * g).sum::<f64>().sqrt();
         if size > LARGEST_GRAVITY_M_S2 {
-            let message =
-                format!("found a gravity of {size} m/s², expected at most {LARGEST_GRAVITY_M_S2}");
-            self.mistakes.push(files::OUT_OF_BOUNDS, place, message);
+            mistake!(self.mistakes, files::OUT_OF_BOUNDS, place;
+                "found a gravity of {size} m/s², expected at most {LARGEST_GRAVITY_M_S2}");
         } else if gravity_m_s2[2] > 0.0 {
-            let message = format!(
-                "found {} m/s² along z, which points up, expected gravity to point down",
-                gravity_m_s2[2]
-            );
-            self.mistakes.push_with_help(
-                files::OUT_OF_BOUNDS,
-                place,
-                message,
-                "on earth: `[0.0, 0.0, -9.81]`",
-            );
+            mistake!(self.mistakes, files::OUT_OF_BOUNDS, place;
+                "found {} m/s² along z, which points up, expected gravity to point down", gravity_m_s2[2];
+                "on earth: `[0.0, 0.0, -9.81]`");
         }
     }
 }

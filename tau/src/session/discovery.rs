@@ -2,14 +2,15 @@
 
 use std::path::Path;
 
-use tau_codes::Remark;
+use tau_codes::{Remark, remark};
 use tau_discovery::{Options, Outcome, UNNAMED, reserved};
 use tau_estimation::calibration::Error;
 use tau_estimation::trust::Verdict;
 use tau_model_dsl::model::Effect;
 use tau_model_dsl::{self as language, Model};
 use tau_robot::effects::{CATALOGUE, places};
-use tau_robot::input_error::{self, InputError, Source, both};
+use tau_robot::input_error;
+use tau_robot::input_error::{InputError, Source, both};
 use tau_robot::measurements::Split;
 use tau_robot::robot::{Robot, Variant};
 
@@ -33,11 +34,8 @@ impl<R> Session<R> {
     /// There is none.
     pub fn base(&self) -> Result<&Variant, InputError> {
         self.robot.base().ok_or_else(|| {
-            InputError::whole(
-                tau_codes::discovery::NO_BASE,
-                &self.robot.name,
-                "there is no variant with all links and without effects to start from",
-            )
+            input_error!(tau_codes::discovery::NO_BASE, &self.robot.name;
+                "there is no variant with all links and without effects to start from")
         })
     }
 
@@ -151,9 +149,8 @@ fn catalogues(robot: &Robot, paths: &[impl AsRef<Path>]) -> Result<Catalogues, I
                 } else {
                     "another file"
                 };
-                let text =
-                    format!("effect `{name}` of {file} is not used: {first} has one of that name");
-                Remark::new(tau_codes::discovery::EFFECT_TWICE, text)
+                remark!(tau_codes::discovery::EFFECT_TWICE;
+                    "effect `{name}` of {file} is not used: {first} has one of that name")
             }));
             let acts = |own: &Effect| !places(&more, own).is_empty();
             let has_namesake = |own: &Effect| {
@@ -162,11 +159,8 @@ fn catalogues(robot: &Robot, paths: &[impl AsRef<Path>]) -> Result<Catalogues, I
             };
             let idle = more.effects.iter().filter(|own| !has_namesake(own));
             remarks.extend(idle.map(|own| {
-                let text = format!(
-                    "effect `{}` of {file} acts nowhere on this machine",
-                    own.name
-                );
-                Remark::new(tau_codes::discovery::LACKS_PART, text)
+                remark!(tau_codes::discovery::LACKS_PART;
+                    "effect `{}` of {file} acts nowhere on this machine", own.name)
             }));
             model.effects.extend(more.effects);
             texts.push(text);

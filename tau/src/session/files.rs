@@ -1,6 +1,7 @@
 //! Sources of measurements and parameters.
 
 use std::path::{Path, PathBuf};
+use tau_robot::input_error;
 
 use sha2::{Digest, Sha256};
 use tau_codes::files;
@@ -73,15 +74,9 @@ impl Files {
         let shape = Shape::from(robot);
         match &self.folder {
             Some(path) => Folder::read_noting(path, &shape, &self.only, note),
-            None if !prototype::is_of(robot) => {
-                let message = format!(
-                    "found no measurement folder for robot `{}`: the measurements that are built in are of a Gantry-Tau",
-                    robot.name
-                );
-                Err(InputError::whole(files::NO_FOLDER, "FOLDER", message).help(
-                    "name the folder; `tau simulate --model F.tau --out FOLDER` makes one to try",
-                ))
-            }
+            None if !prototype::is_of(robot) => Err(input_error!(files::NO_FOLDER, "FOLDER";
+                "found no measurement folder for robot `{}`: the measurements that are built in are of a Gantry-Tau",
+                    robot.name; "name the folder; `tau simulate --model F.tau --out FOLDER` makes one to try")),
             None => {
                 let texts = Texts {
                     tcp_poses: Some(prototype::TCP_POSES),

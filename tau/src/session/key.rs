@@ -2,6 +2,7 @@
 
 use tau_codes::{files, fit};
 use tau_estimation::calibration::{Calibration, ParameterEstimate};
+use tau_robot::input_error;
 use tau_robot::robot::Variant;
 use tau_robot::{InputError, Robot};
 use tau_runtime::{DeclaredRobot, ParameterHandle, VariantHandle};
@@ -57,15 +58,10 @@ impl<R: DeclaredRobot> ParameterKey<R> for ParameterHandle<R> {
         let calibrated = &calibration.machine.variant.name;
         let own = self.variant().name();
         if own != calibrated {
-            let message = format!(
-                "`{}` is a parameter of variant `{own}`, and this is a calibration of `{calibrated}`",
-                self.name()
+            return Err(
+                input_error!(fit::OTHER_CALIBRATION, &calibration.machine.robot.name;
+                    "`{}` is a parameter of variant `{own}`, and this is a calibration of `{calibrated}`", self.name()),
             );
-            return Err(InputError::whole(
-                fit::OTHER_CALIBRATION,
-                &calibration.machine.robot.name,
-                message,
-            ));
         }
         by_name(calibration, self.name())
     }
@@ -89,11 +85,8 @@ fn by_name<'c>(
     }
     let mut parameters = variant.parameters.iter().map(|own| own.name.as_str());
     Err(if parameters.any(|own| own == name) {
-        let message = format!(
-            "no closure of variant `{}` depends on `{name}`, which therefore is not calibrated",
-            variant.name
-        );
-        InputError::whole(fit::NOT_CALIBRATED, robot, message)
+        input_error!(fit::NOT_CALIBRATED, robot;
+            "no closure of variant `{}` depends on `{name}`, which therefore is not calibrated", variant.name)
     } else {
         let known = calibration.parameters.iter().map(|own| own.name.as_str());
         InputError::unknown_name(files::UNKNOWN_NAME, robot, "parameter", name, known)

@@ -2,6 +2,7 @@
 
 use tau_codes::fit;
 use tau_estimation::unknown_poses;
+use tau_robot::input_error;
 use tau_robot::input_error::InputError;
 use tau_robot::measurements::PlateKind;
 use tau_robot::robot_file::{Noise, StatedNoise};
@@ -36,12 +37,9 @@ impl<R> Session<R> {
         let mut known = [None; 3];
         for &axis in plate.freedoms_of_tcp() {
             let Some(StatedNoise::Known(sigma)) = of_axes[axis] else {
-                let message =
+                return Err(input_error!(fit::NOISE_NEEDED, &self.robot_file.source;
                     "the noise of positions is to be estimated, but this command needs it";
-                return Err(
-                    InputError::whole(fit::NOISE_NEEDED, &self.robot_file.source, message)
-                        .help("write what `tau calibrate` found as `position_m` of `[noise]`"),
-                );
+                    "write what `tau calibrate` found as `position_m` of `[noise]`"));
             };
             known[axis] = Some(sigma);
         }

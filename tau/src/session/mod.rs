@@ -15,8 +15,9 @@ mod trust;
 use std::fmt;
 use std::marker::PhantomData;
 use std::sync::OnceLock;
+use tau_robot::input_error;
 
-use tau_codes::{Remark, fit};
+use tau_codes::{Remark, fit, remark};
 use tau_estimation::Setup;
 use tau_estimation::all_sets;
 use tau_estimation::calibration::{self, Error, Prepared};
@@ -242,9 +243,8 @@ impl<R> Session<R> {
             None => found.carts.is_some(),
         };
         if takes_carts && !is_of_carts {
-            let message =
-                "the plate alone was fitted, without cart_poses.csv and cart_positions.csv";
-            remarks.push(Remark::new(fit::PLATE_ALONE, message));
+            remarks.push(remark!(fit::PLATE_ALONE;
+                "the plate alone was fitted, without cart_poses.csv and cart_positions.csv"));
         }
         Ok(remarks)
     }
@@ -260,10 +260,7 @@ impl<R> Session<R> {
             "the range that set 2 covers"
         };
         (left_out > 0).then(|| {
-            let text = format!(
-                "{left_out} of {total} poses have commands outside {range} and take no part"
-            );
-            Remark::new(fit::POSES_DROPPED, text)
+            remark!(fit::POSES_DROPPED; "{left_out} of {total} poses have commands outside {range} and take no part")
         })
     }
 
@@ -395,10 +392,9 @@ impl<R> Session<R> {
     /// Columns that the variant needs are missing; a pose can't be predicted or is singular.
     pub fn sensitivity(&self, machine: &Machine, step: f64) -> Result<Sensitivity, Error> {
         if !(step.is_finite() && step > 0.0) {
-            let message = format!("{step} is no step: it has to be more than 0");
-            return Err(
-                InputError::whole(tau_codes::files::OPTION_VALUE, "sensitivity", message).into(),
-            );
+            return Err(input_error!(tau_codes::files::OPTION_VALUE, "sensitivity";
+                "{step} is no step: it has to be more than 0")
+            .into());
         }
         let poses = self.poses()?.division.validation;
         sensitivity::analyse(machine, &self.folder, &poses, step)

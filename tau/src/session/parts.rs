@@ -1,6 +1,7 @@
 //! Measurements by the part that they take, and how a robot file meets those that are new to it.
 
 use std::collections::BTreeSet;
+use tau_robot::input_error;
 
 use tau_codes::fit;
 use tau_estimation::calibration::Error;
@@ -174,9 +175,8 @@ impl<R> Session<R> {
             self.nothing_held_out(message, help)
         } else {
             let total = self.folder.tcp_poses.len();
-            let message =
-                format!("none of the {total} poses has all its commands in the measured range");
-            InputError::whole(fit::NONE_IN_RANGE, &self.folder.name, message)
+            input_error!(fit::NONE_IN_RANGE, &self.folder.name;
+                "none of the {total} poses has all its commands in the measured range")
         })
     }
 

@@ -9,6 +9,7 @@ use tau_estimation::unknown_poses::{self, RowDivision};
 use tau_estimation::weighing::Outlier;
 use tau_kinematics::Machine;
 use tau_robot::InputError;
+use tau_robot::input_error;
 use tau_robot::measurements::{Division, Split};
 use tau_robot::robot::Variant;
 
@@ -24,19 +25,15 @@ impl<R> Session<R> {
     pub fn verdict(&self, calibration: &Calibration) -> Result<Verdict, Error> {
         let calibrated = &calibration.machine.robot;
         if calibrated.name != self.robot.name || calibrated.commands != self.robot.commands {
-            let message = format!("the calibration is of robot `{}`", calibrated.name);
-            return Err(
-                InputError::whole(fit::OTHER_CALIBRATION, &self.robot.name, message).into(),
-            );
+            return Err(input_error!(fit::OTHER_CALIBRATION, &self.robot.name;
+                "the calibration is of robot `{}`", calibrated.name)
+            .into());
         }
         if self.has_unknown_poses() {
-            let message =
+            return Err(input_error!(fit::NEEDS_MEASURED_POSES, &self.folder.name;
                 "poses are unknown, so that more was fitted than the verdict on poses judges";
-            return Err(
-                InputError::whole(fit::NEEDS_MEASURED_POSES, &self.folder.name, message)
-                    .help("`calibrate` gives a calibration with its verdict")
-                    .into(),
-            );
+                "`calibrate` gives a calibration with its verdict")
+            .into());
         }
         let poses = self.poses()?.division.calibration;
         trust::of_calibration(calibration, &self.robot_file, &self.folder, &poses, None)
@@ -125,12 +122,8 @@ impl<R> Session<R> {
         };
         self.sound()?;
         if variants.is_empty() {
-            return Err(InputError::whole(
-                tau_codes::discovery::NO_BASE,
-                &self.robot.name,
-                "every variant has effects",
-            )
-            .help("name one with `--variant`")
+            return Err(input_error!(tau_codes::discovery::NO_BASE, &self.robot.name; "every variant has effects";
+                "name one with `--variant`")
             .into());
         }
         let (division, rows, none) = self.looked_at();

@@ -2,7 +2,7 @@
 
 pub mod results;
 
-use tau_codes::{Remark, fit};
+use tau_codes::{Remark, fit, remark};
 use tau_discovery as discovery;
 use tau_estimation::Setup;
 use tau_estimation::assumptions;
@@ -354,8 +354,8 @@ fn chosen_variants<'a>(
             .iter()
             .map(|variant| variant.name.as_str())
             .collect();
-        let text = format!("left out for want of set 2: {}", names.join(", "));
-        remarks.push(Remark::new(fit::VARIANT_LEFT_OUT, text));
+        remarks.push(remark!(fit::VARIANT_LEFT_OUT;
+            "left out for want of set 2: {}", names.join(", ")));
     }
     chosen
 }

@@ -21,9 +21,9 @@ pub struct VariantResult {
     pub name: String,
     /// One closure per link, or one per cluster.
     pub arm: Arm,
-    /// Errors of the measured poses that validate (Table I); none where poses were not measured.
+    /// Errors of the measured poses that validate; none where poses were not measured.
     pub evaluation: Evaluation,
-    /// One row per link (full arm) or cluster (reduced arm): Table II.
+    /// One row per link (full arm) or cluster (reduced arm).
     pub links: Vec<LinkResult>,
     /// Every parameter with its standard deviation.
     pub parameters: Vec<ParameterEstimate>,
@@ -114,7 +114,7 @@ pub struct Study {
     pub assumptions: Assumptions,
     /// Contents of the measurements, before anything is fitted.
     pub check: Option<Check>,
-    /// Table III, where a variant with a full arm and parameters of its links was calibrated.
+    /// Sensitivities, where a variant with a full arm and parameters of its links was calibrated.
     pub sensitivity: Option<Sensitivity>,
     /// The effects that the base of discovery lacks, where the search succeeded.
     pub discovery: Option<Discovery>,

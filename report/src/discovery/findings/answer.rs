@@ -5,7 +5,7 @@ use std::fmt;
 use tau::discovery::results::{Misfit, Place, Rejected};
 use tau::discovery::{Discovery, Status};
 use tau::trust::{FileFit, Reason as Because};
-use tau_codes::{Remark, discovery as codes};
+use tau_codes::{Remark, discovery as codes, remark};
 
 use super::super::at;
 use super::super::words::{self, capital};
@@ -66,13 +66,10 @@ pub(crate) fn unconfirmed(found: &Discovery) -> Option<Remark> {
     let validation = &found.validation;
     let (before, after) = (validation.before.mean_um, validation.after.mean_um);
     (!is_base(found) && validation.speaks_against()).then(|| {
-        let text = format!(
+        remark!(codes::UNCONFIRMED;
             "{} do not confirm what was found: {} {} µm in the mean.",
-            capital(validation.compared()),
-            validation.of.subject(),
-            goes([before, after].map(|um| general(um, 3)), after < before)
-        );
-        Remark::new(codes::UNCONFIRMED, text)
+                capital(validation.compared()), validation.of.subject(),
+                goes([before, after].map(|um| general(um, 3)), after < before))
     })
 }
 
@@ -177,13 +174,9 @@ pub(crate) fn rejected(found: &Discovery) -> Vec<Remark> {
             let fall = general(-own.heldout_change, 3);
             format!("lowers it by {fall} beside others with which it raises it")
         };
-        let text = format!(
+        remark!(codes::REJECTED;
             "{} was found and is rejected: it lowers χ² by {} where it was fitted, and {change} on {}.",
-            at(&own.name, &own.place),
-            general(own.chi2_drop, 3),
-            found.validation.compared()
-        );
-        Remark::new(codes::REJECTED, text)
+                at(&own.name, &own.place), general(own.chi2_drop, 3), found.validation.compared())
     };
     found.rejected.iter().map(of).collect()
 }

@@ -11,7 +11,7 @@ use tau::robot::{Architecture, Arm, Owner};
 use tau::sensitivity::{LinkSensitivity, ParameterSensitivity, Sensitivity, Turn};
 use tau::session::{Input, Record, Stamp};
 use tau::study::results::{Setting, Study, VariantResult};
-use tau_codes::{Remark, files, fit};
+use tau_codes::{files, fit, remark};
 
 const LINKS: [&str; 6] = ["l1", "l2a", "l2b", "l3a", "l3b", "l3c"];
 const CLUSTERS: [&str; 3] = ["arm1", "arm2", "arm3"];
@@ -38,7 +38,7 @@ impl Numbers {
 }
 
 /// All parts filled, in the sizes of the prototype's data.
-pub(super) fn study() -> Study {
+pub(crate) fn study() -> Study {
     let mut numbers = Numbers(7);
     let variants = [
         ("Nominal", 110.0, false),
@@ -55,7 +55,6 @@ pub(super) fn study() -> Study {
             robot: "GantryTau".to_owned(),
             architecture: Architecture {
                 carts: 3,
-                is_gantry_tau: true,
                 ..Architecture::default()
             },
             folder: "data/prototype".to_owned(),
@@ -77,20 +76,14 @@ pub(super) fn study() -> Study {
         sensitivity: Some(sensitivity(&mut numbers)),
         discovery: None,
         remarks: vec![
-            Remark::new(
-                fit::POSES_DROPPED,
-                "55 of 176 poses leave the range of set 2 and are dropped.",
-            ),
-            Remark::new(
-                files::COLUMNS_ABSENT,
-                "Column load_n is missing: effects of load cannot be seen.",
-            ),
+            remark!(fit::POSES_DROPPED; "55 of 176 poses leave the range of set 2 and are dropped."),
+            remark!(files::COLUMNS_ABSENT; "Column load_n is missing: effects of load cannot be seen."),
         ],
     }
 }
 
 /// Origin of made-up numbers.
-pub(super) fn record() -> Record {
+pub(crate) fn record() -> Record {
     Record {
         stamp: Stamp {
             program: "tau 0.0.0".to_owned(),
@@ -103,7 +96,7 @@ pub(super) fn record() -> Record {
 }
 
 /// Three tracks along x with one, two and three links to a plate.
-pub(super) fn layout() -> Layout {
+pub(crate) fn layout() -> Layout {
     let tcp = [-1.3, -4.2, 0.0];
     let carts = [[-1.3, -5.2, 1.0], [-1.3, -3.2, 1.0], [-1.3, -5.2, -0.8]];
     let link = |index: usize, name: &&str| {
