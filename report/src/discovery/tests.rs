@@ -1,10 +1,11 @@
 use roxmltree::Document;
 use tau::discovery::PValue;
 use tau::discovery::results::{
-    Ambiguous, Bin, Derived, Dimension, Discovery, ErrorOf, Estimate, Evidence, FoundEffect, Gap,
-    Lack, LeftOut, Micro, Misfit, Motion, NoiseScale, Order, Pattern, PiecewiseTrack, Place, Pull,
-    Quantity, Readable, Reason, Rejected, Rival, Separation, SerialCorrelation, Spectrum, Status,
-    Step, Target, Treatment, Unnamed, Unseen, UsedEffect, Validation, Wave, Whiteness,
+    Ambiguous, Bin, Derived, Detectable, Dimension, Discovery, ErrorOf, Estimate, Evidence,
+    FoundEffect, Gap, Lack, LeftOut, Micro, Misfit, Motion, NoiseScale, Order, Pattern,
+    PiecewiseTrack, Place, Pull, Quantity, Readable, Reason, Rejected, Rival, Separation,
+    SerialCorrelation, Spectrum, Status, Step, Target, Treatment, Undecided, Unnamed, Unseen,
+    UsedEffect, Validation, Wave, Whiteness,
 };
 use tau::measurements::PoseCounts;
 use tau::robot::Architecture;
@@ -139,6 +140,7 @@ fn found() -> Discovery {
         worst: None,
         fit: None,
         rejected: vec![],
+        undecided: None,
         effects: vec![FoundEffect {
             name: "backlash".to_owned(),
             place: cart("one"),
@@ -163,7 +165,14 @@ fn found() -> Discovery {
         piecewise_tracks: vec![],
         considered: vec![],
         cannot_see: vec![unseen("l1"), unseen("l2a")],
-        detectable: vec![],
+        detectable: vec![Detectable {
+            name: "backlash".to_owned(),
+            place: cart("one"),
+            parameter: "gap".to_owned(),
+            amplitude: 1e-5,
+            unit: Dimension::LENGTH,
+            absorbed: 0.1,
+        }],
         ambiguous: vec![Ambiguous {
             name: "link_thermal".to_owned(),
             place: link("l1"),
@@ -522,6 +531,24 @@ fn a_verdict_claims_no_more_than_was_found() {
     fit.pulls = vec![pull.clone()];
     fit.why = vec![trust::Reason::Pulled(pull, 5.1)];
     found.fit = Some(fit);
+    said(&found, &["T650"]);
+    // A consistent fit is none of the reasons then.
+    found.fit = Some(trust::Verdict {
+        status: trust::Status::Consistent,
+        ..trust::Verdict::default()
+    });
+    found.undecided = Some(Undecided {
+        name: "straightness".to_owned(),
+        place: cart("two"),
+        p_value: PValue::of_chi2(40.0, 1.0),
+        more_poses: 11,
+    });
+    said(&found, &["T650", "T619"]);
+    let page = html::discovery_page(&found, &setting(), &crate::fixture::record());
+    assert!(page.contains("11 more poses like these, which decide on straightness(two)"));
+    assert!(!page.contains("State the noise"));
+    found.undecided = None;
+    found.detectable.clear();
     said(&found, &["T650"]);
     found.rejected = vec![Rejected {
         name: "straightness".to_owned(),
