@@ -229,8 +229,8 @@ impl Search<'_> {
         self.score_of_state(&other) - self.score < self.input.options.constants.as_good
     }
 
-    /// The best of the candidates that would improve the model as it stands and that blocks held out do not confirm. What serial
-    /// noise would imitate is none of them.
+    /// The best of the candidates that would improve the model as it stands and that blocks held out do not confirm. None of them
+    /// is what serial noise would imitate, or what only tolerances speak for: no measurement decides on that.
     pub(crate) fn undecided(&mut self) -> Option<Undecided> {
         let count = self.state.count();
         let moves = self.moves(false, true);
@@ -241,7 +241,12 @@ impl Search<'_> {
                 return None;
             };
             let (_, subspace) = (self.set).subspace(beside, score.candidate, score.searched)?;
+            let explained = &subspace.u * subspace.u.tr_mul(&beside.residuals);
+            let measured = explained.rows_range(..beside.rows.len()).norm_squared();
+            let total = beside.total();
+            let by_tolerances = self.change(total - score.statistic, total - measured);
             if !is_addition
+                || own.predicted + by_tolerances >= 0.0
                 || self.is_serial_noise(beside, &subspace, score.candidate)
                 || self.predicts_held_out(beside, &subspace)
             {
