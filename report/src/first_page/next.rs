@@ -179,17 +179,18 @@ fn after_search(found: &Discovery) -> Vec<String> {
             .find(|own| own.code == TOO_FEW)
             .map(|own| own.text.clone()),
     );
+    let has_unnamed = !found.unnamed.is_empty();
     match found.status {
-        Found::Unresolved | Found::PartlyExplained if found.unnamed.is_empty() => {
-            if !findings::is_consistent(found) {
-                steps.push(
-                    "State the noise that the measurements really have, or record what else changes from pose to \
-                     pose: nothing recorded explains the scatter."
-                        .to_owned(),
-                );
-            }
+        Found::Unresolved | Found::PartlyExplained
+            if !has_unnamed && !findings::is_consistent(found) =>
+        {
+            steps.push(
+                "State the noise that the measurements really have, or record what else changes from pose to \
+                 pose: nothing recorded explains the scatter."
+                    .to_owned(),
+            );
         }
-        Found::UnnamedStructure | Found::PartlyExplained => steps.push(
+        Found::UnnamedStructure | Found::PartlyExplained if has_unnamed => steps.push(
             "Look at the parts without a name under “Structure without a name”: a cause that you suspect can be \
              described as an effect of your own (`--effects`), and is then tested like the others."
                 .to_owned(),
