@@ -103,7 +103,7 @@ impl Verdict {
             (gap > 0.05 * found.base_um).then(|| (found.base_um - found.tool_um) / gap)
         });
         Self {
-            detected: found.status != "nothing_missing",
+            detected: !found.named.is_empty() || !found.unnamed.is_empty(),
             named: !found.named.is_empty(),
             only_slow: !found.named.is_empty()
                 && found.named.iter().all(|n| SLOW.contains(&n.name.as_str())),

@@ -10,7 +10,7 @@ use super::arguments::{
     Calibrate, Check, Command, Evaluate, Forward, Inverse, Json, Kinematics, Sensitivity, Study,
 };
 use super::kept::Kept;
-use super::{Console, Failure};
+use super::{Console, Failure, simulate};
 
 /// Writes why a command failed to the target of its `--json`; a file that the command reads stays as it is.
 pub(super) fn deliver(failure: &Failure, command: &Command, console: &mut Console<'_>) {
@@ -65,7 +65,8 @@ fn of_input(problem: &Problem) -> Value {
     })
 }
 
-/// The JSON that was asked for, and the files that the command reads, or finds where it would write measurements.
+/// The JSON that was asked for, and the files that the command reads, or finds where it would write measurements. `None` where
+/// the JSON has the name of a file of measurements that the command would write.
 fn asked(command: &Command) -> Option<(&Json, Kept)> {
     Some(match command {
         Command::Study(Study { input, .. })
@@ -75,6 +76,10 @@ fn asked(command: &Command) -> Option<(&Json, Kept)> {
         | Command::Sensitivity(Sensitivity { input, .. }) => (&input.json, Kept::from(input)),
         Command::Discover(arguments) => (&arguments.input.json, Kept::from(arguments)),
         Command::Simulate(arguments) => {
+            let target = arguments.json.target.as_deref();
+            if target.is_some_and(|target| simulate::apart(target, &arguments.out).is_err()) {
+                return None;
+            }
             let truth = arguments.out.join("truth.json");
             let named = arguments.model.iter().chain(&arguments.robot);
             let kept = Kept::of(Some(&arguments.out), named.chain([&truth]));
@@ -158,6 +163,21 @@ mod tests {
         let (code, out, _) = run(&["--help"]);
         assert_eq!(code, 0);
         assert!(!out.contains(&files::USAGE.to_string()), "{out}");
+    }
+
+    /// A robot file that holds errors would be read as the machine's.
+    #[test]
+    fn errors_take_no_name_of_a_measurement() {
+        let folder = std::env::temp_dir().join(format!("tau-simulated-{}", std::process::id()));
+        let json = folder.join("robot.toml");
+        let [out, json] = [&folder, &json].map(|path| path.to_str().unwrap());
+        let (code, _, err) = run(&["simulate", "--out", out, "--json", json]);
+        assert_eq!(code, crate::BAD_INPUT);
+        assert!(
+            err.contains(&format!("[{}]", files::REPLACES_INPUT)),
+            "{err}"
+        );
+        assert!(!folder.exists());
     }
 
     #[test]

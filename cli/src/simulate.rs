@@ -422,7 +422,7 @@ fn check(noise: &arguments::SimulatedNoise, plan: &arguments::SimulatedPlan, err
 }
 
 /// Fails where a file would take the place of one that the simulation writes.
-fn apart(path: &Path, out: &Path) -> Result<(), InputError> {
+pub(super) fn apart(path: &Path, out: &Path) -> Result<(), InputError> {
     let mut written = FILES.into_iter().chain(["robot.toml", "truth.json"]);
     let is_same = |name: &str| {
         let pair = [path, &out.join(name)].map(std::path::absolute);

@@ -44,8 +44,8 @@ codes! {
     OTHER_TREATMENT = 645: "the search leaves outliers out whatever was asked for";
     UNCONFIRMED = 646: "held-out measurements do not confirm what was found";
     OPPOSED = 647: "neighbours in the order of measurement have opposed residuals";
-    UNRESOLVED = 650: "the fit is not consistent, and no structure was found";
-    TOO_FEW = 651: "too few poses to tell any effect of a plausible size";
+    UNRESOLVED = 650: "no structure was found, and whether there is any is open";
+    TOO_FEW = 651: "the measurements show no effect of a plausible size";
     REJECTED = 652: "held-out measurements contradict an effect";
     ALIASES = 660: "another value of a searched parameter fits as well";
     AMBIGUOUS = 661: "effects can hardly be told apart by these measurements";

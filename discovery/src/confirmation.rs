@@ -10,7 +10,7 @@ use std::cmp::Ordering;
 use std::collections::BTreeMap;
 
 use nalgebra::{Cholesky, DMatrix, DVector};
-use tau_estimation::numerics::distribution::Random;
+use tau_estimation::numerics::distribution::{Random, chi2_quantile_above, falling_root};
 use tau_estimation::numerics::parallel;
 use tau_estimation::numerics::products::transposed_times;
 use tau_estimation::numerics::projection::inverse_factor;
@@ -36,37 +36,15 @@ pub(super) fn held_out_gain(
     seed: u64,
     constants: &Constants,
 ) -> f64 {
-    let fold_count = count(constants.folds).max(2);
-    let folds = folds(samples, fold_count);
-    let before = linear.q.ncols();
-    let with = before + subspace.rank();
-    let mut fitted = linear
-        .q
-        .tr_mul(&linear.residuals)
-        .resize_vertically(with, 0.0);
-    (fitted.rows_mut(before, subspace.rank())).copy_from(&subspace.u.tr_mul(&linear.residuals));
-    let every: Vec<usize> = (0..fold_count).collect();
-    let gains_of_folds = parallel::map(&every, |&fold| {
-        let rows: Vec<usize> = (0..linear.rows.len())
-            .filter(|&row| linear.factors[row] > 0.0 && folds[linear.rows[row].sample] == fold)
-            .collect();
-        let q = linear.rows_with(subspace, &rows);
-        let prediction = Prediction::of(&q, &fitted, linear.residuals.select_rows(&rows))?;
-        let mut units: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-        for (k, &row) in rows.iter().enumerate() {
-            let unit = samples[linear.rows[row].sample].unit;
-            units.entry(unit).or_default().push(k);
-        }
-        let gain =
-            |rows: &[usize]| Some(prediction.score(rows, before)? - prediction.score(rows, with)?);
-        let gains = units
-            .into_iter()
-            .filter_map(|(unit, rows)| Some((unit, gain(&rows)?)));
-        Some(gains.collect::<Vec<(usize, f64)>>())
-    });
     let mut gains = vec![0.0; Sample::units(samples)];
-    for (unit, gain) in gains_of_folds.into_iter().flatten().flatten() {
-        gains[unit] += gain;
+    for (unit, gain) in of_units(
+        linear,
+        subspace,
+        &linear.residuals,
+        (samples, 1.0),
+        constants,
+    ) {
+        gains[unit] += gain.mean;
     }
     let mut random = Random(seed);
     let mut sums: Vec<f64> = (0..RESAMPLES)
@@ -78,6 +56,83 @@ pub(super) fn held_out_gain(
         .collect();
     sums.sort_by(f64::total_cmp);
     sums[count(constants.lower * RESAMPLES as f64).min(RESAMPLES - 1)]
+}
+
+/// Number of measurements like these, in units of those at hand, at which held-out blocks decide on a candidate: an effect of
+/// the size that was estimated is then confirmed, but for the chance with which a real one may be rejected.
+///
+/// More measurements determine the prediction of a block better, and there are more of them to predict. The sum of what units
+/// gain is taken for normal; resampled, it varies as units differ, by their noise and by how much of the effect they show.
+pub(super) fn times_to_decide(
+    linear: &LinearModel,
+    subspace: &Subspace,
+    samples: &[Sample],
+    constants: &Constants,
+) -> f64 {
+    let signal = &subspace.u * subspace.u.tr_mul(&linear.residuals);
+    let deviations = |chance: f64| chi2_quantile_above(2.0 * chance, 1.0).sqrt();
+    let deviations = deviations(constants.lower) + deviations(constants.contradicted);
+    let lacks = |times: f64| {
+        let gains = of_units(linear, subspace, &signal, (samples, times), constants);
+        let sum: f64 = gains.iter().map(|(_, own)| own.mean).sum();
+        let mean = sum / gains.len().max(1) as f64;
+        let squares = gains
+            .iter()
+            .map(|(_, own)| own.variance + (own.mean - mean).powi(2));
+        deviations * (times * squares.sum::<f64>()).sqrt() - times * sum
+    };
+    falling_root(1.0, 2.0, lacks)
+}
+
+/// What a held-out unit gains in likelihood.
+struct Gain {
+    /// The gain itself; of a signal without noise its mean.
+    mean: f64,
+    /// Its variance by the noise of the unit, which the errors of a model without the candidate are multiplied by.
+    variance: f64,
+}
+
+/// What residuals gain by a candidate, unit by unit, each predicted by a fit to all other blocks of so many times as many
+/// measurements.
+fn of_units(
+    linear: &LinearModel,
+    subspace: &Subspace,
+    residuals: &DVector<f64>,
+    (samples, times): (&[Sample], f64),
+    constants: &Constants,
+) -> Vec<(usize, Gain)> {
+    let fold_count = count(constants.folds).max(2);
+    let folds = folds(samples, fold_count);
+    let before = linear.q.ncols();
+    let with = before + subspace.rank();
+    let mut fitted = linear.q.tr_mul(residuals).resize_vertically(with, 0.0);
+    (fitted.rows_mut(before, subspace.rank())).copy_from(&subspace.u.tr_mul(residuals));
+    let every: Vec<usize> = (0..fold_count).collect();
+    let of_folds = parallel::map(&every, |&fold| {
+        let rows: Vec<usize> = (0..linear.rows.len())
+            .filter(|&row| linear.factors[row] > 0.0 && folds[linear.rows[row].sample] == fold)
+            .collect();
+        let q = linear.rows_with(subspace, &rows);
+        let prediction = Prediction::of(&q, &fitted, residuals.select_rows(&rows), times)?;
+        let mut units: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        for (k, &row) in rows.iter().enumerate() {
+            let unit = samples[linear.rows[row].sample].unit;
+            units.entry(unit).or_default().push(k);
+        }
+        let gain = |rows: &[usize]| {
+            let (square, ln) = prediction.score(rows, before)?;
+            let (square_with, ln_with) = prediction.score(rows, with)?;
+            Some(Gain {
+                mean: square + ln - square_with - ln_with,
+                variance: 4.0 * square,
+            })
+        };
+        let gains = units
+            .into_iter()
+            .filter_map(|(unit, rows)| Some((unit, gain(&rows)?)));
+        Some(gains.collect::<Vec<(usize, Gain)>>())
+    });
+    of_folds.into_iter().flatten().flatten().collect()
 }
 
 /// Fold of each sample: neighbours in the order measured, set by set.
@@ -118,8 +173,13 @@ struct Prediction {
 
 impl Prediction {
     /// `q` are the rows of an orthonormal basis of the model's columns, and `fitted` is what the residuals of all
-    /// rows have of each.
-    fn of(q: &DMatrix<f64>, fitted: &DVector<f64>, residuals: DVector<f64>) -> Option<Self> {
+    /// rows have of each. Of the other rows there are so many times as many.
+    fn of(
+        q: &DMatrix<f64>,
+        fitted: &DVector<f64>,
+        residuals: DVector<f64>,
+        times: f64,
+    ) -> Option<Self> {
         let mut others = -transposed_times(q, q);
         for column in 0..others.ncols() {
             others[(column, column)] += 1.0 + RIDGE;
@@ -127,15 +187,15 @@ impl Prediction {
         // The first columns of the factor are the factor of the first columns.
         let factor = inverse_factor(others)?;
         Some(Self {
-            told: factor.tr_mul(&(fitted - q.tr_mul(&residuals))),
-            spread: transposed_times(&factor, &q.transpose()),
+            told: factor.tr_mul(&(fitted - q.tr_mul(&residuals))) * times.sqrt(),
+            spread: transposed_times(&factor, &q.transpose()) / times.sqrt(),
             residuals,
         })
     }
 
     /// Twice the negative logarithm of the likelihood of some rows together, but for a constant, by the first
-    /// columns of the model.
-    fn score(&self, rows: &[usize], columns: usize) -> Option<f64> {
+    /// columns of the model: the square of their errors over their covariance, and the logarithm of its determinant.
+    fn score(&self, rows: &[usize], columns: usize) -> Option<(f64, f64)> {
         let spread = |k: usize| self.spread.view((0, rows[k]), (columns, 1));
         let told = self.told.rows(0, columns);
         let errors = DVector::from_fn(rows.len(), |k, _| {
@@ -148,7 +208,7 @@ impl Prediction {
             Ordering::Greater => spread(k).dot(&spread(other)),
         });
         let factor = Cholesky::new(covariance)?;
-        Some(errors.dot(&factor.solve(&errors)) + factor.ln_determinant())
+        Some((errors.dot(&factor.solve(&errors)), factor.ln_determinant()))
     }
 }
 
@@ -159,28 +219,37 @@ mod tests {
     use tau_estimation::joint::Row;
     use tau_estimation::numerics::projection::Basis;
 
+    /// Noise about a constant with a column of a size, the constant being fitted, and what the column explains.
+    fn beside_a_constant(
+        rows: &[Row],
+        column: &dyn Fn(Row) -> f64,
+        size: f64,
+        mut noise: impl FnMut() -> f64,
+    ) -> (LinearModel, Subspace) {
+        let noise = DVector::from_fn(rows.len(), |_, _| noise());
+        let column = DMatrix::from_fn(rows.len(), 1, |row, _| column(rows[row]));
+        let basis = Basis::of(&DMatrix::from_element(rows.len(), 1, 1.0)).unwrap();
+        let linear = LinearModel {
+            residuals: basis.residuals_after(&(noise + &column * size)),
+            q: basis.q,
+            factors: vec![1.0; rows.len()],
+            rows: rows.to_vec(),
+            degrees: rows.len() as f64 - 1.0,
+            stated: 1.0,
+            completed: 0.0,
+        };
+        let subspace = Subspace::of(&column, &linear.remainder(&column));
+        (linear, subspace)
+    }
+
     /// A signal that holds everywhere is confirmed, one that only fits the noise is not.
     #[test]
     fn what_predicts_nothing_is_not_confirmed() {
         let (joint, samples) = of_set_1();
-        let rows = joint.rows;
-        let mut random = Random(3);
-        let noise = DVector::from_fn(rows.len(), |_, _| random.normal());
-        let constant = DMatrix::from_element(rows.len(), 1, 1.0);
         let gain = |column: &dyn Fn(Row) -> f64, size: f64| {
-            let column = DMatrix::from_fn(rows.len(), 1, |row, _| column(rows[row]));
-            let measured = &noise + &column * size;
-            let basis = Basis::of(&constant).unwrap();
-            let linear = LinearModel {
-                residuals: basis.residuals_after(&measured),
-                q: basis.q,
-                factors: vec![1.0; rows.len()],
-                rows: rows.clone(),
-                degrees: rows.len() as f64 - 1.0,
-                stated: 1.0,
-                completed: 0.0,
-            };
-            let subspace = Subspace::of(&column, &linear.remainder(&column));
+            let mut random = Random(3);
+            let noise = || random.normal();
+            let (linear, subspace) = beside_a_constant(&joint.rows, column, size, noise);
             held_out_gain(&linear, &subspace, &samples, 0, &Constants::default())
         };
         let wave = |row: Row| (row.sample as f64).sin();
@@ -193,6 +262,36 @@ mod tests {
             _ => 0.0,
         };
         assert!(gain(&one, 100.0) <= 0.0);
+    }
+
+    /// More measurements show an effect like a larger effect does: of the size that as many as are asked for amount to, hardly
+    /// any is not confirmed, and of an eighth of the square many are not. What one sample alone shows, however clearly, takes
+    /// as many like it as the square of the deviations that are asked for.
+    #[test]
+    fn so_many_measurements_decide() {
+        let (joint, samples) = of_set_1();
+        let constants = Constants::default();
+        let times = |column: &dyn Fn(Row) -> f64, size: f64| {
+            let (linear, subspace) = beside_a_constant(&joint.rows, column, size, || 0.0);
+            times_to_decide(&linear, &subspace, &samples, &constants)
+        };
+        let wave = |row: Row| (row.sample as f64).sin();
+        let decided = times(&wave, 0.1);
+        let confirmed = |times: f64| {
+            let mut random = Random(11);
+            let size = 0.1 * times.sqrt();
+            let trials = (0..200).filter(|&seed| {
+                let noise = || random.normal();
+                let (linear, subspace) = beside_a_constant(&joint.rows, &wave, size, noise);
+                held_out_gain(&linear, &subspace, &samples, seed, &constants) > 0.0
+            });
+            trials.count()
+        };
+        assert!(confirmed(decided) >= 194, "{decided}");
+        assert!((60..160).contains(&confirmed(decided / 8.0)), "{decided}");
+        let one = |row: Row| f64::from(u8::from((row.sample, row.residual) == (7, 0)));
+        let (many, expected) = (times(&one, 100.0), (0.994_46_f64 + 2.326_35).powi(2));
+        assert!((many / expected - 1.0).abs() < 0.1, "{many} {expected}");
     }
 
     #[test]
@@ -225,7 +324,7 @@ mod tests {
         q.set_column(4, &(left.column(0) / left.norm()));
         let fitted = q.tr_mul(&residuals);
         let of_held = (q.select_rows(&held), residuals.select_rows(&held));
-        let prediction = Prediction::of(&of_held.0, &fitted, of_held.1).unwrap();
+        let prediction = Prediction::of(&of_held.0, &fitted, of_held.1, 1.0).unwrap();
         for columns in [4, 5] {
             let model = jacobian.columns(0, columns);
             let (kept, rest) = (model.select_rows(&others), measured.select_rows(&others));
@@ -236,9 +335,10 @@ mod tests {
             let variance = DMatrix::identity(10, 10) + &of_held * covariance * of_held.transpose();
             let square = errors.dot(&(variance.clone().try_inverse().unwrap() * &errors));
             let expected = square + variance.determinant().ln();
-            let score = prediction
+            let (square_found, ln) = prediction
                 .score(&(0..10).collect::<Vec<_>>(), columns)
                 .unwrap();
+            let score = square_found + ln;
             assert!(
                 (score - expected).abs() < 1e-4 * expected.abs(),
                 "{score} {expected}"

@@ -18,12 +18,12 @@ use tau_runtime::Owner;
 
 use super::candidate_set::CandidateSet;
 use super::evidence::{self, whiteness::Series};
-use super::few::TooFew;
+use super::few::NothingDetectable;
 use super::held_out::{self, HeldOut};
 use super::linear_model::LinearModel;
 use super::results::{
     Considered, Discovery, ErrorOf, Estimate, FoundEffect, LeftOut, Order, Place, Pull, Rival,
-    SerialCorrelation, Status, Step, Unseen, Validation, Verdict, Whiteness,
+    SerialCorrelation, Status, Step, Undecided, Unseen, Validation, Verdict, Whiteness,
 };
 use super::search::{Contradicted, Found, Search};
 use super::waves::waves;
@@ -37,8 +37,7 @@ pub(super) struct Beforehand {
     pub(super) linear: LinearModel,
     pub(super) detectable: Vec<results::Detectable>,
     pub(super) cannot_see: Vec<Unseen>,
-    /// Set where nothing was detectable.
-    pub(super) too_few: Option<TooFew>,
+    pub(super) nothing_detectable: Option<NothingDetectable>,
     pub(super) ambiguous: Vec<results::Ambiguous>,
     pub(super) misfit: Vec<results::Misfit>,
     pub(super) serial: Option<results::SerialCorrelation>,
@@ -47,7 +46,7 @@ pub(super) struct Beforehand {
 pub(super) fn finish(
     input: &Input<'_>,
     search: &Search<'_>,
-    found: &[Found],
+    (found, undecided): (&[Found], Option<Undecided>),
     beforehand: Beforehand,
 ) -> Result<Outcome, Error> {
     let Input {
@@ -76,13 +75,6 @@ pub(super) fn finish(
     let before = steps.first().map_or(after, |step| step.gap);
     let (model_text, model) = text::description(robot, &options.catalogues, &search.derived())?;
     let unnamed = unnamed(search, file.noise);
-    // Until the verdict on the whole model is known.
-    let status = match (search.state.members.is_empty(), unnamed.is_empty()) {
-        (true, true) => Status::NothingMissing,
-        (true, false) => Status::UnnamedStructure,
-        (false, true) => Status::Explained,
-        (false, false) => Status::PartlyExplained,
-    };
     let left_out = left_out(fit, set, robot);
     let is_kept = |&pose: &usize| {
         let number = folder.tcp_poses[pose].pose;
@@ -97,11 +89,13 @@ pub(super) fn finish(
     let whiteness = whiteness(search, beforehand.serial);
     let mut remarks = remarks(search, fit, whiteness.as_ref());
     remarks.extend(held_out.not_predicted);
-    remarks.extend(beforehand.too_few.as_ref().map(TooFew::remark));
+    let blind = beforehand.nothing_detectable.as_ref();
+    remarks.extend(blind.map(NothingDetectable::remark));
     remarks.extend(far_held_out(&held_out.outliers));
     let discovery = Discovery {
         base: base.to_owned(),
-        status,
+        // Until the verdict on the whole model is known.
+        status: Status::Unresolved,
         noise_floor_um: floor.mean_m * 1e6,
         ceiling_um: held_out.floor_of_base.removable_um(before),
         remaining_um: floor.removable_um(after),
@@ -122,6 +116,7 @@ pub(super) fn finish(
         fit: None,
         effects: effects(search, fit, found, &steps),
         rejected: rejected(search),
+        undecided,
         piecewise_tracks: vec![],
         considered: considered(search, found),
         cannot_see: beforehand.cannot_see,
@@ -203,9 +198,8 @@ impl Discovery {
             (verdict.as_ref()).is_some_and(|verdict| verdict.status == trust::Status::Consistent);
         if is_consistent {
             self.worst = None;
-        } else {
-            self.status = self.status.with_misfit();
         }
+        self.status = Status::of(self, is_consistent);
         self.fit = verdict;
         self.remarks.extend(structural::remark_on_arm(self, robot));
     }

@@ -73,7 +73,7 @@ pub use unknown_poses::OfUnknownPoses;
 use base::base_fit;
 use candidate_set::CandidateSet;
 use evidence::whiteness::Series;
-use few::TooFew;
+use few::NothingDetectable;
 use findings::{Beforehand, finish};
 pub use generic::UNNAMED;
 use held_out::PoseError;
@@ -425,14 +425,16 @@ fn search_from(
     progress: &mut dyn FnMut(&str),
 ) -> Result<Found, Error> {
     let (mut search, beforehand) = begun(input, likelihood, progress)?;
-    let is_searched = beforehand.too_few.is_none();
+    let blind = beforehand.nothing_detectable.as_ref();
+    let is_searched = !blind.is_some_and(NothingDetectable::is_by_degrees);
     if is_searched {
         search.run(progress)?;
     }
     let of_effects = search.found();
+    let undecided = is_searched.then(|| search.undecided()).flatten();
     let variant = variant_of(input.robot, input.base)?;
     let (outcome, tracks) = parallel::both(
-        || finish(input, &search, &of_effects, beforehand),
+        || finish(input, &search, (&of_effects, undecided), beforehand),
         || {
             let tracks = is_searched.then(|| structural::piecewise::tracks(&search, variant));
             tracks.unwrap_or_default()
@@ -481,7 +483,8 @@ fn begun<'a>(
     let linear = LinearModel::of(&fit);
     let table = set.table(&linear);
     let (detectable, cannot_see) = detectability::detectability(&mut set, &best_columns, &table);
-    let too_few = TooFew::of(&set, &best_columns, &detectable, &cannot_see, &fit);
+    let nothing_detectable =
+        NothingDetectable::of(&set, &best_columns, &detectable, &cannot_see, &fit);
     set.weigh();
     let table = set.without_hidden(table);
     let (ambiguous, (misfit, serial)) = parallel::both(
@@ -498,7 +501,7 @@ fn begun<'a>(
         linear,
         detectable,
         cannot_see,
-        too_few,
+        nothing_detectable,
         ambiguous,
         misfit,
         serial,

@@ -61,6 +61,10 @@ pub struct Discovery {
     pub effects: Vec<FoundEffect>,
     /// Effects that were found and that measurements which took no part contradict: they are not in the model.
     pub rejected: Vec<Rejected>,
+    /// The most significant of what would improve the model and is not confirmed by blocks that were held out: these
+    /// measurements do not decide whether it is real.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub undecided: Option<Undecided>,
     /// Tracks that follow the measured points of their carts, where the base has straight ones: what that
     /// takes up has no name, and stays among `unnamed`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -137,27 +141,21 @@ pub enum Status {
     UnnamedStructure,
     /// Something has a name, something is left.
     PartlyExplained,
-    /// The fit is not consistent, and no structure was found.
+    /// No structure was found, and the measurements leave open whether there is any: the fit is not consistent, a significant
+    /// effect is not confirmed, or no effect of a plausible size would show.
     Unresolved,
 }
 
 impl Status {
-    /// The verdict where something without a name is there, too.
-    pub(super) fn with_unnamed(self) -> Self {
-        match self {
-            Self::NothingMissing | Self::UnnamedStructure | Self::Unresolved => {
-                Self::UnnamedStructure
-            }
-            Self::Explained | Self::PartlyExplained => Self::PartlyExplained,
-        }
-    }
-
-    /// The verdict where the final fit is not consistent.
-    pub(super) fn with_misfit(self) -> Self {
-        match self {
-            Self::NothingMissing => Self::Unresolved,
-            Self::Explained => Self::PartlyExplained,
-            other => other,
+    /// The verdict on what was found, by whether the final fit is consistent.
+    pub(super) fn of(found: &Discovery, is_consistent: bool) -> Self {
+        let is_settled = is_consistent && found.undecided.is_none();
+        match (found.effects.is_empty(), found.unnamed.is_empty()) {
+            (true, true) if is_settled && !found.detectable.is_empty() => Self::NothingMissing,
+            (true, true) => Self::Unresolved,
+            (true, false) => Self::UnnamedStructure,
+            (false, true) if is_settled => Self::Explained,
+            (false, _) => Self::PartlyExplained,
         }
     }
 }
@@ -352,6 +350,21 @@ pub struct Rejected {
     pub chi2_drop: f64,
     /// Change of χ² by it where it took no part: a rise.
     pub heldout_change: f64,
+}
+
+/// A significant candidate that blocks which were held out do not confirm.
+#[derive(Debug, Clone, Serialize)]
+pub struct Undecided {
+    /// Name in the catalogue, or of an unnamed family.
+    pub name: String,
+    /// Its place.
+    pub place: Place,
+    /// Of its score beside the final model.
+    #[serde(flatten)]
+    pub p_value: PValue,
+    /// Poses like these, beside those at hand, with which an effect of the size that was estimated would be confirmed but for
+    /// one time in a hundred.
+    pub more_poses: usize,
 }
 
 /// A track of the model that follows the measured points of its cart.

@@ -240,11 +240,6 @@ impl FullArm {
     fn precede(&self, base: &str, missed: (Vec<Misfit>, Vec<PoseError>), found: &mut Discovery) {
         let before = found.validation.before;
         let gap = begin_at(found, base, self.considered(), missed);
-        found.status = match found.status {
-            Status::NothingMissing => Status::Explained,
-            Status::UnnamedStructure => Status::PartlyExplained,
-            other => other,
-        };
         // The noise is the same under both arms.
         let more = gap.rms_um.powi(2) - before.rms_um.powi(2);
         found.ceiling_um = (found.ceiling_um.powi(2) + more).max(0.0).sqrt();

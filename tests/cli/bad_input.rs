@@ -73,7 +73,7 @@ fn names_and_numbers_are_refused_at_their_option() {
         study --out DIR/x --split sometimes => T261 --split:1
         evaluate PROTOTYPE --variant Full --split fraction:0.5:3 --seed 4 => T262 --seed
         study PROTOTYPE --out DIR/x --split alternate --seed 4 => T262 --seed
-        calibrate MEASURED --variant Full --files heights.csv --out DIR/x => T201 --files
+        calibrate MEASURED --variant Full --files ball_bar.csv --out DIR/x => T201 --files
         kinematics forward --variant Full --commands 0.1,0.2 => T246 --commands
         kinematics forward --variant Full --commands 0,0,0 --start 1,2,3 => T246 --start
         kinematics inverse --variant Full --pose 1,2 => T246 --pose

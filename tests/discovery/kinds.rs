@@ -265,7 +265,8 @@ fn a_part_of_many_poses_is_searched() {
         let mut remarks = found.discovery.remarks.iter();
         assert!(remarks.any(|remark| remark.code == tau_codes::discovery::PART));
         let Some(unknown) = found.unknown else {
-            assert_eq!(found.poses.len(), 40);
+            // All of them calibrate what was found.
+            assert!(found.poses.len() > 40);
             continue;
         };
         assert_eq!(unknown.counts.calibration, 80);

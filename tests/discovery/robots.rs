@@ -200,6 +200,17 @@ fn a_cart_that_yields_is_calibrated_without_poses() {
     assert_eq!(calibrated_anew(&work)["fit"]["status"], "consistent");
 }
 
+/// Where no effect of a plausible size would show, a consistent base is no proof that nothing is missing.
+#[test]
+fn measurements_that_show_nothing_leave_open_whether_anything_is_missing() {
+    let work = Work::simulated("--model rotary_delta --random --poses 10 --noise-position 1.2e-3");
+    let found = work.discovered("--split all");
+    assert_eq!(found["fit"]["status"], "consistent");
+    assert_eq!(found["detectable"], json!([]));
+    assert_eq!(found["status"], "unresolved");
+    assert_eq!(remarks(&found, "T651"), 1, "{}", found["remarks"]);
+}
+
 /// Distances and heights beside a few poses count: they tell a backlash from the waves of a rack, which the poses alone
 /// don't.
 #[test]

@@ -38,8 +38,13 @@ impl Case {
         calibrate(setup, &self.poses.division.calibration, options)
     }
 
+    /// Of poses alone, as in the paper.
     fn calibrate(&self, variant: &str) -> Calibration {
-        self.fit(variant, &Options::default()).unwrap()
+        let options = Options {
+            poses_alone: true,
+            ..Options::default()
+        };
+        self.fit(variant, &options).unwrap()
     }
 
     fn validate(&self, machine: &Machine) -> Evaluation {
@@ -208,6 +213,7 @@ pub(crate) fn random_starts_reach_one_optimum(variant: &str, starts: u64) {
         });
         let options = Options {
             start: Some(parameters.collect()),
+            poses_alone: true,
             ..Options::default()
         };
         let off = distance(&case.fit(variant, &options).unwrap(), &reference);

@@ -6,14 +6,16 @@ use std::sync::Arc;
 
 use super::super::candidate_set::Score;
 use super::super::candidates;
+use super::super::confirmation::times_to_decide;
 use super::super::constants::{Constants, count};
+use super::super::few::further_poses;
 use super::super::linear_model::LinearModel;
 use super::super::p_value::PValue;
-use super::super::results::Separation;
+use super::super::results::{Separation, Undecided};
 use super::super::separation::{Separator, Signal};
 use super::super::significance::Null;
 use super::Search;
-use super::moves::{Without, cosine};
+use super::moves::{Joining, Without, cosine};
 use super::state::{Member, State, Unnamed};
 use crate::subspace::Subspace;
 use tau_estimation::joint::fit::Fit;
@@ -225,6 +227,41 @@ impl Search<'_> {
             unnamed: self.state.unnamed.clone(),
         };
         self.score_of_state(&other) - self.score < self.input.options.constants.as_good
+    }
+
+    /// The best of the candidates that would improve the model as it stands and that blocks held out do not confirm. None of them
+    /// is what serial noise would imitate, or what only tolerances speak for: no measurement decides on that.
+    pub(crate) fn undecided(&mut self) -> Option<Undecided> {
+        let count = self.state.count();
+        let moves = self.moves(false, true);
+        let samples = &self.set.samples;
+        moves.into_iter().find_map(|own| {
+            let is_addition = own.members.len() + own.unnamed.len() > count;
+            let [Joining { score, beside }] = &own.joining[..] else {
+                return None;
+            };
+            let (_, subspace) = (self.set).subspace(beside, score.candidate, score.searched)?;
+            let explained = &subspace.u * subspace.u.tr_mul(&beside.residuals);
+            let measured = explained.rows_range(..beside.rows.len()).norm_squared();
+            let total = beside.total();
+            let by_tolerances = self.change(total - score.statistic, total - measured);
+            if !is_addition
+                || own.predicted + by_tolerances >= 0.0
+                || self.is_serial_noise(beside, &subspace, score.candidate)
+                || self.predicts_held_out(beside, &subspace)
+            {
+                return None;
+            }
+            let constants = &self.input.options.constants;
+            let times = times_to_decide(beside, &subspace, samples, constants);
+            let candidate = &self.set.candidates[score.candidate];
+            Some(Undecided {
+                name: candidate.name.clone(),
+                place: candidate.at.clone(),
+                p_value: score.p_value,
+                more_poses: further_poses(times, &self.state.fit, samples),
+            })
+        })
     }
 
     /// True if a score is significant among all candidates.

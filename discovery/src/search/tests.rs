@@ -12,8 +12,8 @@ use tau_robot::robot_file::RobotFile;
 
 use super::super::candidate_set::Score;
 use super::super::candidates;
-use super::super::results::Separation;
-use super::super::{Input, Options, begun};
+use super::super::results::{Separation, Undecided};
+use super::super::{Input, Options, Status, begun, discover};
 use super::*;
 
 struct Case {
@@ -90,6 +90,63 @@ fn the_best_model_visited_is_the_answer() {
         let is_no_better = score.is_none_or(|score| score > search.score - SCORE_TOLERANCE);
         assert!(is_no_better, "{composition:?}: {score:?} {}", search.score);
     }
+}
+
+/// Sixteen poses alone fit something significant that blocks of them do not confirm: it is undecided, with a number of poses
+/// that would decide. With five more, effects are confirmed and nothing is undecided.
+#[test]
+fn a_significant_effect_that_is_not_confirmed_is_undecided() {
+    let mut case = Case::prototype();
+    case.folder.cart_poses.clear();
+    case.folder.cart_positions.clear();
+    let all = case.division.calibration.clone();
+    let mut searched = |part: usize| {
+        case.division.calibration = all.iter().copied().step_by(part).collect();
+        let input = case.input();
+        let (mut search, _) = begun(&input, None, &mut |_| {}).unwrap();
+        search.run(&mut |_| {}).unwrap();
+        (search.undecided(), search.state.count())
+    };
+    let (open, count) = searched(4);
+    let open = open.unwrap();
+    assert!(count == 0 && open.p_value.value() < 1e-9, "{open:?}");
+    assert!((5..100).contains(&open.more_poses), "{open:?}");
+    let (open, count) = searched(3);
+    assert!(open.is_none() && count == 3, "{open:?}");
+}
+
+/// An answer at rest is said of a consistent fit only, beside nothing that is undecided, and where something could have been
+/// seen.
+#[test]
+fn what_is_open_is_no_answer_at_rest() {
+    let Case {
+        robot,
+        file,
+        folder,
+        options,
+        ..
+    } = Case::prototype();
+    let found = discover(&robot, "Full", &file, &folder, &options, &mut |_| {});
+    let mut found = found.unwrap().discovery;
+    let open = Undecided {
+        name: found.effects[0].name.clone(),
+        place: found.effects[0].place.clone(),
+        p_value: found.effects[0].p_value,
+        more_poses: 1,
+    };
+    found.unnamed.clear();
+    found.undecided = None;
+    assert_eq!(Status::of(&found, true), Status::Explained);
+    assert_eq!(Status::of(&found, false), Status::PartlyExplained);
+    found.undecided = Some(open.clone());
+    assert_eq!(Status::of(&found, true), Status::PartlyExplained);
+    found.effects.clear();
+    assert_eq!(Status::of(&found, true), Status::Unresolved);
+    found.undecided = None;
+    assert_eq!(Status::of(&found, true), Status::NothingMissing);
+    assert_eq!(Status::of(&found, false), Status::Unresolved);
+    found.detectable.clear();
+    assert_eq!(Status::of(&found, true), Status::Unresolved);
 }
 
 /// The change that the linear model predicts for a weak effect is the one that a refit brings.

@@ -131,7 +131,6 @@ fn with_piecewise_tracks(
         && discovery.unnamed.is_empty()
     {
         discovery.unnamed.clone_from(&track.unnamed);
-        discovery.status = discovery.status.with_unnamed();
     }
     Ok(found.outcome)
 }
@@ -377,7 +376,6 @@ impl TrackTest {
             },
         );
         found.ceiling_um = floor.removable_um(gap);
-        found.status = found.status.with_unnamed();
         found.unnamed.splice(0..0, self.unnamed.iter().cloned());
         Ok(())
     }

@@ -14,7 +14,9 @@ use super::{at, chance, listed, readable};
 use crate::figures::typographic;
 use crate::measured;
 use crate::number::{fixed, general, largest};
-pub(crate) use answer::{Device, device, gap, is_base, rejected, unconfirmed, verdict};
+pub(crate) use answer::{
+    Device, device, gap, is_base, is_consistent, rejected, unconfirmed, verdict,
+};
 
 /// Name and place of an effect.
 pub(crate) fn headline(model: &Model, effect: &FoundEffect) -> String {

@@ -2,7 +2,7 @@ use roxmltree::Document;
 use tau::discovery::PValue;
 use tau::discovery::results::{
     Dimension, Discovery, ErrorOf, Estimate, FoundEffect, Micro, Misfit, Motion, NoiseScale,
-    PiecewiseTrack, Place, Pull, Readable, Rejected, Status, Target, Wave,
+    PiecewiseTrack, Place, Pull, Readable, Rejected, Status, Target, Undecided, Wave,
 };
 use tau::study::results::Setting;
 use tau::trust::{self, FileFit};
@@ -274,6 +274,24 @@ fn a_verdict_claims_no_more_than_was_found() {
     fit.pulls = vec![pull.clone()];
     fit.why = vec![trust::Reason::Pulled(pull, 5.1)];
     found.fit = Some(fit);
+    said(&found, &["T650"]);
+    // A consistent fit is none of the reasons then.
+    found.fit = Some(trust::Verdict {
+        status: trust::Status::Consistent,
+        ..trust::Verdict::default()
+    });
+    found.undecided = Some(Undecided {
+        name: "straightness".to_owned(),
+        place: cart("two"),
+        p_value: PValue::of_chi2(40.0, 1.0),
+        more_poses: 11,
+    });
+    said(&found, &["T650", "T619"]);
+    let page = html::discovery_page(&found, &setting(), &crate::fixture::record());
+    assert!(page.contains("11 more poses like these, which decide on straightness(two)"));
+    assert!(!page.contains("State the noise"));
+    found.undecided = None;
+    found.detectable.clear();
     said(&found, &["T650"]);
     found.rejected = vec![Rejected {
         name: "straightness".to_owned(),

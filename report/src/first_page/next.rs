@@ -6,6 +6,7 @@ use tau::discovery::{Discovery, Status as Found};
 use tau::session::Record;
 use tau::study::results::Study;
 use tau::trust::{Check, Status, Verdict};
+use tau_codes::discovery::TOO_FEW;
 
 use crate::discovery::findings::Device;
 use crate::discovery::words::{capital, part, rest_or_error, title};
@@ -167,13 +168,29 @@ fn after_search(found: &Discovery) -> Vec<String> {
             at(&effect.name, &effect.place)
         ))
     }));
+    steps.extend(found.undecided.as_ref().map(|own| {
+        let effect = at(&own.name, &own.place);
+        let more = own.more_poses;
+        format!("Measure about {more} more poses like these, which decide on {effect}.")
+    }));
+    let mut remarks = found.remarks.iter();
+    steps.extend(
+        remarks
+            .find(|own| own.code == TOO_FEW)
+            .map(|own| own.text.clone()),
+    );
+    let has_unnamed = !found.unnamed.is_empty();
     match found.status {
-        Found::Unresolved | Found::PartlyExplained if found.unnamed.is_empty() => steps.push(
-            "State the noise that the measurements really have, or record what else changes from pose to \
-             pose: nothing recorded explains the scatter."
-                .to_owned(),
-        ),
-        Found::UnnamedStructure | Found::PartlyExplained => steps.push(
+        Found::Unresolved | Found::PartlyExplained
+            if !has_unnamed && !findings::is_consistent(found) =>
+        {
+            steps.push(
+                "State the noise that the measurements really have, or record what else changes from pose to \
+                 pose: nothing recorded explains the scatter."
+                    .to_owned(),
+            );
+        }
+        Found::UnnamedStructure | Found::PartlyExplained if has_unnamed => steps.push(
             "Look at the parts without a name under “Structure without a name”: a cause that you suspect can be \
              described as an effect of your own (`--effects`), and is then tested like the others."
                 .to_owned(),

@@ -31,7 +31,7 @@ use tau_estimation::weighing::Treatment;
 use tau_kinematics::Machine;
 use tau_robot::input_error::both;
 use tau_robot::measurements::{Folder, Poses, Shape, Split};
-use tau_robot::robot::{self, ResidualKind, Variant};
+use tau_robot::robot::{self, ResidualKind, TrackShape, Variant};
 use tau_robot::robot_file::{Provenance, RobotFile};
 use tau_robot::{InputError, Robot};
 use tau_runtime::DeclaredRobot;
@@ -237,12 +237,16 @@ impl<R> Session<R> {
                            compliances towards zero, by its share of the variance of the tensions";
             remarks.push(Remark::new(fit::NOISE_TAKEN_FOR_ZERO, message));
         }
-        let takes_carts = self.setup(own).takes_carts();
+        let are_measured =
+            !self.folder.cart_poses.is_empty() || !self.folder.cart_positions.is_empty();
+        // Paths of piecewise tracks are measurements of carts.
+        let mut tracks = own.tracks.iter();
+        let are_straight = tracks.all(|track| track.shape != TrackShape::Piecewise);
         let is_of_carts = match found.unknown_poses() {
             Some(found) => found.kinds.iter().any(|own| own.kind.is_of_carts()),
             None => found.carts.is_some(),
         };
-        if takes_carts && !is_of_carts {
+        if are_measured && are_straight && !is_of_carts {
             remarks.push(remark!(fit::PLATE_ALONE;
                 "the plate alone was fitted, without cart_poses.csv and cart_positions.csv"));
         }

@@ -43,7 +43,7 @@ pub(crate) fn verdict(found: &Discovery) -> String {
     let worst = found.pulls.iter();
     let worst = worst.max_by(|a, b| a.tolerances.abs().total_cmp(&b.tolerances.abs()));
     let mut status = Remark::new(found.code(), status(found)).to_string();
-    if let Some(sentence) = unconfirmed(found) {
+    for sentence in unconfirmed(found).into_iter().chain(undecided(found)) {
         status += &format!(" {sentence}");
     }
     let Some(worst) = worst else {
@@ -71,6 +71,25 @@ pub(crate) fn unconfirmed(found: &Discovery) -> Option<Remark> {
                 capital(validation.compared()), validation.of.subject(),
                 goes([before, after].map(|um| general(um, 3)), after < before))
     })
+}
+
+/// Sentence on a significant candidate that blocks which were held out do not confirm.
+fn undecided(found: &Discovery) -> Option<Remark> {
+    let own = found.undecided.as_ref()?;
+    let text = format!(
+        "{} is significant: noise alone would show as much with probability {}. But measurements that are held out in turn \
+         are not predicted better with it. About {} more poses like these would decide.",
+        at(&own.name, &own.place),
+        words::probability(own.p_value.value()),
+        own.more_poses
+    );
+    Some(Remark::new(codes::NOT_CONFIRMED, text))
+}
+
+/// True if the final fit agrees with the stated noise and tolerances.
+pub(crate) fn is_consistent(found: &Discovery) -> bool {
+    let fit = found.fit.as_ref();
+    fit.is_some_and(|fit| fit.status == tau::trust::Status::Consistent)
 }
 
 /// `falls from 12 to 11`; `stays at 12` where the digits that are shown do not change.
@@ -105,16 +124,32 @@ fn status(found: &Discovery) -> String {
              has none{}",
             left(found)
         ),
-        Status::Unresolved => format!(
-            "No effect missing from {base} is significant in these measurements. Yet the fit is not consistent with the \
-             stated noise and tolerances{}",
-            left(found)
-        ),
+        Status::Unresolved => unresolved(found, &base),
         Status::UnnamedStructure => format!(
             "The machine shows something that {base} does not contain and no effect that these measurements can show explains. It is \
              described below, without a name."
         ),
     }
+}
+
+/// Sentences on measurements that leave open whether a base lacks anything.
+fn unresolved(found: &Discovery, base: &str) -> String {
+    let open = if found.undecided.is_some() {
+        format!("These measurements do not decide whether {base} lacks anything.")
+    } else if found.detectable.is_empty() {
+        format!(
+            "These measurements show no effect of a plausible size: whether {base} lacks one is open."
+        )
+    } else {
+        format!("The search found nothing that {base} lacks.")
+    };
+    if is_consistent(found) {
+        return open;
+    }
+    format!(
+        "{open} Yet the fit is not consistent with the stated noise and tolerances{}",
+        left(found)
+    )
 }
 
 /// The end of a sentence on a fit that is not consistent: what is worst, a drive, a link, a file or a parameter.

@@ -133,6 +133,7 @@ pub(super) fn found() -> Discovery {
         worst: None,
         fit: None,
         rejected: vec![],
+        undecided: None,
         effects: vec![FoundEffect {
             name: "backlash".to_owned(),
             place: cart("one"),
