@@ -287,7 +287,7 @@ fn a_verdict_claims_no_more_than_was_found() {
         more_poses: 11,
     });
     said(&found, &["T650", "T619"]);
-    let page = html::discovery_page(&found, &setting(), &crate::fixture::record());
+    let page = html::discovery_page(&found, &setting(), &crate::tests::fixture::record());
     assert!(page.contains("11 more poses like these, which decide on straightness(two)"));
     assert!(!page.contains("State the noise"));
     found.undecided = None;
