@@ -4,6 +4,7 @@
 //! together. Frames, mountings of targets, and rates at which carts turn and drift are unknowns of the carts alone, and are told
 //! to nobody.
 
+use tau_robot::robot::Variant;
 use tau_robot::robot_file::Noise;
 use tau_solver::Termination;
 
@@ -14,9 +15,10 @@ use crate::joint::predicted::GroupFit;
 use crate::joint::variant::{PosesOf, turning_freely};
 use crate::joint::{Component, Information, Joint};
 use crate::machine::Error;
-use crate::machine::error::{ended, not_converged, unsolved};
+use crate::machine::error::{not_converged, unsolved};
 use crate::numerics::distribution::exceeds_noise;
 use crate::numerics::order::place;
+use crate::numerics::parallel;
 use crate::problem;
 use crate::samples::Sample;
 use crate::samples::frames::Frames;
@@ -26,14 +28,14 @@ use crate::setup::Setup;
 use crate::trust::numbering;
 use crate::weighing::{Outlier, Weighing, few};
 
-/// Most steps from the fit with some poses to that with all; two or three are usual.
+/// Most steps from the end of the descent to the minimum; two or three are usual.
 const STEPS: usize = 10;
 /// Length of a step, in standard deviations, that is none.
 const ARRIVED: f64 = 1e-3;
 /// Rounds in which the carts' noise, their outliers and the minimum follow each other.
 const ROUNDS: usize = 8;
-/// Change of a scale that is none.
-const SAME: f64 = 1e-3;
+/// Change of a scale, as a share, that is none: the noise is known to as much.
+const SAME: f64 = 0.01;
 /// Calibrates a variant on poses of a folder, given by index, and on its carts, unless [poses alone](Options::poses_alone) are
 /// wanted. Carts that the variant misses significantly count as if their noise were as large as the misfit: what it lacks on
 /// tracks never overrules the poses. Where carts are numbered wrongly, or lead nowhere, poses calibrate alone.
@@ -45,10 +47,14 @@ pub fn calibrate(
     poses: &[usize],
     options: &Options,
 ) -> Result<Calibration, Error> {
-    let of_poses = calibration::calibrate(setup, poses, options)?;
     if options.poses_alone || !setup.takes_carts() {
-        return Ok(of_poses);
+        return calibration::calibrate(setup, poses, options);
     }
+    let (of_poses, free) = parallel::both(
+        || calibration::calibrate(setup, poses, options),
+        || turning_freely(setup.robot, setup.variant, PosesOf::Tracker),
+    );
+    let of_poses = of_poses?;
     let (machine, noise) = (&of_poses.machine, setup.file.noise);
     if numbering::mistake(machine, setup.folder, noise.rotation_rad).is_some() {
         return Ok(of_poses);
@@ -57,6 +63,7 @@ pub fn calibrate(
     match beside_carts(
         &of_poses,
         Setup { file, ..setup },
+        &free,
         poses,
         options.treatment.keep_outliers,
     ) {
@@ -68,18 +75,18 @@ pub fn calibrate(
 fn beside_carts(
     of_poses: &Calibration,
     setup: Setup<'_>,
+    free: &Variant,
     poses: &[usize],
     keeps_outliers: bool,
 ) -> Result<Calibration, Error> {
     let Setup {
         robot,
-        variant,
         file,
         folder,
+        ..
     } = setup;
-    let free = turning_freely(robot, variant, PosesOf::Tracker);
     let own = Setup {
-        variant: &free,
+        variant: free,
         ..setup
     };
     let mut prepared = own.prepared(poses)?;
@@ -116,7 +123,7 @@ fn beside_carts(
     let own = described.iter().map(|own| fitted[free.index_of(&own.name)]);
     let values = own.collect();
     let failed = |error: tau_solver::Error| not_converged(&of_poses.machine, unsolved(&error));
-    let (_, mut undetermined) = found.undetermined(&free, &fitted).map_err(failed)?;
+    let (_, mut undetermined) = found.undetermined(free, &fitted).map_err(failed)?;
     // Where trackers stood and how targets were mounted is nobody's question.
     undetermined.retain(|own| {
         let first = own.terms.first();
@@ -187,72 +194,80 @@ impl Rows<'_> {
         let weights = of_few(&self.weighing.fit);
         let (machine, nominal) = (self.prepared.machine.clone(), &self.prepared.nominal);
         let joint = Joint::of_residuals(machine, nominal, &samples, self.noise)?;
-        let mut share = 1.0;
-        let mut joint = joint.rebiased((&samples, self.noise), &weights, share)?;
-        let mut fitted = joint.start(&self.prepared.machine.values, &samples, self.noise);
         let far = outliers::deviations(outliers::about_lines(&self.carts), &self.carts);
         let mut of_carts = outliers::weights(&far);
         let mut scales = [1.0; Component::ALL.len()];
+        let mut share = 1.0;
         let roots = |weights: &[f64], of_carts: &[f64]| -> Vec<f64> {
             let roots = weights.iter().map(|weight| weight.sqrt());
             roots.chain(of_carts.iter().copied()).collect()
         };
-        let mut iterations = 0;
+        let measured = (samples.as_slice(), self.noise);
+        let joint = joint.rebiased(measured, &weights, share)?;
+        let start = joint.start(&self.prepared.machine.values, &samples, self.noise);
+        let mut descent = Descent::from(joint, start, scales, roots(&weights, &of_carts))?;
         let mut round = 0;
-        let (mut descent, met) = loop {
+        let met = loop {
             round += 1;
-            let weights_of_all = roots(&weights, &of_carts);
-            let descent = Descent::from(joint, fitted, scales, weights_of_all)?.settled()?;
-            iterations += descent.iterations;
+            descent = descent.converged()?;
             let met = Met::of(&descent, &samples, keeps_outliers);
-            let pairs = met.scales.iter().zip(&scales).chain([(&met.share, &share)]);
-            let is_other = |(now, before): (&f64, &f64)| (now - before).abs() > SAME * before;
-            let is_same = !pairs.into_iter().any(is_other) && met.weights[first..] == of_carts;
-            if is_same || round == ROUNDS {
-                break (descent, met);
+            let is_other = |now: f64, before: f64| (now - before).abs() > SAME * before;
+            let mut pairs = met.scales.iter().zip(&scales);
+            let is_noise_other = pairs.any(|(&now, &before)| is_other(now, before))
+                || met.weights[first..] != of_carts;
+            let is_share_other = is_other(met.share, share);
+            if (!is_noise_other && !is_share_other) || round == ROUNDS {
+                break met;
             }
-            (scales, share) = (met.scales, met.share);
-            of_carts = met.weights[first..].to_vec();
-            joint = (descent.joint).rebiased((&samples, self.noise), &weights, share)?;
-            fitted = descent.fitted;
+            if is_noise_other {
+                scales = met.scales;
+                of_carts = met.weights[first..].to_vec();
+                descent = descent.refactored(scales, roots(&weights, &of_carts))?;
+            }
+            if is_share_other {
+                share = met.share;
+                descent.joint = descent.joint.rebiased(measured, &weights, share)?;
+            }
         };
-        descent = descent.arrived()?;
+        descent = descent.settled()?;
         let outliers = met.outliers(&descent.joint, &samples);
-        if self.few.len() < self.poses.len() {
-            let joint = &descent.joint;
-            let mut known = self.known(joint, &descent.fitted, (&scales, &of_carts), share)?;
-            for step in 1..=STEPS {
-                let failed = || not_converged(&joint.machine, ended(Termination::MaxIterations));
-                let (way, length) = known.step(&descent.fitted).ok_or_else(failed)?;
-                descent.fitted = joint.stepped(&descent.fitted, &way, 1.0);
-                iterations += 1;
-                if length < ARRIVED {
-                    break;
-                }
-                if step == STEPS {
-                    return Err(failed());
-                }
-                known = self.known(joint, &descent.fitted, (&scales, &of_carts), share)?;
+        let Descent {
+            joint,
+            fitted: near,
+            mut iterations,
+            ..
+        } = descent;
+        let at = |fitted: &[f64], weights: &[f64]| {
+            if self.few.len() < self.poses.len() {
+                return self.known(&joint, fitted, (&scales, &of_carts), (weights, share));
             }
-            return Ok((
-                Reached {
-                    fitted: descent.fitted,
-                    iterations,
-                    groups: met.groups,
-                    outliers,
-                },
-                known,
-            ));
+            let factors = joint.factors(&scales, &roots(&of_few(weights), &of_carts));
+            let linear = joint.linearize(fitted, &factors);
+            let known = Information::of(&joint, &linear.jacobian, &linear.residuals, &samples);
+            Ok::<_, Error>(Known::new(&joint, known))
+        };
+        // Damping has held back steps along valleys that frames and mountings leave.
+        let mut fitted = near.clone();
+        let mut known = at(&fitted, &self.weighing.fit)?;
+        let mut length = f64::INFINITY;
+        for _ in 0..STEPS {
+            let Some((step, own)) = known.step(&fitted) else {
+                break;
+            };
+            fitted = joint.stepped(&fitted, &step, 1.0);
+            iterations += 1;
+            length = own;
+            if length < ARRIVED {
+                break;
+            }
+            known = at(&fitted, &self.weighing.fit)?;
         }
-        if self.weighing.information != self.weighing.fit {
-            let weights = roots(&of_few(&self.weighing.information), &of_carts);
-            descent = descent.refactored(scales, weights)?;
+        if length >= ARRIVED {
+            fitted = near;
         }
-        let (joint, jacobian) = (&descent.joint, descent.normal.jacobian());
-        let known = Information::of(joint, jacobian, &descent.residuals, &samples);
-        let known = Known::new(joint, known);
+        let known = at(&fitted, &self.weighing.information)?;
         let reached = Reached {
-            fitted: descent.fitted,
+            fitted,
             iterations,
             groups: met.groups,
             outliers,
@@ -266,7 +281,7 @@ impl Rows<'_> {
         joint: &Joint,
         fitted: &[f64],
         (scales, weights): (&[f64; 4], &[f64]),
-        share: f64,
+        (weights_of_poses, share): (&[f64], f64),
     ) -> Result<Known, Error> {
         let machine = || self.prepared.machine.clone();
         let nominal = &self.prepared.nominal;
@@ -274,7 +289,6 @@ impl Rows<'_> {
         let of_poses = used.iter().map(|index| fitted[place(&joint.used, index)]);
         let of_poses: Vec<f64> = of_poses.collect();
         let measured = (self.poses.as_slice(), self.noise);
-        let weights_of_poses = &self.weighing.information;
         let of_poses = Known::at(
             self.prepared,
             Some(&of_poses),

@@ -134,6 +134,8 @@ pub(crate) fn draw(work: &Work, model: &str) {
     work.replace("position_m = \"?\"", "position_m = 1e-5");
     let text = work.read("measured/robot.toml");
     let text = text.replace("rotation_rad = \"?\"", "rotation_rad = 4e-5");
+    // Simulated drives are exact.
+    let text = text.replace("[drives]", "").replace("noise_m = \"?\"", "");
     work.write("measured/robot.toml", text);
 }
 
