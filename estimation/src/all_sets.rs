@@ -325,7 +325,7 @@ impl Met {
         let mut share = 1.0;
         let mut groups = vec![];
         for group in Component::ALL {
-            let (mut squares, mut residuals) = (0.0, 0);
+            let (mut squares, mut residuals) = (0.0, 0_usize);
             for ((row, residual), factor) in
                 (joint.rows.iter().zip(descent.residuals.iter())).zip(&descent.factors)
             {
@@ -334,7 +334,7 @@ impl Met {
                     residuals += 1;
                 }
             }
-            let left = (f64::from(residuals) - absorbed[group as usize]).max(1.0);
+            let left = (residuals as f64 - absorbed[group as usize]).max(1.0);
             if group == Component::Closure {
                 share = (squares / left).min(1.0);
                 continue;
@@ -350,7 +350,7 @@ impl Met {
             if residuals > 0 {
                 groups.push(GroupFit {
                     group,
-                    residuals: residuals as usize,
+                    residuals,
                     rms,
                     noise_factor,
                 });

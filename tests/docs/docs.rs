@@ -230,7 +230,7 @@ fn the_tutorial_does_what_it_says() {
     assert_eq!(commands, 9);
     let commands = work.table("commands.csv");
     let q = commands.numbers("q2_m");
-    assert!((1e6 * (q[1] - q[0]).abs() - 80.0).abs() < 0.1, "{q:?}");
+    assert!((1e6 * (q[1] - q[0]).abs() - 80.0).abs() < 1.0, "{q:?}");
     assert_eq!(commands.numbers("inside"), [1.0, 1.0, 0.0]);
     let sigma = commands.numbers("sigma_x_m");
     assert!(sigma[0] < 3e-6 && sigma[2] > 3.0 * sigma[0], "{sigma:?}");

@@ -71,7 +71,7 @@ impl<R> Calibrated<R> {
     pub fn unknown_poses(&self) -> Option<&UnknownPoses> {
         match &self.fit {
             Fit::UnknownPoses(found) => Some(found),
-            _ => None,
+            Fit::Poses(_) => None,
         }
     }
 
