@@ -2,10 +2,10 @@
 
 use tau::discovery::PValue;
 use tau::discovery::results::{
-    Ambiguous, Bin, Derived, Dimension, Discovery, ErrorOf, Estimate, Evidence, FoundEffect, Gap,
-    Lack, LeftOut, Micro, Motion, Order, Pattern, Place, Quantity, Readable, Reason, Rival,
-    Separation, SerialCorrelation, Spectrum, Status, Step, Target, Treatment, Unnamed, Unseen,
-    UsedEffect, Validation, Whiteness,
+    Ambiguous, Bin, Derived, Detectable, Dimension, Discovery, ErrorOf, Estimate, Evidence,
+    FoundEffect, Gap, Lack, LeftOut, Micro, Motion, Order, Pattern, Place, Quantity, Readable,
+    Reason, Rival, Separation, SerialCorrelation, Spectrum, Status, Step, Target, Treatment,
+    Unnamed, Unseen, UsedEffect, Validation, Whiteness,
 };
 use tau::measurements::PoseCounts;
 use tau::robot::Architecture;
@@ -158,7 +158,14 @@ pub(super) fn found() -> Discovery {
         piecewise_tracks: vec![],
         considered: vec![],
         cannot_see: vec![unseen("l1"), unseen("l2a")],
-        detectable: vec![],
+        detectable: vec![Detectable {
+            name: "backlash".to_owned(),
+            place: cart("one"),
+            parameter: "gap".to_owned(),
+            amplitude: 1e-5,
+            unit: Dimension::LENGTH,
+            absorbed: 0.1,
+        }],
         ambiguous: vec![Ambiguous {
             name: "link_thermal".to_owned(),
             place: link("l1"),
