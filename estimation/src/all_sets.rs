@@ -28,8 +28,8 @@ use crate::setup::Setup;
 use crate::trust::numbering;
 use crate::weighing::{Outlier, Weighing, few};
 
-/// Most steps from the end of the descent to the minimum; two or three are usual.
-const STEPS: usize = 10;
+/// Most steps from the end of the descent to the minimum; a handful is usual.
+const STEPS: usize = 30;
 /// Length of a step, in standard deviations, that is none.
 const ARRIVED: f64 = 1e-3;
 /// Rounds in which the carts' noise, their outliers and the minimum follow each other.
@@ -246,25 +246,24 @@ impl Rows<'_> {
             let known = Information::of(&joint, &linear.jacobian, &linear.residuals, &samples);
             Ok::<_, Error>(Known::new(&joint, known))
         };
-        // Damping has held back steps along valleys that frames and mountings leave.
-        let mut fitted = near.clone();
-        let mut known = at(&fitted, &self.weighing.fit)?;
-        let mut length = f64::INFINITY;
+        // Damping has held back steps along valleys that frames and mountings leave, which bend: some whole steps go too far.
+        let mut fitted = near;
+        let mut nearest = (f64::INFINITY, fitted.clone());
         for _ in 0..STEPS {
-            let Some((step, own)) = known.step(&fitted) else {
+            let known = at(&fitted, &self.weighing.fit)?;
+            let Some((step, length)) = known.step(&fitted) else {
                 break;
             };
             fitted = joint.stepped(&fitted, &step, 1.0);
             iterations += 1;
-            length = own;
+            if length < nearest.0 {
+                nearest = (length, fitted.clone());
+            }
             if length < ARRIVED {
                 break;
             }
-            known = at(&fitted, &self.weighing.fit)?;
         }
-        if length >= ARRIVED {
-            fitted = near;
-        }
+        let fitted = nearest.1;
         let known = at(&fitted, &self.weighing.information)?;
         let reached = Reached {
             fitted,
