@@ -84,7 +84,7 @@ pub(super) fn times_to_decide(
     falling_root(1.0, 2.0, lacks)
 }
 
-/// What a held-out unit gains in likelihood.
+/// Gain in likelihood of a held-out unit.
 struct Gain {
     /// The gain itself; of a signal without noise its mean.
     mean: f64,
@@ -92,8 +92,8 @@ struct Gain {
     variance: f64,
 }
 
-/// What residuals gain by a candidate, unit by unit, each predicted by a fit to all other blocks of so many times as many
-/// measurements.
+/// Gains of residuals by a candidate, unit by unit. A fit to all other blocks predicts each, as if their measurements were
+/// repeated `times` times.
 fn of_units(
     linear: &LinearModel,
     subspace: &Subspace,

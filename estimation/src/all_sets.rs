@@ -9,6 +9,7 @@ use tau_robot::robot_file::Noise;
 use tau_solver::Termination;
 
 use crate::calibration::known::Known;
+use crate::calibration::minimum::Arrived;
 use crate::calibration::{self, Calibration, Carts, Fitted, Options, Prepared};
 use crate::joint::descent::Descent;
 use crate::joint::predicted::GroupFit;
@@ -28,14 +29,11 @@ use crate::setup::Setup;
 use crate::trust::numbering;
 use crate::weighing::{Outlier, Weighing, few};
 
-/// Most steps from the end of the descent to the minimum; a handful is usual.
-const STEPS: usize = 30;
-/// Length of a step, in standard deviations, that is none.
-const ARRIVED: f64 = 1e-3;
 /// Rounds in which the carts' noise, their outliers and the minimum follow each other.
 const ROUNDS: usize = 8;
 /// Change of a scale, as a share, that is none: the noise is known to as much.
 const SAME: f64 = 0.01;
+
 /// Calibrates a variant on poses of a folder, given by index, and on its carts, unless [poses alone](Options::poses_alone) are
 /// wanted. Carts that the variant misses significantly count as if their noise were as large as the misfit: what it lacks on
 /// tracks never overrules the poses. Where carts are numbered wrongly, or lead nowhere, poses calibrate alone.
@@ -114,11 +112,8 @@ fn beside_carts(
     let covariance = posterior.covariance();
     // As described, the variant has fewer parameters.
     let described = &of_poses.machine.variant.parameters;
-    let place = |&index: &usize| {
-        let index = free.index_of(&described[index].name);
-        found.used.binary_search(&index).ok()
-    };
-    let places: Vec<usize> = of_poses.used.iter().filter_map(place).collect();
+    let place = |&index: &usize| place(&found.used, &free.index_of(&described[index].name));
+    let places: Vec<usize> = of_poses.used.iter().map(place).collect();
     let fitted = problem::values(&prepared.machine, &found.used, &reached.fitted);
     let own = described.iter().map(|own| fitted[free.index_of(&own.name)]);
     let values = own.collect();
@@ -234,7 +229,7 @@ impl Rows<'_> {
         let Descent {
             joint,
             fitted: near,
-            mut iterations,
+            iterations,
             ..
         } = descent;
         let at = |fitted: &[f64], weights: &[f64]| {
@@ -246,35 +241,24 @@ impl Rows<'_> {
             let known = Information::of(&joint, &linear.jacobian, &linear.residuals, &samples);
             Ok::<_, Error>(Known::new(&joint, known))
         };
-        // Damping has held back steps along valleys that frames and mountings leave, which bend: some whole steps go too far.
-        let mut fitted = near;
-        let mut nearest = (f64::INFINITY, fitted.clone());
-        for _ in 0..STEPS {
-            let known = at(&fitted, &self.weighing.fit)?;
-            let Some((step, length)) = known.step(&fitted) else {
-                break;
-            };
-            fitted = joint.stepped(&fitted, &step, 1.0);
-            iterations += 1;
-            if length < nearest.0 {
-                nearest = (length, fitted.clone());
-            }
-            if length < ARRIVED {
-                break;
-            }
+        // Damping has held back steps along valleys that frames and mountings leave.
+        let found = Arrived::at(&joint, near, |fitted| at(fitted, &self.weighing.fit))?;
+        let Arrived {
+            fitted, mut known, ..
+        } = found;
+        if self.weighing.information != self.weighing.fit {
+            known = at(&fitted, &self.weighing.information)?;
         }
-        let fitted = nearest.1;
-        let known = at(&fitted, &self.weighing.information)?;
         let reached = Reached {
             fitted,
-            iterations,
+            iterations: iterations + found.steps,
             groups: met.groups,
             outliers,
         };
         Ok((reached, known))
     }
 
-    /// What all poses and carts tell of the unknowns of a fit with some of the poses.
+    /// Knowledge by all poses and carts of the unknowns of a fit with some of the poses.
     fn known(
         &self,
         joint: &Joint,
@@ -303,7 +287,7 @@ impl Rows<'_> {
     }
 }
 
-/// How poses and carts are met at a minimum.
+/// Residuals of poses and carts at a minimum, summed up.
 struct Met {
     /// Share of the noise that residuals of poses have.
     share: f64,

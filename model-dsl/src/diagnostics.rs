@@ -25,7 +25,7 @@ macro_rules! error {
     };
 }
 
-/// What a parser expected in place of the next token, with the remedy.
+/// The expected token in place of the next one, with the remedy.
 macro_rules! expected {
     ($parser:expr, $code:ident; $what:literal; $help:literal $(, $remedy:expr)*) => {
         $parser

@@ -10,6 +10,10 @@ use annotate_snippets::renderer::DecorStyle;
 use annotate_snippets::{AnnotationKind, Group, Level, Origin, Renderer, Snippet};
 use tau_codes::{Code, Remark, files};
 
+mod several;
+
+pub use several::{Errors, both};
+
 /// An [`InputError`] of a code about a source as a whole, with message and remedy: each the arguments of [`format!`].
 #[macro_export]
 macro_rules! input_error {
@@ -472,48 +476,6 @@ pub fn utf8(name: &str, bytes: Vec<u8>) -> Result<String, InputError> {
         )
         .help("save the file as UTF-8")
     })
-}
-
-/// Collects the errors of several sources.
-#[derive(Debug, Default)]
-pub struct Errors(Option<InputError>);
-
-impl Errors {
-    /// One error more.
-    pub fn add(&mut self, error: InputError) {
-        self.0 = Some(match self.0.take() {
-            Some(earlier) => earlier.and(error),
-            None => error,
-        });
-    }
-
-    /// The value, or a stand-in for it and one error more.
-    pub fn keep<T: Default>(&mut self, result: Result<T, InputError>) -> T {
-        result.unwrap_or_else(|error| {
-            self.add(error);
-            T::default()
-        })
-    }
-
-    /// All errors, or nothing where there are none.
-    pub fn finish(self) -> Result<(), InputError> {
-        self.0.map_or(Ok(()), Err)
-    }
-}
-
-/// Both values, or the mistakes of both.
-///
-/// # Errors
-/// Either is one.
-pub fn both<A, B>(
-    a: Result<A, InputError>,
-    b: Result<B, InputError>,
-) -> Result<(A, B), InputError> {
-    match (a, b) {
-        (Ok(a), Ok(b)) => Ok((a, b)),
-        (Err(a), Err(b)) => Err(a.and(b)),
-        (Err(error), Ok(_)) | (Ok(_), Err(error)) => Err(error),
-    }
 }
 
 /// The known name that was probably meant, or all of them.

@@ -106,8 +106,7 @@ fn values(parameters: &[Value]) -> BTreeMap<String, (f64, f64)> {
     parameters.iter().filter_map(value).collect()
 }
 
-/// What a study says, and a calibration of the same files: of measured poses alone, as in the paper, where carts were measured
-/// beside them.
+/// Answers of a study and of a calibration of the same files: where carts were measured, of poses alone, as in the paper.
 fn answers_of_study(work: &Work, robot: &str) -> [Answer; 2] {
     let has_carts = work.path().join("measured/cart_poses.csv").exists();
     let files = if has_carts {

@@ -7,15 +7,15 @@ use super::Prepared;
 use super::known::Known;
 use crate::joint::descent::Descent;
 use crate::joint::judged::Judged;
-use crate::joint::{Component, Information, exact};
+use crate::joint::{Component, Information, Joint, exact};
 use crate::machine::error::{Error, ended, not_converged, not_finite};
 use crate::samples::Sample;
 use crate::weighing::{Weighing, few};
 
-/// Most steps of a fit to all poses from that to some of them; two or three are usual.
-const STEPS: usize = 10;
+/// Most steps from values near a minimum; two or three are usual, and a handful where a valley bends.
+const STEPS: usize = 30;
 /// Length of a step, in standard deviations, that is none.
-const ARRIVED: f64 = 1e-3;
+pub(crate) const ARRIVED: f64 = 1e-3;
 /// Rounds in which the share of the noise that residuals have and the bias that it gives the score follow each other; of
 /// exact poses, which have none, half a dozen.
 const ROUNDS: usize = 10;
@@ -132,27 +132,18 @@ impl Minimum {
         weighing: &Weighing,
         share: f64,
     ) -> Result<Self, Error> {
-        let mut fitted = near.fitted.clone();
         let at =
             |fitted: &[f64], weights| Known::at(prepared, Some(fitted), measured, weights, share);
-        let mut known = at(&fitted, &weighing.fit)?;
-        let mut iterations = near.iterations;
-        loop {
-            let Some((step, length)) = known.step(&fitted) else {
-                return Err(not_converged(&prepared.machine, not_finite("derivatives")));
-            };
-            fitted = near.joint.stepped(&fitted, &step, 1.0);
-            iterations += 1;
-            // Sums stay as they are along a step that is none.
-            if length < ARRIVED {
-                break;
-            }
-            if iterations == near.iterations + STEPS {
-                let why = ended(Termination::MaxIterations);
-                return Err(not_converged(&prepared.machine, why));
-            }
-            known = at(&fitted, &weighing.fit)?;
+        let found = Arrived::at(&near.joint, near.fitted.clone(), |fitted| {
+            at(fitted, &weighing.fit)
+        })?;
+        if found.length >= ARRIVED {
+            let why = ended(Termination::MaxIterations);
+            return Err(not_converged(&prepared.machine, why));
         }
+        let Arrived {
+            fitted, mut known, ..
+        } = found;
         let cost = known.cost(&fitted);
         if weighing.information != weighing.fit {
             known = at(&fitted, &weighing.information)?;
@@ -162,9 +153,56 @@ impl Minimum {
             fitted,
             known: known.of_parameters(),
             cost,
-            iterations,
+            iterations: near.iterations + found.steps,
             judged: None,
         })
+    }
+}
+
+/// The end of steps of Gauss and Newton.
+pub(crate) struct Arrived {
+    /// Value of each unknown after the shortest step.
+    pub(crate) fitted: Vec<f64>,
+    /// Knowledge where that step began: sums stay as they are along a step that is none.
+    pub(crate) known: Known,
+    /// Length of that step, in standard deviations.
+    pub(crate) length: f64,
+    /// Number of steps.
+    pub(crate) steps: usize,
+}
+
+impl Arrived {
+    /// From unknowns of a fit near its minimum; `at` adds up the rows there. Where a valley bends, some whole steps go too far,
+    /// and the next come back.
+    ///
+    /// # Errors
+    /// Those of `at`; derivatives that are not finite.
+    pub(crate) fn at(
+        joint: &Joint,
+        mut fitted: Vec<f64>,
+        at: impl Fn(&[f64]) -> Result<Known, Error>,
+    ) -> Result<Self, Error> {
+        let mut nearest: Option<Self> = None;
+        for steps in 1.. {
+            let known = at(&fitted)?;
+            let Some((step, length)) = known.step(&fitted) else {
+                break;
+            };
+            fitted = joint.stepped(&fitted, &step, 1.0);
+            let shortest = nearest.as_ref().map_or(f64::INFINITY, |own| own.length);
+            if length < shortest {
+                nearest = Some(Self {
+                    fitted: fitted.clone(),
+                    known,
+                    length,
+                    steps,
+                });
+            }
+            if length < ARRIVED || steps == STEPS {
+                break;
+            }
+        }
+        nearest.ok_or_else(|| not_converged(&joint.machine, not_finite("derivatives")))
     }
 }
 

@@ -3,7 +3,7 @@
 mod cost;
 pub(crate) mod known;
 mod link_sigma;
-mod minimum;
+pub(crate) mod minimum;
 mod output;
 pub(crate) mod serial;
 mod start;
@@ -133,7 +133,7 @@ pub struct Calibration {
     pub weighing: Weighing,
     /// Correlation of the noise of poses that follow each other, if there is any.
     pub serial: Option<Serial>,
-    /// How the carts of sets 2 and 3 are met, if they took part.
+    /// The carts of sets 2 and 3, if they took part.
     pub carts: Option<Carts>,
     /// Iterations of the solver, summed over independent parts.
     pub iterations: usize,

@@ -368,6 +368,23 @@ impl Descent {
     }
 }
 
+impl Joint {
+    /// Values moved by a share of a step, kept within their bounds.
+    pub(crate) fn stepped(&self, from: &[f64], step: &DVector<f64>, share: f64) -> Vec<f64> {
+        let mut moved: Vec<f64> = from
+            .iter()
+            .zip(step.iter())
+            .map(|(value, step)| value + share * step)
+            .collect();
+        for (moved, &index) in moved.iter_mut().zip(&self.used) {
+            if let Some((low, high)) = self.machine.variant.parameters[index].search {
+                *moved = moved.clamp(low, high);
+            }
+        }
+        moved
+    }
+}
+
 /// Ratios that carry rows with some factors to others; those left out, and priors, stay as they are.
 fn ratios(to: &[f64], from: &[f64], rows: usize) -> Vec<f64> {
     let of_rows = to.iter().zip(from);

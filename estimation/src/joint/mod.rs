@@ -281,21 +281,6 @@ impl Joint {
             .collect()
     }
 
-    /// Values moved by a share of a step, kept within their bounds.
-    pub(crate) fn stepped(&self, from: &[f64], step: &DVector<f64>, share: f64) -> Vec<f64> {
-        let mut moved: Vec<f64> = from
-            .iter()
-            .zip(step.iter())
-            .map(|(value, step)| value + share * step)
-            .collect();
-        for (moved, &index) in moved.iter_mut().zip(&self.used) {
-            if let Some((low, high)) = self.machine.variant.parameters[index].search {
-                *moved = moved.clamp(low, high);
-            }
-        }
-        moved
-    }
-
     /// Factor of each row beyond the stated noise: reciprocal scale of its component times the weight
     /// of its sample.
     pub fn factors(&self, scales: &[f64; 4], weights: &[f64]) -> Vec<f64> {
